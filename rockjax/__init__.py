@@ -1,0 +1,56 @@
+"""Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives."""
+
+import os as _os
+
+import jax as _jax
+
+# Rocking is chaotic enough without rounding at 1e-7: float64 unless the user's environment says otherwise.
+if "JAX_ENABLE_X64" not in _os.environ:
+    _jax.config.update("jax_enable_x64", True)
+
+from ._excitations import (
+    AbstractExcitation,
+    AbstractOutlook,
+    AbstractPulse,
+    AntisymmetricRicker,
+    Gabor,
+    HalfSine,
+    MavroeidisPapageorgiou,
+    OneCosine,
+    OneSine,
+    Rest,
+    Ricker,
+)
+from ._options import Options
+from ._record import Record
+from ._results import RESULTS, Peak, State, Stats
+from ._simulate import Response, peak_response, simulate
+from ._structures import Elastic, Podium, Rigid
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "RESULTS",
+    "AbstractExcitation",
+    "AbstractOutlook",
+    "AbstractPulse",
+    "AntisymmetricRicker",
+    "Elastic",
+    "Gabor",
+    "HalfSine",
+    "MavroeidisPapageorgiou",
+    "OneCosine",
+    "OneSine",
+    "Options",
+    "Peak",
+    "Podium",
+    "Record",
+    "Response",
+    "Rest",
+    "Ricker",
+    "Rigid",
+    "State",
+    "Stats",
+    "peak_response",
+    "simulate",
+]

@@ -1,0 +1,57 @@
+"""Argument checks that run before anything is traced.
+
+Every check looks at concrete numbers only: under `jax.jit`, `jax.vmap` or `jax.grad` the value is a tracer,
+nothing can be said about it, and the scene reports through its `result` instead.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+
+def as_float(x) -> Array:
+    """`x` as an array of the default floating-point type (float64 unless the user switched it off)."""
+    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float):
+        return x
+    if isinstance(x, (str, bytes)) or x is None:
+        raise ValueError(f"expected a number or an array of numbers, got {x!r}")
+    return jnp.asarray(x, dtype=jnp.result_type(float))
+
+
+def concrete(x) -> np.ndarray | None:
+    """The value of `x` as NumPy, or None while it is being traced (or is a placeholder in a pytree)."""
+    if isinstance(x, jax.core.Tracer):
+        return None
+    try:
+        return np.asarray(x, dtype=float)
+    except (TypeError, ValueError):
+        return None
+
+
+def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
+    """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
+    value = concrete(x)
+    if value is None:
+        return
+    good = np.isfinite(value) & ok(value)
+    if not good.all():
+        bad = value if value.ndim == 0 else value[~good].ravel()[0]
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
+
+
+def positive(owner: str, **arguments) -> None:
+    for name, x in arguments.items():
+        require(owner, name, x, lambda v: v > 0, "finite and > 0")
+
+
+def not_negative(owner: str, **arguments) -> None:
+    for name, x in arguments.items():
+        require(owner, name, x, lambda v: v >= 0, "finite and >= 0")
+
+
+def finite(owner: str, **arguments) -> None:
+    for name, x in arguments.items():
+        require(owner, name, x, np.isfinite, "finite")

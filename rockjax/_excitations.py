@@ -1,0 +1,529 @@
+"""Excitations: callables t ↦ ü_g with support and breakpoints, and the pulses of the literature.
+
+An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks `piece(i)` for
+the smooth formula of piece i, so that jumps and kinks cost no accuracy. `outlook(threshold)` answers what the engine
+wants to know about the future: when |ü_g| next exceeds the threshold, and how much can still come.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ._checks import as_float, finite, positive, require
+
+Value = Float[Array, ""]
+Index = Int[Array, ""]
+Number = Float[Array, "*batch"]
+
+# sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
+BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
+
+
+class AbstractOutlook(eqx.Module):
+    """What is still to come of one excitation; everything here is a constant for derivatives."""
+
+    @abc.abstractmethod
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        """First time ≥ t at which |ü_g| exceeds the threshold, inf where it never does [s]."""
+
+    @abc.abstractmethod
+    def impulse(self, t: Value, piece: Index) -> Value:
+        """An upper bound of ∫|ü_g| dt from t on [m/s]."""
+
+    @abc.abstractmethod
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        """An upper bound of |ü_g| from t on, given |ü_g(t)| = `now` [m/s²]."""
+
+    @abc.abstractmethod
+    def highest_time(self, start: Value, end: Value) -> Value:
+        """When |ü_g| is largest between two times [s]; `end` may be inf."""
+
+
+class AbstractExcitation(eqx.Module):
+    """Base class of ground motions ü_g(t) [m/s²]. To write one, give what is abstract here."""
+
+    @property
+    @abc.abstractmethod
+    def support(self) -> tuple[Number, Number]:
+        """(t_start, t_end): ü_g is zero, or below rounding, outside [s]."""
+
+    @property
+    @abc.abstractmethod
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        """Times at which ü_g or a derivative of it jumps, ascending, on the last axis [s]."""
+
+    @abc.abstractmethod
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        """The smooth formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
+
+    @abc.abstractmethod
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        """What is to come; `threshold` is given where the engine will ask for exceedances."""
+
+    def breakpoint(self, index: Index) -> Value:
+        """Time of breakpoint `index`, inf past the last one [s]."""
+        times = self.breakpoints
+        result = jnp.asarray(jnp.inf, times.dtype)
+        for k in reversed(range(times.shape[-1])):
+            result = jnp.where(index == k, times[k], result)
+        return result
+
+    def locate(self, t: Value) -> Index:
+        """The piece that begins at or before t (the right limit at a breakpoint)."""
+        return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
+
+    def __call__(self, t: Float[Array, "*times"]) -> Float[Array, "*times"]:
+        """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece the left."""
+        t = as_float(t)
+
+        def at(s):
+            piece = self.locate(s)
+            last = (piece == self.breakpoints.shape[-1]) & (self.breakpoint(piece - 1) == s)
+            return self.piece(piece - last)(s)
+
+        return jax.vmap(at)(t.ravel()).reshape(t.shape)
+
+
+def _bisect(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
+    """Where the increasing f passes zero in [lo, hi], to rounding, from the side on which f > 0."""
+
+    def halve(_, bracket):
+        lo, hi = bracket
+        mid = 0.5 * (lo + hi)
+        above = f(mid) > 0
+        return jnp.where(above, lo, mid), jnp.where(above, mid, hi)
+
+    return jax.lax.fori_loop(0, 60, halve, (lo, hi))[1]
+
+
+class _PulseOutlook(AbstractOutlook):
+    a_p: Value
+    T_p: Value
+    lead: Float[Array, " n"] | None  # on monotone interval k, |ü_g| > threshold in [b_k, lead_k) …
+    trail: Float[Array, " n"] | None  # … and in (trail_k, b_{k+1}); in units of T_p
+    pulse: type[AbstractPulse] = eqx.field(static=True)
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        del piece
+        assert self.lead is not None and self.trail is not None
+        tau = t / self.T_p
+        knots = np.asarray(self.pulse.knots())
+        leading, trailing = jnp.maximum(tau, knots[:-1]), jnp.maximum(tau, self.trail)
+        leading = jnp.where(leading < self.lead, leading, jnp.inf)
+        trailing = jnp.where(trailing < knots[1:], trailing, jnp.inf)
+        return jnp.maximum(t, jnp.min(jnp.minimum(leading, trailing)) * self.T_p)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        del piece
+        pulse = self.pulse
+        knots = (*pulse.zeros, pulse.span[1])
+        velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
+        tau = jnp.clip(t / self.T_p, *pulse.span)
+        # From now to the next zero, and the closed lobes after it.
+        upto, after = velocity[-1], 0.0
+        for k in reversed(range(len(pulse.zeros))):
+            lobe = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
+            upto, after = (jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], upto), (lobe, after)))
+        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(upto - pulse.velocity(tau)) + after)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        del piece
+        # Monotone between turning points: the supremum is now, or at a knot still to come.
+        to_come = 0.0
+        for z in self.pulse.knots():
+            height = abs(float(self.pulse.shape(np.float64(z))))
+            to_come = jnp.where(t <= z * self.T_p, jnp.maximum(height, to_come), to_come)
+        return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * to_come)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        # Monotone between knots: at a knot inside, or at an end.
+        knots = jnp.asarray(self.pulse.knots()) * self.T_p
+        start, end = (jnp.clip(t, knots[0], knots[-1]) for t in (start, end))
+        times = jnp.append(jnp.clip(knots, start, end), jnp.stack([start, end]))
+        return times[jnp.argmax(jnp.abs(self.pulse.shape(times / self.T_p)))]
+
+
+class AbstractPulse(AbstractExcitation):
+    """A pulse a_p·s(t/T_p) with a fixed shape s.
+
+    - `a_p`: amplitude, max|ü_g| [m/s²]; a negative one mirrors the response
+    - `T_p`: period, > 0 [s]; ω_p = 2π/T_p
+    """
+
+    a_p: Number = eqx.field(converter=as_float)
+    T_p: Number = eqx.field(converter=as_float)
+
+    span: ClassVar[tuple[float, float]]  # support, in units of T_p
+    compact: ClassVar[bool]  # exactly zero outside the span, with breakpoints at its ends
+    zeros: ClassVar[tuple[float, ...]]  # interior zeros of the shape
+    turning: ClassVar[tuple[float, ...]]  # interior extrema of the shape
+
+    def __check_init__(self):
+        finite(type(self).__name__, a_p=self.a_p)
+        positive(type(self).__name__, T_p=self.T_p)
+
+    @staticmethod
+    @abc.abstractmethod
+    def shape(tau):
+        """ü_g/a_p at τ = t/T_p, inside the span."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def velocity(tau):
+        """An antiderivative of the shape; NumPy in, NumPy out."""
+
+    @classmethod
+    def knots(cls) -> tuple[float, ...]:
+        """The shape is monotone between these."""
+        return (cls.span[0], *cls.turning, cls.span[1])
+
+    @property
+    def omega_p(self) -> Number:
+        """Circular frequency ω_p = 2π/T_p [rad/s]."""
+        return 2 * math.pi / self.T_p
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        return self.span[0] * self.T_p, self.span[1] * self.T_p
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        ends = self.span if self.compact else ()
+        return jnp.stack([z * self.T_p for z in ends], axis=-1) if ends else jnp.zeros((*self.T_p.shape, 0))
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        def formula(t):
+            return self.a_p * self.shape(t / self.T_p)
+
+        def inside(t):
+            return jnp.where(index == 1, formula(t), 0.0)
+
+        return inside if self.compact else formula
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
+        if threshold is None:
+            return _PulseOutlook(a_p, T_p, None, None, type(self))
+        # Relative to the amplitude; a pulse of zero amplitude never exceeds.
+        level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
+        level = jnp.where(a_p == 0, jnp.inf, level)
+        knots = np.asarray(self.knots())
+        left, right = knots[:-1], knots[1:]
+        start, end = self.shape(left), self.shape(right)
+        # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
+        falls = _bisect(lambda z: level - np.sign(start) * self.shape(z), jnp.asarray(left), jnp.asarray(right))
+        rises = _bisect(lambda z: np.sign(end) * self.shape(z) - level, jnp.asarray(left), jnp.asarray(right))
+        lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
+        trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
+        return _PulseOutlook(a_p, T_p, lead, trail, type(self))
+
+
+def _exp(x):
+    return np.exp(x) if isinstance(x, np.ndarray | np.floating) else jnp.exp(x)
+
+
+def _sin(x):
+    return np.sin(x) if isinstance(x, np.ndarray | np.floating) else jnp.sin(x)
+
+
+def _cos(x):
+    return np.cos(x) if isinstance(x, np.ndarray | np.floating) else jnp.cos(x)
+
+
+class Ricker(AbstractPulse):
+    """Symmetric Ricker ("Mexican hat") pulse, Eq. (32)₁, centred on t = 0:
+
+    ü_g = a_p (1 − 2x) e^(−x), x = (π t/T_p)². Support ±2.2 T_p, where |ü_g| is below 1e-18 a_p.
+    """
+
+    span = (-2.2, 2.2)
+    compact = False
+    zeros = (-1 / (math.pi * math.sqrt(2)), 1 / (math.pi * math.sqrt(2)))
+    turning = (-math.sqrt(1.5) / math.pi, 0.0, math.sqrt(1.5) / math.pi)
+
+    @staticmethod
+    def shape(tau):
+        x = (math.pi * tau) ** 2
+        return (1 - 2 * x) * _exp(-x)
+
+    @staticmethod
+    def velocity(tau):
+        return tau * _exp(-((math.pi * tau) ** 2))
+
+
+def _z_to_tau(z: float) -> float:
+    return z * math.sqrt(3) / (2 * math.pi)
+
+
+class AntisymmetricRicker(AbstractPulse):
+    """Antisymmetric Ricker pulse, Eq. (32)₂, centred on t = 0:
+
+    ü_g = (a_p/β)(z²−3) z e^(−z²/2), z = 2πt/(√3 T_p), with β = 1.380119 so that max|ü_g| = a_p.
+    Support ±2.75 T_p, where |ü_g| is below 1e-18 a_p.
+    """
+
+    span = (-2.75, 2.75)
+    compact = False
+    zeros = (-_z_to_tau(math.sqrt(3)), 0.0, _z_to_tau(math.sqrt(3)))
+    turning = tuple(
+        _z_to_tau(sign * math.sqrt(3 + inner * math.sqrt(6))) for sign, inner in ((-1, 1), (-1, -1), (1, -1), (1, 1))
+    )
+
+    @staticmethod
+    def shape(tau):
+        z = (2 * math.pi / math.sqrt(3)) * tau
+        return (z * z - 3) * z * _exp(-0.5 * z * z) / BETA
+
+    @staticmethod
+    def velocity(tau):
+        z = (2 * math.pi / math.sqrt(3)) * tau
+        return _z_to_tau(1 / BETA) * (1 - z * z) * _exp(-0.5 * z * z)
+
+
+class OneSine(AbstractPulse):
+    """One full sine, ü_g = a_p sin(2πt/T_p) on [0, T_p]."""
+
+    span = (0.0, 1.0)
+    compact = True
+    zeros = (0.5,)
+    turning = (0.25, 0.75)
+
+    @staticmethod
+    def shape(tau):
+        return _sin(2 * math.pi * tau)
+
+    @staticmethod
+    def velocity(tau):
+        return (1 - _cos(2 * math.pi * tau)) / (2 * math.pi)
+
+
+class OneCosine(AbstractPulse):
+    """One full cosine, ü_g = a_p cos(2πt/T_p) on [0, T_p]; it starts and ends with a jump."""
+
+    span = (0.0, 1.0)
+    compact = True
+    zeros = (0.25, 0.75)
+    turning = (0.5,)
+
+    @staticmethod
+    def shape(tau):
+        return _cos(2 * math.pi * tau)
+
+    @staticmethod
+    def velocity(tau):
+        return _sin(2 * math.pi * tau) / (2 * math.pi)
+
+
+class HalfSine(AbstractPulse):
+    """Half a sine, ü_g = a_p sin(2πt/T_p) on [0, T_p/2]."""
+
+    span = (0.0, 0.5)
+    compact = True
+    zeros = ()
+    turning = (0.25,)
+
+    shape = staticmethod(OneSine.shape)
+    velocity = staticmethod(OneSine.velocity)
+
+
+class _BoundedOutlook(AbstractOutlook):
+    """For a smooth motion of which only bounds are known: |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
+
+    motion: AbstractExcitation
+    threshold: Value | None
+    amplitude: Value
+    curvature: Value
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present value and
+        slope stays below the threshold until its own root. Converges quadratically to a crossing."""
+        del piece
+        assert self.threshold is not None
+        _, end = self.motion.support
+        resolution = 4 * jnp.finfo(t.dtype).eps
+
+        def safe_step(a, slope, sign):
+            margin = self.threshold - sign * a
+            return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * margin)) / self.curvature
+
+        def advance(carry):
+            t, _ = carry
+            formula = self.motion.piece(self.motion.locate(t))
+            a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
+            found = jnp.abs(a) > self.threshold
+            step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
+            # Never stand still: a touch that does not exceed is passed in steps of the resolution of time.
+            least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
+            return jnp.where(found, t, t + jnp.maximum(step, least)), found
+
+        t = jnp.maximum(t, self.motion.support[0])
+        quiet = self.amplitude <= self.threshold
+        t, found = jax.lax.while_loop(
+            lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool))
+        )
+        return jnp.where(found, t, jnp.inf)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        del piece
+        start, end = self.motion.support
+        return self.amplitude * jnp.maximum(end - jnp.maximum(t, start), 0.0)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        del piece, now
+        return jnp.where(t < self.motion.support[1], self.amplitude, 0.0)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        first, last = self.motion.support
+        start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
+        times = start + (end - start) * jnp.linspace(0.0, 1.0, 1025)
+        spacing = (end - start) / 1024
+        best = times[jnp.argmax(jnp.abs(self.motion(times)))]
+        # Newton on the slope, kept within the neighbouring samples.
+        formula = self.motion.piece(self.motion.locate(best))
+        slope = jax.grad(formula)
+        polished = best
+        for _ in range(4):
+            bend = jax.grad(slope)(polished)
+            step = jnp.where(bend == 0, 0.0, -slope(polished) / jnp.where(bend == 0, 1.0, bend))
+            polished = jnp.clip(polished + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing))
+        return jnp.where(jnp.abs(formula(polished)) > jnp.abs(formula(best)), polished, best)
+
+
+class MavroeidisPapageorgiou(AbstractExcitation):
+    """Mavroeidis & Papageorgiou (2003) pulse; ü_g is the derivative of the ground velocity
+
+    v = (A/2) [1 + cos(2πf_p t/γ)] cos(2πf_p t + ν) on |t| ≤ γ/(2f_p).
+
+    - `A`: velocity amplitude [m/s]; `f_p`: prevailing frequency, > 0 [Hz]
+    - `gamma`: number of oscillations γ, > 1 [–]; `nu`: phase ν [rad]
+    """
+
+    A: Number = eqx.field(converter=as_float)
+    f_p: Number = eqx.field(converter=as_float)
+    gamma: Number = eqx.field(converter=as_float, default=2.0)
+    nu: Number = eqx.field(converter=as_float, default=0.0)
+
+    def __check_init__(self):
+        finite("MavroeidisPapageorgiou", A=self.A, nu=self.nu)
+        positive("MavroeidisPapageorgiou", f_p=self.f_p)
+        require("MavroeidisPapageorgiou", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        half = 0.5 * self.gamma / self.f_p
+        return -half, half
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.stack(jnp.broadcast_arrays(*self.support), axis=-1)
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        omega = 2 * math.pi * self.f_p
+
+        def inside(t):
+            envelope, carrier = omega * t / self.gamma, omega * t + self.nu
+            rate = jnp.sin(envelope) * jnp.cos(carrier) / self.gamma + (1 + jnp.cos(envelope)) * jnp.sin(carrier)
+            return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
+
+        return inside
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
+        motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
+        omega = 2 * math.pi * motion.f_p
+        rates = (omega, omega * (1 + 1 / motion.gamma), omega * (1 - 1 / motion.gamma))
+        weights = (0.5 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A))
+        amplitude = sum((w * r for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
+        curvature = sum((w * r**3 for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
+        return _bounded_outlook(motion, threshold, amplitude, curvature)
+
+
+class Gabor(AbstractExcitation):
+    """Gabor wavelet, a harmonic under a Gaussian, centred on t = 0 (Vassiliou & Makris 2011):
+
+    ü_g = a_p exp(−½(2πt/(γT_p))²) cos(2πt/T_p + φ). Support where the Gaussian is above 1e-18.
+
+    - `a_p`: amplitude of the envelope [m/s²]; `T_p`: period of the harmonic, > 0 [s]
+    - `gamma`: number of oscillations γ, > 0 [–]; `phi`: phase φ [rad]
+    """
+
+    a_p: Number = eqx.field(converter=as_float)
+    T_p: Number = eqx.field(converter=as_float)
+    gamma: Number = eqx.field(converter=as_float, default=2.0)
+    phi: Number = eqx.field(converter=as_float, default=0.0)
+
+    def __check_init__(self):
+        finite("Gabor", a_p=self.a_p, phi=self.phi)
+        positive("Gabor", T_p=self.T_p, gamma=self.gamma)
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        half = 9.2 * self.gamma * self.T_p / (2 * math.pi)
+        return -half, half
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.zeros((*jnp.broadcast_shapes(self.T_p.shape, self.gamma.shape), 0))
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        del index
+
+        def formula(t):
+            z = 2 * math.pi * t / self.T_p
+            return self.a_p * jnp.exp(-0.5 * (z / self.gamma) ** 2) * jnp.cos(z + self.phi)
+
+        return formula
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        motion: Gabor = jax.lax.stop_gradient(self)
+        amplitude = jnp.abs(motion.a_p)
+        # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the curvature.
+        rate = 2 * math.pi / motion.T_p
+        curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
+        return _bounded_outlook(motion, threshold, amplitude, curvature)
+
+
+def _bounded_outlook(motion, threshold, amplitude, curvature) -> AbstractOutlook:
+    threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
+    return _BoundedOutlook(motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny))
+
+
+class _Silence(AbstractOutlook):
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        return jnp.full_like(t, jnp.inf)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        return jnp.zeros_like(t)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        return jnp.zeros_like(t)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        return start
+
+
+class Rest(AbstractExcitation):
+    """No ground motion: free rocking from an initial state."""
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        return jnp.zeros(()), jnp.zeros(())
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.zeros((0,))
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        return jnp.zeros_like
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        return _Silence()

@@ -1,0 +1,63 @@
+"""Maxima of smooth quantities over one step, from the quintic through both ends."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._hermite import Quintic, turning_point
+
+Value = Float[Array, ""]
+
+# An extremum is landed on when it would raise the record and lies well inside the step; near the ends the polynomial is
+# as good as the step itself.
+NEAR_RECORD = 1e-4
+WELL_INSIDE = 0.02
+
+
+class Maximum(NamedTuple):
+    """The largest |f| over a step, and how far to shorten the step to land on it."""
+
+    value: Value
+    cut: Value  # fraction of the step, inf where there is no need
+
+
+def largest(ends: tuple[Value, Value], rates: tuple[Value, Value], inside, record: Value) -> Maximum:
+    """max|f| over z ∈ [0, 1] from f and f' at both ends and `inside`: the polynomial of f (needs value and slope)."""
+    turned = rates[0] * rates[1] < 0
+    z = turning_point(jax.lax.stop_gradient(inside), rates[0] > 0)
+    extremum = jnp.where(turned, jnp.abs(inside.value(z)), 0.0)
+    value = jnp.maximum(extremum, jnp.maximum(jnp.abs(ends[0]), jnp.abs(ends[1])))
+    raises = turned & (extremum > record * (1 - NEAR_RECORD)) & (z > WELL_INSIDE) & (z < 1 - WELL_INSIDE)
+    return Maximum(value, jnp.where(raises, z, jnp.inf))
+
+
+class Spring(NamedTuple):
+    """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length h."""
+
+    deformation: Quintic
+    omega2: Value
+    damping: Value
+    h: Value
+
+    def value(self, z: Value) -> Value:
+        return self.omega2 * self.deformation.value(z) + self.damping / self.h * self.deformation.slope(z)
+
+    def slope(self, z: Value) -> Value:
+        return self.omega2 * self.deformation.slope(z) + self.damping / self.h * self.deformation.curvature(z)
+
+    def curvature(self, z: Value) -> Value:
+        p = self.deformation
+        third = 6 * p.c3 + z * (24 * p.c4 + z * 60 * p.c5)
+        return self.omega2 * p.curvature(z) + self.damping / self.h * third
+
+
+def cubic(f0: Value, rate0: Value, f1: Value, rate1: Value, h: Value) -> Quintic:
+    """The cubic Hermite polynomial, for a quantity whose curvature is not at hand."""
+    m0, m1, rise = h * rate0, h * rate1, f1 - f0
+    zero = jnp.zeros_like(f0)
+    return Quintic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, zero, zero)
+

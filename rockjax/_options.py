@@ -1,0 +1,103 @@
+"""How a scene is solved."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+
+from ._checks import require
+
+METHODS: dict[str, type[diffrax.AbstractSolver]] = {
+    "tsit5": diffrax.Tsit5,
+    "dopri8": diffrax.Dopri8,
+    "dopri5": diffrax.Dopri5,
+    "bosh3": diffrax.Bosh3,
+    "kvaerno5": diffrax.Kvaerno5,
+}
+OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts")
+
+
+class Options(eqx.Module):
+    """Accuracy, method and scope of a simulation.
+
+    - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for θ̇,
+      2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
+    - `method`: `"tsit5"`, `"dopri8"` (for tight tolerances), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit
+      Runge–Kutta method with an error estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
+    - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for cross-checks
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2
+    - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By default `rtol`
+    - `max_steps`: bound on trial steps of a scene
+    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"` are wanted. The scene ends
+      as soon as none of these can change; a peak that is not wanted is not computed (NaN). Impacts are counted until
+      the scene ends; ask for `"impacts"` to count on until rest or `t_end`
+    - `history`: steps a history can hold under `jit`; outside it grows by itself
+    - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
+
+    Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    method: str | diffrax.AbstractSolver = eqx.field(static=True, default="tsit5")
+    engine: Literal["flat", "segments"] = eqx.field(static=True, default="flat")
+    overturn_ratio: float = 1.0
+    rest_velocity: float | None = None
+    max_steps: int = eqx.field(static=True, default=1_000_000)
+    outputs: tuple[str, ...] = eqx.field(
+        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=tuple
+    )
+    history: int = eqx.field(static=True, default=4096)
+    throw: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        require("Options", "rtol", self.rtol, lambda v: (v >= 1e-14) & (v <= 0.1), "in [1e-14, 0.1]")
+        require("Options", "atol", self.atol, lambda v: (v >= 1e-17) & (v <= 0.1), "in [1e-17, 0.1]")
+        require("Options", "overturn_ratio", self.overturn_ratio, lambda v: v > 0, "finite and > 0")
+        if self.rest_velocity is not None:
+            require("Options", "rest_velocity", self.rest_velocity, lambda v: v > 0, "finite and > 0, or None")
+        for name in ("max_steps", "history"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"Options: {name} must be a whole number ≥ 1, got {name} = {value!r}")
+        if self.engine not in ("flat", "segments"):
+            raise ValueError(f"Options: engine must be 'flat' or 'segments', got {self.engine!r}")
+        unknown = [name for name in self.outputs if name not in OUTPUTS]
+        if unknown or not self.outputs:
+            raise ValueError(f"Options: outputs must be some of {OUTPUTS}, got {self.outputs!r}")
+        solver = self.solver  # raises for an unknown name
+        if self.engine == "flat" and not isinstance(solver, diffrax.AbstractERK):
+            raise ValueError(
+                f"Options: the flat engine needs an explicit Runge–Kutta method with an error estimate, got "
+                f"{type(solver).__name__}; use engine='segments' for it"
+            )
+
+    @property
+    def solver(self) -> diffrax.AbstractSolver:
+        """The Diffrax solver that `method` names."""
+        if isinstance(self.method, diffrax.AbstractSolver):
+            return self.method
+        if self.method not in METHODS:
+            raise ValueError(
+                f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}"
+            )
+        return METHODS[self.method]()
+
+    def check_precision(self) -> None:
+        """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
+        eps = float(jnp.finfo(jnp.result_type(float)).eps)
+        require(
+            "Options",
+            "rtol",
+            self.rtol,
+            lambda v: v >= 20 * eps,
+            f">= {20 * eps:.1e} in {jnp.result_type(float)} (loosen it, or enable float64 with jax_enable_x64)",
+        )
+
+    def replace(self, **changes) -> Options:
+        """A variant with some fields changed, as `dataclasses.replace`."""
+        return dataclasses.replace(self, **changes)

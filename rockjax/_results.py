@@ -1,0 +1,110 @@
+"""What a scene answers: named results, peaks and histories."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class RESULTS(eqx.Enumeration):
+    """How a scene ended."""
+
+    settled = "No wanted output can change any more."
+    end_of_time = "The scene reached t_end."
+    overturned = "|θ| reached overturn_ratio·α."
+    out_of_steps = "The scene needed more than max_steps steps; raise max_steps or loosen the tolerances."
+    not_finite = "A state or a parameter is not finite; check the inputs."
+    history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
+
+
+# Codes inside the loop, where a scene that goes on has none.
+RUNNING = -1
+SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL = range(6)
+NAMES = ("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full")
+
+
+def named(code: Int[Array, ""]) -> RESULTS:
+    """The result of a code from the loop."""
+    result = RESULTS.settled
+    for k, name in enumerate(NAMES):
+        result = RESULTS.where(code == k, getattr(RESULTS, name), result)
+    return result
+
+
+class State(eqx.Module):
+    """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its rate.
+
+    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an elastic
+    superstructure.
+    """
+
+    theta: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+    theta_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+    u_t: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+    u_t_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+
+
+class Stats(eqx.Module):
+    """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event), `end_time` [s]."""
+
+    steps: Int[Array, "*batch"]
+    rejected: Int[Array, "*batch"]
+    end_time: Float[Array, "*batch"]
+
+
+class AbstractPeak(eqx.Module):
+    """What every scene answers.
+
+    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
+    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
+    - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
+    - `impacts`: their number until the scene ended
+    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
+    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
+    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
+      of what follows an impact grow like its inverse
+    - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
+    """
+
+    peak_rotation: Float[Array, "*batch"]
+    peak_rotation_time: Float[Array, "*batch"]
+    exceeded_alpha: Bool[Array, "*batch"]
+    overturned: Bool[Array, "*batch"]
+    overturn_time: Float[Array, "*batch"]
+    uplifted: Bool[Array, "*batch"]
+    uplift_time: Float[Array, "*batch"]
+    impacts: Int[Array, "*batch"]
+    peak_deformation: Float[Array, "*batch"]
+    peak_shear: Float[Array, "*batch"]
+    smallest_impact_speed: Float[Array, "*batch"]
+    result: RESULTS
+    stats: Stats
+
+    def __repr__(self):
+        return describe(self)
+
+
+class Peak(AbstractPeak):
+    __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
+
+
+def describe(peak: AbstractPeak) -> str:
+    """A readable account of one scene, or of the size of a batch."""
+    kind = type(peak).__name__
+    if isinstance(peak.peak_rotation, jax.core.Tracer) or not hasattr(peak.peak_rotation, "ndim"):
+        return f"{kind}(traced)"
+    if peak.peak_rotation.ndim:
+        overturned = int(jnp.sum(peak.overturned))
+        return f"{kind}({peak.peak_rotation.size} scenes, shape {peak.peak_rotation.shape}, {overturned} overturned)"
+    lines = [f"{kind}: {peak.result!r}"]
+    lines.append(f"  peak rotation    {float(peak.peak_rotation):.6g} α at t = {float(peak.peak_rotation_time):.6g} s")
+    if peak.overturned:
+        lines.append(f"  overturned at    {float(peak.overturn_time):.6g} s")
+    lines.append(f"  uplift at        {float(peak.uplift_time):.6g} s" if peak.uplifted else "  never uplifted")
+    lines.append(f"  impacts          {int(peak.impacts)}")
+    lines.append(f"  deformation      {float(peak.peak_deformation):.6g} m")
+    lines.append(f"  shear / weight   {float(peak.peak_shear):.6g}")
+    lines.append(f"  steps            {int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected")
+    return "\n".join(lines)

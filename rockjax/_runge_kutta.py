@@ -1,0 +1,91 @@
+"""One explicit Runge–Kutta step for second-order systems, from the tableau of any explicit Diffrax solver.
+
+For x' = v, v' = a(t, x, v) the stage velocities need not be stored: with k_j the stage accelerations,
+x_i = x + c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. Algebraically the same method, with half the sums where
+the acceleration does not depend on the velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+Value = Float[Array, ""]
+Vector = tuple[Value, ...]
+Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
+
+
+class Tableau(NamedTuple):
+    """A Butcher tableau, squared for positions; NumPy constants of the compiled step."""
+
+    order: int
+    c: np.ndarray
+    A: np.ndarray
+    AA: np.ndarray
+    b: np.ndarray
+    bA: np.ndarray
+    error: np.ndarray  # weights of the embedded error estimate, over the stages
+    errorA: np.ndarray
+    fsal: bool  # the last stage is the acceleration at the end of the step
+
+
+def tableau(solver: diffrax.AbstractERK) -> Tableau:
+    """The tableau of a Diffrax solver."""
+    source = solver.tableau
+    assert isinstance(source, diffrax.ButcherTableau)
+    stages = source.num_stages
+    A = np.zeros((stages, stages))
+    for i, row in enumerate(source.a_lower, start=1):
+        A[i, :i] = row
+    b, error = np.asarray(source.b_sol, float), np.asarray(source.b_error, float)
+    c = np.concatenate([[0.0], np.asarray(source.c, float)])
+    order = solver.order(None)
+    assert order is not None
+    return Tableau(int(order), c, A, A @ A, b, b @ A, error, error @ A, source.fsal)
+
+
+class Step(NamedTuple):
+    """What one trial step found."""
+
+    x: Vector
+    v: Vector
+    a: Vector  # accelerations at the end
+    x_error: Vector
+    v_error: Vector
+
+
+def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Value | float:
+    total = 0.0
+    for w, stage in zip(weights, k, strict=False):
+        # Products of a tableau with itself leave rounding where the exact weight is zero.
+        if abs(w) > 1e-14:
+            total = total + float(w) * stage[component]
+    return total
+
+
+def step(tab: Tableau, acceleration: Acceleration, t: Value, h: Value, x: Vector, v: Vector, a: Vector) -> Step:
+    """One step of length h from (t, x, v), where the acceleration is already known to be `a`."""
+    parts = range(len(x))
+    h2 = h * h
+
+    def at(c, weights_x, weights_v):
+        xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
+        vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
+        return xi, vi
+
+    k = [a]
+    for i in range(1, len(tab.c)):
+        xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
+        # The barrier keeps the compiler from recomputing each stage inside every later one.
+        k.append(jax.lax.optimization_barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
+    x1, v1 = at(1.0, tab.bA, tab.b)
+    a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)
+    x_error = tuple(jnp.asarray(h2 * _combine(tab.errorA, k, d)) for d in parts)
+    v_error = tuple(jnp.asarray(h * _combine(tab.error, k, d)) for d in parts)
+    return Step(x1, v1, a1, x_error, v_error)

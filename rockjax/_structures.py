@@ -1,0 +1,249 @@
+"""Structures: the rocking podium and what stands on it.
+
+All classes are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every number may be traced,
+batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are concrete.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._checks import as_float, not_negative, positive, require
+
+STANDARD_GRAVITY = 9.80665
+Number = Float[Array, "*batch"]
+
+
+class Elastic(eqx.Module):
+    """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
+
+    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it is driven but does not act back.
+    - `T_s`: fixed-base period, > 0 [s]. The paper's "T_s = 0" is [`rockjax.Rigid`][], not a small period.
+    - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
+    """
+
+    eta: Number = eqx.field(converter=as_float)
+    T_s: Number = eqx.field(converter=as_float)
+    zeta: Number = eqx.field(converter=as_float, default=0.05)
+
+    def __check_init__(self):
+        not_negative("Elastic", eta=self.eta, zeta=self.zeta)
+        require("Elastic", "T_s", self.T_s, lambda v: v > 0, "finite and > 0 (for a rigid superstructure use Rigid(eta))")
+
+    @property
+    def omega_s(self) -> Number:
+        """Fixed-base circular frequency ω_s = 2π/T_s [rad/s]."""
+        return 2 * math.pi / self.T_s
+
+
+class Rigid(eqx.Module):
+    """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
+
+    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
+    """
+
+    eta: Number = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        not_negative("Rigid", eta=self.eta)
+
+
+class PaperRestitution(eqx.Module):
+    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η)."""
+
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
+        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
+
+    def __repr__(self):
+        return "'paper'"
+
+
+class CompatibleRestitution(eqx.Module):
+    """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
+
+    e = 1 − 2 sin²α (1+4γ+4η) / ((1+λ)+4γ+4η sin²α).
+    """
+
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
+        return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
+
+    def __repr__(self):
+        return "'compatible'"
+
+
+class GivenRestitution(eqx.Module):
+    """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
+
+    e: Number = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        require("Podium", "restitution", self.e, lambda v: (v >= 0) & (v <= 1), "'paper', 'compatible' or a factor in [0, 1]")
+
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
+        del sin2, gamma, eta, lam
+        return self.e
+
+
+Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
+
+
+def _as_restitution(value) -> Restitution:
+    if isinstance(value, Restitution):
+        return value
+    if isinstance(value, str):
+        laws = {"paper": PaperRestitution, "compatible": CompatibleRestitution}
+        if value not in laws:
+            raise ValueError(f"Podium: restitution must be 'paper', 'compatible' or a factor in [0, 1], got {value!r}")
+        return laws[value]()
+    return GivenRestitution(value)
+
+
+class Podium(eqx.Module):
+    """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
+
+    - `alpha`: column slenderness α = atan(B/H), 0 < α < π/2 [rad], Eq. (1)
+    - `R`: half diagonal of a column, > 0 [m]
+    - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 is Housner's solitary block
+    - `superstructure`: `None`, [`rockjax.Rigid`][] or [`rockjax.Elastic`][]
+    - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
+    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor in [0, 1]
+    - `g`: acceleration of gravity, > 0 [m/s²]
+
+    Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and `rockjax.peak_responses`.
+    Raises `ValueError` for concrete numbers outside these ranges.
+    """
+
+    alpha: Number = eqx.field(converter=as_float)
+    R: Number = eqx.field(converter=as_float)
+    gamma: Number = eqx.field(converter=as_float, default=0.0)
+    superstructure: None | Elastic | Rigid = None
+    lam: Number = eqx.field(converter=as_float, default=1 / 3)
+    restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
+    g: Number = eqx.field(converter=as_float, default=STANDARD_GRAVITY)
+
+    def __check_init__(self):
+        require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
+        positive("Podium", R=self.R, g=self.g)
+        not_negative("Podium", gamma=self.gamma, lam=self.lam)
+        if not isinstance(self.superstructure, None | Elastic | Rigid):
+            raise ValueError(f"Podium: superstructure must be None, Elastic(...) or Rigid(...), got {self.superstructure!r}")
+
+    @classmethod
+    def from_dimensions(
+        cls,
+        width,
+        height,
+        column_mass,
+        beam_mass=0.0,
+        columns: int = 2,
+        top_mass=0.0,
+        period=None,
+        damping=0.05,
+        lam=1 / 3,
+        restitution="paper",
+        g=STANDARD_GRAVITY,
+    ) -> Podium:
+        """A podium from what stands on a drawing.
+
+        - `width`, `height`: full column width 2B and height 2H [m]
+        - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
+        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
+        """
+        owner = "Podium.from_dimensions"
+        positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
+        not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
+        width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)
+        columns_mass = columns * column_mass
+        eta = as_float(top_mass) / columns_mass
+        if period is not None:
+            superstructure = Elastic(eta=eta, T_s=period, zeta=damping)
+        elif isinstance(top_mass, int | float) and top_mass == 0:
+            superstructure = None
+        else:
+            superstructure = Rigid(eta=eta)
+        return cls(
+            alpha=jnp.arctan(width / height),
+            R=0.5 * jnp.sqrt(width**2 + height**2),
+            gamma=as_float(beam_mass) / columns_mass,
+            superstructure=superstructure,
+            lam=lam,
+            restitution=restitution,
+            g=g,
+        )
+
+    @property
+    def p(self) -> Number:
+        """Frequency parameter p = √(3g/4R) [rad/s], Eq. (25)."""
+        return jnp.sqrt(0.75 * self.g / self.R)
+
+    @property
+    def width(self) -> Number:
+        """Full column width 2B = 2R sin α [m]."""
+        return 2 * self.R * jnp.sin(self.alpha)
+
+    @property
+    def height(self) -> Number:
+        """Full column height 2H = 2R cos α [m]."""
+        return 2 * self.R * jnp.cos(self.alpha)
+
+    @property
+    def eta(self) -> Number:
+        """Mass ratio of the superstructure η, 0 where there is none [–]."""
+        return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.eta
+
+    @property
+    def uplift_acceleration(self) -> Number:
+        """The demand |q| at which the columns uplift [m/s²], Eq. (9).
+
+        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
+        g tan α with a rigid one or none, Eq. (5).
+        """
+        threshold = self.g * jnp.tan(self.alpha)
+        if isinstance(self.superstructure, Elastic):
+            threshold = threshold * (1 + 2 * self.gamma + 2 * self.eta) / (1 + 2 * self.gamma)
+        return threshold
+
+    @property
+    def restitution_factor(self) -> Number:
+        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; where it is ≤ 0 rocking ends at the impact.
+
+        The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
+        """
+        gamma, eta = self.gamma, self.eta
+        if isinstance(self.superstructure, Rigid):
+            gamma, eta = gamma + eta, jnp.zeros_like(eta)
+        return self.restitution.factor(jnp.sin(self.alpha) ** 2, gamma, eta, self.lam)
+
+    @property
+    def uplifted_frequency(self) -> Number:
+        """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
+
+        Raises `ValueError` without an elastic superstructure: nothing oscillates.
+        """
+        if not isinstance(self.superstructure, Elastic):
+            raise ValueError("Podium.uplifted_frequency: only an Elastic superstructure oscillates")
+        heavy = self.lam + 1 + 4 * self.gamma
+        ratio = (heavy + 4 * self.eta) / (heavy + 4 * self.eta * jnp.sin(self.alpha) ** 2)
+        return jnp.sqrt(ratio) * self.superstructure.omega_s
+
+    def equivalent_block(self) -> Podium:
+        """The solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
+
+        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
+        Raises `ValueError` for an elastic superstructure, which no block can stand for.
+        """
+        if isinstance(self.superstructure, Elastic):
+            raise ValueError("Podium.equivalent_block: a frame with an Elastic superstructure has no equivalent block")
+        gamma = self.gamma + self.eta
+        ratio = (2 * gamma + 1) / (3 * gamma + 0.75 * (1 + self.lam))
+        return Podium(alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g)
+
+    def replace(self, **changes) -> Podium:
+        """A variant with some fields changed, as `dataclasses.replace`."""
+        return dataclasses.replace(self, **changes)
