@@ -8,6 +8,7 @@ import jax as _jax
 if "JAX_ENABLE_X64" not in _os.environ:
     _jax.config.update("jax_enable_x64", True)
 
+from ._batch import peak_responses
 from ._excitations import (
     AbstractExcitation,
     AbstractOutlook,
@@ -52,5 +53,6 @@ __all__ = [
     "State",
     "Stats",
     "peak_response",
+    "peak_responses",
     "simulate",
 ]

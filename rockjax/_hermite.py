@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -60,6 +61,8 @@ def _safeguarded_newton(f, df, lo: Value, hi: Value) -> Value:
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton > lo) & (newton < hi), newton, 0.5 * (lo + hi))
+        # Without the barrier the compiler recomputes every iteration inside every later one.
+        z, lo, hi = jax.lax.optimization_barrier((z, lo, hi))
     return z
 
 

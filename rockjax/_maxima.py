@@ -16,6 +16,7 @@ Value = Float[Array, ""]
 # as good as the step itself.
 NEAR_RECORD = 1e-4
 WELL_INSIDE = 0.02
+ON_SUMMIT = 1e-5
 
 
 class Maximum(NamedTuple):
@@ -25,13 +26,28 @@ class Maximum(NamedTuple):
     cut: Value  # fraction of the step, inf where there is no need
 
 
-def largest(ends: tuple[Value, Value], rates: tuple[Value, Value], inside, record: Value) -> Maximum:
-    """max|f| over z ∈ [0, 1] from f and f' at both ends and `inside`: the polynomial of f (needs value and slope)."""
-    turned = rates[0] * rates[1] < 0
-    z = turning_point(jax.lax.stop_gradient(inside), rates[0] > 0)
-    extremum = jnp.where(turned, jnp.abs(inside.value(z)), 0.0)
-    value = jnp.maximum(extremum, jnp.maximum(jnp.abs(ends[0]), jnp.abs(ends[1])))
-    raises = turned & (extremum > record * (1 - NEAR_RECORD)) & (z > WELL_INSIDE) & (z < 1 - WELL_INSIDE)
+def summit(path, end: float) -> Value:
+    """Where the path turns, if that is within rounding of an end of the step, else the end itself; a constant.
+
+    An extremum on which a step ends has the value of that end, but not its derivative: it moves with the parameters.
+    """
+    path = jax.lax.stop_gradient(path)
+    slope, curvature = path.slope(end), path.curvature(end)
+    flat = curvature != 0
+    ahead = -slope / jnp.where(flat, curvature, 1.0)
+    return jnp.where(flat & (jnp.abs(ahead) <= ON_SUMMIT), end + ahead, end)
+
+
+def largest(path, record: Value) -> Maximum:
+    """max|f| over z ∈ [0, 1] of a path f(z) (value, slope, curvature)."""
+    before, after = path.slope(0.0), path.slope(1.0)
+    turned = before * after < 0
+    z = turning_point(jax.lax.stop_gradient(path), before > 0)
+    value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
+    for end in (0.0, 1.0):
+        at_end = jnp.abs(path.value(summit(path, end)))
+        value = jnp.where(at_end > value, at_end, value)
+    raises = turned & (value > record * (1 - NEAR_RECORD)) & (z > WELL_INSIDE) & (z < 1 - WELL_INSIDE)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 

@@ -119,7 +119,7 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**_fields(floats, integers, options))
+    return Peak(**fields(floats, integers, options.throw))
 
 
 def simulate(
@@ -150,7 +150,7 @@ def simulate(
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
     return Response(
-        **_fields(floats, integers, options),
+        **fields(floats, integers, options.throw),
         impact_times=impact_times,
         podium=podium,
         excitation=excitation,
@@ -165,9 +165,10 @@ def _solved(podium, excitation, initial, t_end, options, history):
     return floats, integers, nodes
 
 
-def _fields(floats, integers, options: Options) -> dict:
+def fields(floats, integers, throw: bool = False) -> dict:
+    """The fields of a `Peak` from the answers of its lanes."""
     code = integers["code"]
-    if options.throw:
+    if throw:
         raise_without_answer(code)
     stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
     names = (
@@ -183,9 +184,16 @@ def _fields(floats, integers, options: Options) -> dict:
     return {
         **{name: floats[name] for name in names},
         **{name: integers[name] for name in flags},
-        "result": results.named(code),
+        "result": _named(code),
         "stats": stats,
     }
+
+
+def _named(code):
+    name = results.named
+    for _ in range(jnp.ndim(code)):
+        name = jax.vmap(name)
+    return name(code)
 
 
 def raise_without_answer(code: Array) -> None:

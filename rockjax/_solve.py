@@ -36,12 +36,15 @@ def solve(
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     """((floats, nodes), (integers and flags, rest of the nodes)) of one scene; `history` is the number of steps to keep, None keeps none."""
     how = plan(podium, options, history is not None)
-    leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end))
-    return _differentiable(lambda *leaves, reverse: _scene(leaves, structure, options, how, history, reverse))(*leaves)
+    leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
+
+    def function(*leaves, reverse: bool):
+        return _scene(*jax.tree.unflatten(structure, leaves), how, history, reverse)
+
+    return _differentiable(function)(*leaves)
 
 
-def _scene(leaves, structure, options: Options, how: Plan, history: int | None, reverse: bool):
-    podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
+def _scene(podium, excitation, initial, t_end, options: Options, how: Plan, history: int | None, reverse: bool):
     scene, lane = prepare(podium, excitation, initial, t_end, options, how)
     if options.engine == "segments":
         from ._segments import run_segments
@@ -53,14 +56,15 @@ def _scene(leaves, structure, options: Options, how: Plan, history: int | None, 
         lane, nodes = run(scene, how, lane, options.max_steps, reverse), None
     else:
         lane, nodes = run_with_history(scene, how, lane, options.max_steps, history, reverse)
-    floats, integers = _answers(scene, how, lane)
+    floats, integers = answers(scene, how, lane)
     if nodes is None:
         return (floats, None), (integers, None)
     smooth = nodes._replace(piece=None, count=None)
     return (floats, smooth), (integers, (nodes.piece, nodes.count))
 
 
-def _answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:
+def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:
+    """What a lane at its end has to say: numbers with derivatives, and integers and flags."""
     nan = jnp.full_like(lane.t, jnp.nan)
     absent = jnp.zeros_like(lane.t)
     ratio = lane.peak / scene.c.alpha

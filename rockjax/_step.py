@@ -2,7 +2,7 @@
 
 A trial Runge–Kutta step is taken; a quintic through both of its ends is the guard: σθ while rocking, the demand q in
 full contact. If the guard is broken inside the step, the step is shortened to end there and tried again; once it ends
-on the event (within a thousandth of its length, the rest by the polynomial) the event is applied. So an event costs the
+on the event (to a small part of its length, the rest by the polynomial) the event is applied. So an event costs the
 solver's own accuracy, and nothing about it needs remembering from one trial to the next.
 
 Times, step lengths and roots are constants for derivatives. An event is differentiated by moving the state to it and
@@ -18,14 +18,14 @@ import jax.numpy as jnp
 
 from . import _results as results
 from ._hermite import Quintic, crossing, quintic, turning_point, turns_twice
-from ._maxima import NEAR_RECORD, WELL_INSIDE, Maximum, Spring, cubic, largest
+from ._maxima import NEAR_RECORD, WELL_INSIDE, Maximum, Spring, cubic, largest, summit
 from ._model import Vector, acceleration, beam, beam_acceleration, shear, uplift_demand
 from ._runge_kutta import Step
 from ._runge_kutta import step as runge_kutta
 from ._scene import Flag, Lane, Plan, Scene, Value, after_impact, contact_mode, restart
 from ._settled import certificate
 
-LANDED = 1e-3  # of the step: the polynomial carries the state over the rest
+LANDED = 0.3  # times √rtol of the step: the polynomial, whose error is quadratic here, carries the state over the rest
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0  # of the step-size control
 
 
@@ -60,14 +60,15 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     fresh = rocking & (lane.x[0] == 0)
     h, reaches = _length(scene, lane, constant(a0[0]), fresh, constant(stop))
 
-    trial = runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0)
+    h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
+    trial = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
     error = constant(_error(scene, lane, trial))
     tiny = 1e-13 * (jnp.abs(t) + 1 / c.p)
     finite = jnp.isfinite(error)
     accurate = finite & ((error <= 1) | (h < constant(tiny)))
 
     # The guard over the step, monotone on both sides of at most one turning point.
-    guard = _guard(scene, how, lane, ground, h, a0, trial)
+    guard = jax.lax.optimization_barrier(_guard(scene, how, lane, ground, h, a0, trial))
     fixed: Quintic = constant(guard)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
@@ -89,7 +90,7 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     # Does the step end on the event?
     ending = _margin(scene, rocking, guard, last, ~rises_on)
     ahead, converges = _newton_to(ending)
-    lands = converges & (jnp.abs(ahead) <= LANDED) & ~early & (t + h * (1 + ahead) <= constant(stop) + constant(tiny))
+    lands = converges & (jnp.abs(ahead) <= LANDED * jnp.sqrt(scene.rtol)) & ~early & (t + h * (1 + ahead) <= constant(stop) + constant(tiny))
     moving = ahead - _safe_ratio(ending.value(1 + ahead), ending.slope(1 + ahead), lands)
     # A lift that the next step does not confirm is none: back to full contact.
     fizzles = fresh & (constant(lane.v[0]) == 0) & (early | late) & ~lands & (h < 1e-9 / constant(c.p))
@@ -138,11 +139,15 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     starts = accepted & ~rocking & (mode != 0)
 
     # The records.
-    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, sigma * x[0]))
-    tip = jnp.where(peaks, jnp.maximum(peak, end_angle), end_angle)
-    raises = accepted & rocking & (tip > lane.peak)
+    end = summit(guard, 1.0)
+    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, guard.value(end)))
     at_turn = peaks & (peak > end_angle)
-    turn_time = t + h * (turn - _safe_ratio(guard.slope(turn), guard.curvature(turn), peaks))
+    tip = jnp.where(at_turn, peak, end_angle)
+    raises = accepted & rocking & (tip > lane.peak)
+    crest = jnp.where(at_turn, turn, end)
+    on_crest = at_turn | (~lands & (end != 1))
+    off = _safe_ratio(guard.slope(crest), guard.curvature(crest), on_crest)
+    tip_time = jnp.where(on_crest, t + h * (crest - off), now)
     slowest = jnp.where(accepted & hit, jnp.minimum(lane.slowest, speed), lane.slowest)
     first = starts & ~lane.uplifted
     advanced = lane._replace(
@@ -155,9 +160,9 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
         h=_next_length(scene, how, lane, h, error, stamp),
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, tip, lane.peak),
-        peak_time=jnp.where(raises, jnp.where(at_turn, turn_time, now), lane.peak_time),
-        deformation=jnp.maximum(lane.deformation, deformation.value) if how.deformation else None,
-        shear=jnp.maximum(lane.shear, force.value) if how.shear else None,
+        peak_time=jnp.where(raises, tip_time, lane.peak_time),
+        deformation=_larger(deformation.value, lane.deformation) if how.deformation else None,
+        shear=_larger(force.value, lane.shear) if how.shear else None,
         uplifted=lane.uplifted | starts,
         uplift_time=jnp.where(first, now, lane.uplift_time),
         overturn_time=jnp.where(toppled, now, lane.overturn_time),
@@ -207,7 +212,7 @@ def _leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     force = None
     if how.shear:
         highest = scene.outlook.highest_time(t, jnp.minimum(lifts_at, end))
-        force = jnp.maximum(lane.shear, jnp.abs(excitation(constant(highest))) / c.g)
+        force = _larger(jnp.abs(excitation(constant(highest))) / c.g, lane.shear)
     leapt = lane._replace(
         t=stamp,
         mark=now,
@@ -222,6 +227,11 @@ def _leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
         steps=lane.steps + 1,
     )
     return leapt, Landmark(jnp.ones((), bool), jnp.full_like(t, jnp.nan))
+
+
+def _larger(new: Value, record: Value) -> Value:
+    """The larger of two, with the derivative of one of them: `maximum` would take half of each where they tie."""
+    return jnp.where(new > record, new, record)
 
 
 def _safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:
@@ -308,7 +318,7 @@ def _newton_to(margin: Quintic) -> tuple[Value, Flag]:
     for _ in range(3):
         slope = margin.slope(1 + ahead)
         ahead = ahead - _safe_ratio(margin.value(1 + ahead), slope, falls & (slope < 0))
-        ahead = jnp.clip(ahead, -0.5, 0.5)
+        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -0.5, 0.5))
     return ahead, falls
 
 
@@ -331,16 +341,11 @@ def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, t
         for x, v, a in ((lane.x, lane.v, a0), (trial.x, trial.v, trial.a)):
             u_b, u_b_dot = beam(c, sigma, x[0], v[0])
             jets.append((x[1] - u_b, v[1] - u_b_dot, a[1] - beam_acceleration(c, sigma, x[0], v[0], a[0])))
-        (d0, rate0, _), (d1, rate1, _) = jets
         path = quintic(*jets[0], *jets[1], h)
-        deformation = force = none
-        if how.deformation:
-            deformation = largest((d0, d1), (rate0, rate1), path, lane.deformation)
+        deformation = largest(path, lane.deformation) if how.deformation else none
+        force = none
         if how.shear:
-            spring = Spring(path, c.omega2, c.damping, h)
-            zero = jnp.zeros_like(h)
-            ends = spring.value(zero), spring.value(zero + 1)
-            force = largest(ends, (spring.slope(zero), spring.slope(zero + 1)), spring, lane.shear * c.g)
+            force = largest(Spring(path, c.omega2, c.damping, h), lane.shear * c.g)
             force = force._replace(value=force.value / c.g)
         if not how.refine:
             deformation, force = (m._replace(cut=none.cut) for m in (deformation, force))
@@ -353,5 +358,5 @@ def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, t
         one = jnp.ones_like(h)
         s0, rate0 = jax.jvp(along, (lane.t, lane.x, lane.v), (one, lane.v, a0))
         s1, rate1 = jax.jvp(along, (lane.t + h, trial.x, trial.v), (one, trial.v, trial.a))
-        return none, largest((s0, s1), (rate0, rate1), cubic(s0, rate0, s1, rate1, h), lane.shear)
+        return none, largest(cubic(s0, rate0, s1, rate1, h), lane.shear)
     return none, none
