@@ -26,6 +26,7 @@ from ._options import Options
 from ._record import Record
 from ._results import RESULTS, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
+from ._spectra import minimum_overturning, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
 
 __version__ = "0.1.0"
@@ -52,7 +53,9 @@ __all__ = [
     "Rigid",
     "State",
     "Stats",
+    "minimum_overturning",
     "peak_response",
     "peak_responses",
+    "rocking_spectrum",
     "simulate",
 ]

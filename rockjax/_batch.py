@@ -7,6 +7,7 @@ ended write it out and load the next one, so none waits for another.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import warnings
@@ -43,7 +44,7 @@ def peak_responses(
     initial: State = REST,
     t_end=None,
     options: Options = Options(),
-    progress: bool = False,
+    progress: Any = False,
 ) -> Peak:
     """Peak responses of a batch of scenes, in parallel on all cores (host).
 
@@ -52,7 +53,7 @@ def peak_responses(
     that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts them: one scene never
     costs the others their answers.
 
-    - `progress`: show a progress bar
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
     Raises `ValueError` for inputs that make no sense.
     """
@@ -95,7 +96,7 @@ def _own_dimensions(structure, excitations) -> list[int]:
     return jax.tree.leaves(numbers)
 
 
-def _drive(scenes, batched, structure, size: int, options: Options, progress: bool):
+def _drive(scenes, batched, structure, size: int, options: Options, progress: Any):
     wide = any(b and y[0].size > WIDE for y, b in zip(scenes, batched, strict=True) if b and len(y))
     lanes = LANES if size >= LANES else max(1, size)
     chunk = min(lanes if wide else CHUNK, max(lanes, -(-size // _workers())))
@@ -138,7 +139,9 @@ def _workers() -> int:
         return os.cpu_count() or 1
 
 
-def _bar(size: int, progress: bool):
+def _bar(size: int, progress: Any):
+    if hasattr(progress, "update"):
+        return contextlib.nullcontext(progress)
     from tqdm import tqdm
 
     return tqdm(total=size, disable=not progress, unit=" scenes", unit_scale=True)

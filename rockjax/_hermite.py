@@ -54,8 +54,10 @@ def quintic(x0: Value, v0: Value, a0: Value, x1: Value, v1: Value, a1: Value, h:
 
 
 def _safeguarded_newton(f, df, lo: Value, hi: Value) -> Value:
-    """Where f passes from positive at lo to negative at hi. Newton, kept inside the bracket by bisection."""
-    z = 0.5 * (lo + hi)
+    """Where f passes from positive at lo to negative at hi: Newton from the secant, kept inside by bisection."""
+    above, below = f(lo), f(hi)
+    fall = above - below
+    z = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
     for _ in range(_ITERATIONS):
         value, slope = f(z), df(z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)

@@ -14,7 +14,7 @@ Value = Float[Array, ""]
 
 # An extremum is landed on when it would raise the record and lies well inside the step; near the ends the polynomial is
 # as good as the step itself.
-NEAR_RECORD = 1e-4
+NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
 ON_SUMMIT = 1e-5
 

@@ -33,6 +33,11 @@ def named(code: Int[Array, ""]) -> RESULTS:
     return result
 
 
+def code_of(result: RESULTS) -> Int[Array, "*batch"]:
+    """The codes of one result or of a batch of them."""
+    return result._value  # pyright: ignore[reportAttributeAccessIssue]
+
+
 class State(eqx.Module):
     """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its rate.
 
@@ -98,7 +103,7 @@ def describe(peak: AbstractPeak) -> str:
     if peak.peak_rotation.ndim:
         overturned = int(jnp.sum(peak.overturned))
         return f"{kind}({peak.peak_rotation.size} scenes, shape {peak.peak_rotation.shape}, {overturned} overturned)"
-    lines = [f"{kind}: {peak.result!r}"]
+    lines = [f"{kind}: {NAMES[int(code_of(peak.result))]}"]
     lines.append(f"  peak rotation    {float(peak.peak_rotation):.6g} α at t = {float(peak.peak_rotation_time):.6g} s")
     if peak.overturned:
         lines.append(f"  overturned at    {float(peak.overturn_time):.6g} s")

@@ -90,7 +90,8 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     # Does the step end on the event?
     ending = _margin(scene, rocking, guard, last, ~rises_on)
     ahead, converges = _newton_to(ending)
-    lands = converges & (jnp.abs(ahead) <= LANDED * jnp.sqrt(scene.rtol)) & ~early & (t + h * (1 + ahead) <= constant(stop) + constant(tiny))
+    near = jnp.maximum(LANDED * jnp.sqrt(scene.rtol) * h, constant(tiny))
+    lands = converges & (jnp.abs(ahead) * h <= near) & ~early & (t + h * (1 + ahead) <= constant(stop + tiny))
     moving = ahead - _safe_ratio(ending.value(1 + ahead), ending.slope(1 + ahead), lands)
     # A lift that the next step does not confirm is none: back to full contact.
     fizzles = fresh & (constant(lane.v[0]) == 0) & (early | late) & ~lands & (h < 1e-9 / constant(c.p))

@@ -1,0 +1,211 @@
+"""The command line: `rockjax spectrum`, `rockjax response`."""
+
+from __future__ import annotations
+
+import enum
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Rocking podium structures: spectra, responses. SI units; ratios are dimensionless.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class PulseName(enum.StrEnum):
+    ricker = "ricker"
+    antisymmetric_ricker = "antisymmetric-ricker"
+    one_sine = "one-sine"
+    one_cosine = "one-cosine"
+    half_sine = "half-sine"
+
+
+class RestitutionName(enum.StrEnum):
+    paper = "paper"
+    compatible = "compatible"
+
+
+TanAlpha = Annotated[float, typer.Option("--tan-alpha", help="Column slenderness tan α = B/H [–].")]
+Radius = Annotated[float, typer.Option("--R", help="Half diagonal of a column R [m].")]
+Gamma = Annotated[float, typer.Option("--gamma", help="Mass ratio of the beam γ = m_b/(N m_c) [–].")]
+Zeta = Annotated[float, typer.Option("--zeta", help="Damping ratio of the superstructure ζ [–].")]
+Pulse = Annotated[PulseName, typer.Option("--pulse", help="Ground motion.")]
+Law = Annotated[RestitutionName, typer.Option("--restitution", help="Law of the impact: Eq. (27), or compatible with (26).")]
+Method = Annotated[str, typer.Option("--method", help="Runge–Kutta method: tsit5, dopri8, dopri5, bosh3.")]
+Tolerance = Annotated[float, typer.Option("--rtol", help="Relative tolerance of the step-size control.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Prefix of the files to write.")]
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected numbers separated by commas, got {text!r}") from None
+
+
+def _pulse(name: PulseName):
+    import rockjax as rj
+
+    return {
+        PulseName.ricker: rj.Ricker,
+        PulseName.antisymmetric_ricker: rj.AntisymmetricRicker,
+        PulseName.one_sine: rj.OneSine,
+        PulseName.one_cosine: rj.OneCosine,
+        PulseName.half_sine: rj.HalfSine,
+    }[name]
+
+
+def _prepare() -> None:
+    """Compiled programs are kept between runs; pictures are made without a screen."""
+    import jax
+    import matplotlib
+
+    matplotlib.use("Agg")
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        jax.config.update("jax_compilation_cache_dir", str(base / "rockjax"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@app.command()
+def spectrum(
+    tan_alpha: TanAlpha = 0.15,
+    R: Radius = 1.5,
+    gamma: Gamma = 10.0,
+    eta_over_gamma: Annotated[str, typer.Option(help="Mass ratios η/γ, separated by commas.")] = "1,5,10",
+    T_s: Annotated[str, typer.Option("--T-s", help="Superstructure periods T_s [s]; 0 is rigid.")] = "0,0.1,0.5,1",
+    zeta: Zeta = 0.05,
+    pulse: Pulse = PulseName.ricker,
+    restitution: Law = RestitutionName.paper,
+    frequency: Annotated[tuple[float, float], typer.Option(help="Range of ω_p/p.")] = (1.0, 8.0),
+    acceleration: Annotated[tuple[float, float], typer.Option(help="Range of a_p/(g tan α).")] = (1.0, 12.0),
+    points: Annotated[int, typer.Option(min=2, help="Points along each axis.")] = 100,
+    method: Method = "tsit5",
+    rtol: Tolerance = 1e-8,
+    output: Output = Path("rockjax-spectrum"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+) -> None:
+    """Rocking spectra and minimum overturning curves over a grid of pulses.
+
+    With no flags: the 12 panels of the paper's Fig. 6 and its Fig. 7. Writes OUTPUT.nc, OUTPUT-rotation.png and
+    OUTPUT-overturning.png.
+    """
+    began = time.perf_counter()
+    _prepare()
+    import numpy as np
+    import xarray
+    from tqdm import tqdm
+
+    import rockjax as rj
+    from rockjax import plots
+    from rockjax._files import write_whole
+
+    options = rj.Options(outputs=("peak_rotation",), rtol=rtol, atol=0.01 * rtol, method=method)
+    ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
+    x, y = np.linspace(*frequency, points), np.linspace(*acceleration, points)
+    total = len(ratios) * len(periods) * points**2
+    rows = []
+    with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
+        for ratio in ratios:
+            row = []
+            for period in periods:
+                eta = ratio * gamma
+                top = rj.Rigid(eta) if period == 0 else rj.Elastic(eta, period, zeta)
+                podium = rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value)
+                panel = rj.rocking_spectrum(podium, _pulse(pulse), x, y, options=options, progress=bar)
+                row.append(panel.assign_coords(T_s=period, eta_over_gamma=ratio))
+            rows.append(xarray.concat(row, "T_s", combine_attrs="drop_conflicts"))
+    panels = xarray.concat(rows, "eta_over_gamma", combine_attrs="drop_conflicts")
+    panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
+    panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
+    panels.attrs["zeta"] = zeta
+    written = [write_whole(f"{output}.nc", lambda name: panels.to_netcdf(name, engine="netcdf4"))]
+    for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
+        figure = draw(panels)
+        written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+    if quiet:
+        return
+    failed = int((panels["result"] > 2).sum())
+    overturned = float(panels["overturned"].mean())
+    typer.echo(f"{total} scenes: {overturned:.1%} overturned, {failed} without an answer")
+    least = rj.minimum_overturning(panels).min("frequency_ratio")
+    for ratio in ratios:
+        line = ", ".join(f"T_s = {T:g} s: {float(least.sel(eta_over_gamma=ratio, T_s=T)):.2f}" for T in periods)
+        typer.echo(f"least overturning a_p/(g tan α) on the grid, η/γ = {ratio:g}: {line}")
+    for path in written:
+        typer.echo(f"wrote {path}")
+    typer.echo(f"{time.perf_counter() - began:.1f} s")
+
+
+@app.command()
+def response(
+    tan_alpha: TanAlpha = 0.15,
+    R: Radius = 1.5,
+    gamma: Gamma = 10.0,
+    eta: Annotated[float, typer.Option(help="Mass ratio of the superstructure η = m_t/(N m_c); 0 is none.")] = 100.0,
+    T_s: Annotated[float, typer.Option("--T-s", help="Superstructure period T_s [s]; 0 is rigid.")] = 0.5,
+    zeta: Zeta = 0.05,
+    pulse: Pulse = PulseName.ricker,
+    acceleration_ratio: Annotated[float, typer.Option(help="a_p/(g tan α).")] = 2.5,
+    T_p: Annotated[float, typer.Option("--T-p", help="Pulse period T_p [s].")] = 1.0,
+    t_end: Annotated[float | None, typer.Option("--t-end", help="End of the history [s].")] = None,
+    restitution: Law = RestitutionName.paper,
+    method: Method = "tsit5",
+    rtol: Tolerance = 1e-8,
+    output: Output = Path("rockjax-response"),
+) -> None:
+    """One time history: rotation, deformation of the superstructure, ground acceleration. Writes OUTPUT.nc and .png."""
+    _prepare()
+    import numpy as np
+    import xarray
+
+    import rockjax as rj
+    from rockjax import plots
+    from rockjax._files import write_whole
+    from rockjax._spectra import describe_options, describe_podium
+
+    top = None if eta == 0 else rj.Rigid(eta) if T_s == 0 else rj.Elastic(eta, T_s, zeta)
+    podium = rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value)
+    motion = _pulse(pulse)(acceleration_ratio * float(podium.g) * tan_alpha, T_p)
+    options = rj.Options(rtol=rtol, atol=0.01 * rtol, method=method)
+    history = rj.simulate(podium, motion, t_end=t_end, options=options)
+    t = np.linspace(float(history.times[0]), float(history.stats.end_time), 4001)
+    state = history(t)
+    series = {
+        "theta": (state.theta, "rad"),
+        "theta_dot": (state.theta_dot, "rad s-1"),
+        "u_t": (state.u_t, "m"),
+        "u_t_dot": (state.u_t_dot, "m s-1"),
+        "deformation": (history.deformation(t), "m"),
+        "ground_acceleration": (motion(t), "m s-2"),
+    }
+    data = xarray.Dataset(
+        {name: ("time", np.asarray(y), {"units": unit}) for name, (y, unit) in series.items()},
+        coords={"time": ("time", t, {"units": "s"})},
+        attrs={"title": "Response history", "pulse": type(motion).__name__, "a_p_m_s2": float(motion.a_p), "T_p_s": T_p}
+        | describe_podium(podium)
+        | describe_options(options),
+    )
+    data["impact_times"] = ("impact", np.asarray(history.impact_times), {"units": "s"})
+    typer.echo(repr(history))
+    typer.echo(f"wrote {write_whole(f'{output}.nc', lambda name: data.to_netcdf(name, engine='netcdf4'))}")
+    figure = plots.response(history)
+    typer.echo(f"wrote {write_whole(f'{output}.png', lambda name: figure.savefig(name, dpi=150))}")
+
+
+def main() -> None:
+    try:
+        app()
+    except ValueError as error:
+        typer.echo(f"rockjax: {error}", err=True)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()

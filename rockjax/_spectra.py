@@ -1,0 +1,148 @@
+"""Rocking spectra: peak response over pulse frequency and acceleration, in the field's dimensionless axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import _results as results
+from ._batch import peak_responses
+from ._checks import require
+from ._excitations import AbstractExcitation
+from ._options import Options
+from ._results import Peak
+from ._structures import Elastic, GivenRestitution, Podium, Rigid
+
+if TYPE_CHECKING:
+    import xarray
+
+# name: (field of `Peak`, unit, description, output it belongs to)
+_VARIABLES = {
+    "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
+    "peak_rotation_time": ("s", "time of the peak rotation", "peak_rotation"),
+    "exceeded_alpha": ("1", "rotation reached α", None),
+    "overturned": ("1", "rotation reached overturn_ratio α", None),
+    "overturn_time": ("s", "time of overturning", None),
+    "uplifted": ("1", "columns left full contact", None),
+    "uplift_time": ("s", "time of the first uplift", None),
+    "impacts": ("1", "impacts until the scene ended", None),
+    "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
+    "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
+    "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
+}
+
+
+def rocking_spectrum(
+    podium: Podium,
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    frequency_ratio,
+    acceleration_ratio,
+    *,
+    options: Options = Options(),
+    progress: Any = False,
+) -> xarray.Dataset:
+    """Peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
+
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
+    - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
+    - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as variables
+    (those that `options.outputs` asks for), the dimensional axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and
+    parameters, tolerances and versions in the attributes. Raises `ValueError` for axes that are not 1-D, finite and
+    in range.
+    """
+    import xarray
+
+    axes = {"frequency_ratio": np.asarray(frequency_ratio, float), "acceleration_ratio": np.asarray(acceleration_ratio, float)}
+    for name, values in axes.items():
+        if values.ndim != 1 or values.size == 0:
+            raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")
+    require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
+    require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
+        raise ValueError("rocking_spectrum: podium must hold single numbers; loop over podiums, or use peak_responses")
+    T_p = 2 * math.pi / (axes["frequency_ratio"] * float(podium.p))
+    a_p = axes["acceleration_ratio"] * float(podium.g * jnp.tan(podium.alpha))
+    grid = [y.ravel() for y in np.meshgrid(a_p, T_p, indexing="ij")]
+    peaks = peak_responses(podium, pulse(*grid), options=options, progress=progress)
+    shape = (a_p.size, T_p.size)
+    dims = ("acceleration_ratio", "frequency_ratio")
+    dataset = xarray.Dataset(
+        {name: (dims, values.reshape(shape), attrs) for name, values, attrs in _variables(peaks, options)},
+        coords={
+            "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], {"units": "1", "long_name": "ω_p/p"}),
+            "acceleration_ratio": (
+                "acceleration_ratio",
+                axes["acceleration_ratio"],
+                {"units": "1", "long_name": "a_p/(g tan α)"},
+            ),
+            "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
+            "a_p": ("acceleration_ratio", a_p, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
+        },
+    )
+    name = getattr(pulse, "__name__", repr(pulse))
+    dataset.attrs = {"title": "Rocking spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+    return dataset
+
+
+def _variables(peaks: Peak, options: Options):
+    for name, (unit, description, output) in _VARIABLES.items():
+        if output is None or output in options.outputs:
+            yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
+    code = np.asarray(results.code_of(peaks.result), np.int8)
+    flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
+    yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
+    yield "steps", np.asarray(peaks.stats.steps + peaks.stats.rejected), {"units": "1", "long_name": "trial steps"}
+
+
+def describe_podium(podium: Podium) -> dict[str, Any]:
+    """The parameters of a podium, for the attributes of a file."""
+    top = podium.superstructure
+    law = podium.restitution
+    return {
+        "alpha_rad": float(podium.alpha),
+        "R_m": float(podium.R),
+        "gamma": float(podium.gamma),
+        "superstructure": "none" if top is None else type(top).__name__.lower(),
+        **({} if top is None else {"eta": float(top.eta)}),
+        **({"T_s_s": float(top.T_s), "zeta": float(top.zeta)} if isinstance(top, Elastic) else {}),
+        **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
+        "lambda": float(podium.lam),
+        "restitution": float(law.e) if isinstance(law, GivenRestitution) else repr(law).strip("'"),
+        "restitution_factor": float(podium.restitution_factor),
+        "g_m_s2": float(podium.g),
+        "p_rad_s": float(podium.p),
+        "uplift_acceleration_m_s2": float(podium.uplift_acceleration),
+    }
+
+
+def describe_options(options: Options) -> dict[str, Any]:
+    """Tolerances, method and versions, for the attributes of a file."""
+    import diffrax
+
+    from . import __version__
+
+    return {
+        "method": options.method if isinstance(options.method, str) else type(options.method).__name__,
+        "rtol": float(options.rtol),
+        "atol": float(options.atol),
+        "overturn_ratio": float(options.overturn_ratio),
+        "rockjax_version": __version__,
+        "jax_version": jax.__version__,
+        "diffrax_version": diffrax.__version__,
+    }
+
+
+def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
+    """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
+    ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
+    least = ratio.min("acceleration_ratio")
+    least.attrs = {"units": "1", "long_name": "minimum overturning a_p/(g tan α), read off the grid"}
+    return least

@@ -1,0 +1,156 @@
+"""Pictures. Every function takes an `Axes` (or makes one) and returns it; nothing is shown or saved here."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ._simulate import Response
+from ._spectra import minimum_overturning
+
+if TYPE_CHECKING:
+    import xarray
+
+ACCELERATION_RATIO = r"$a_p\,/\,(g\tan\alpha)$"
+FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
+ROTATION = r"$\theta\,/\,\alpha$"
+# Okabe & Ito: distinct for the colour-blind, and by line style in grey.
+COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
+STYLES = ("-", "--", "-.", ":")
+
+
+def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=None) -> Axes:
+    """Contours of peak rotation over ω_p/p and a_p/(g tan α); overturned cells are left blank."""
+    ax = ax or plt.figure(layout="constrained").add_subplot()
+    levels = np.arange(0, 1.01, 0.1) if levels is None else levels
+    rotation = dataset["peak_rotation"].where(~dataset["overturned"])
+    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    picture = ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=1)
+    ax._rockjax_contours = picture  # pyright: ignore[reportAttributeAccessIssue]
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
+    return ax
+
+
+def dimensional_axes(dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True) -> Axes:
+    """Second axes: pulse period T_p on top, peak ground acceleration on the right."""
+    p = dataset.attrs["p_rad_s"]
+    unit = math.tan(dataset.attrs["alpha_rad"])
+    if period:
+        top = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
+        top.set_xlabel(r"$T_p$ [s]")
+        top.set_xticks([T for T in (3, 2, 1.5, 1, 0.8, 0.6, 0.5, 0.4) if _inside(_period(T, p), ax.get_xlim())])
+        top.xaxis.set_major_formatter("{x:g}")
+    if acceleration:
+        right = ax.secondary_yaxis("right", functions=(lambda r: r * unit, lambda a: a / unit))
+        right.set_ylabel(r"$a_p$ [g]")
+    return ax
+
+
+def _inside(value, limits) -> bool:
+    return limits[0] <= value <= limits[1]
+
+
+def _period(ratio, p):
+    """T_p from ω_p/p, and back: each is 2π/p over the other."""
+    with np.errstate(divide="ignore"):
+        return 2 * math.pi / p / np.asarray(ratio, float)
+
+
+def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
+    """Minimum overturning acceleration over frequency, read off a rocking spectrum."""
+    ax = ax or plt.figure(layout="constrained").add_subplot()
+    least = minimum_overturning(dataset)
+    ax.plot(dataset["frequency_ratio"], least, **line)
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
+    return ax
+
+
+def spectra(panels: xarray.Dataset) -> Figure:
+    """Rocking spectra in the layout of the paper's Fig. 6: η/γ down, T_s across.
+
+    `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
+    """
+    rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
+    figure = plt.figure(figsize=(3.1 * columns + 1.6, 2.7 * rows + 0.9), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for i in range(rows):
+        for j in range(columns):
+            panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
+            rocking_spectrum(panel, ax)
+            dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
+            ax.set_title(rf"$\eta/\gamma = {float(panel.eta_over_gamma):g}$, $T_s = {float(panel.T_s):g}$ s", fontsize=10)
+            ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
+            ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
+            ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+    contours = axes[0, 0]._rockjax_contours
+    figure.colorbar(contours, ax=axes, label=r"peak rotation $\max|\theta|\,/\,\alpha$", shrink=0.6, aspect=40)
+    figure.suptitle(_title(panels))
+    return figure
+
+
+def overturning_curves(panels: xarray.Dataset) -> Figure:
+    """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
+    count = panels.sizes["eta_over_gamma"]
+    figure = plt.figure(figsize=(4.2 * count + 0.6, 4.4), layout="constrained")
+    axes = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    for i, ax in enumerate(axes):
+        for j in range(panels.sizes["T_s"]):
+            panel = panels.isel(eta_over_gamma=i, T_s=j)
+            look = {"color": COLOURS[j % len(COLOURS)], "linestyle": STYLES[j % len(STYLES)]}
+            overturning_curve(panel, ax, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
+        x, y = panels["frequency_ratio"].values, panels["acceleration_ratio"].values
+        ax.set(xlim=(x[0], x[-1]), ylim=(0, y[-1]), title=rf"$\eta/\gamma = {float(panels.eta_over_gamma[i]):g}$")
+        ax.grid(alpha=0.3)
+        dimensional_axes(panels, ax, acceleration=i == count - 1)
+        if i:
+            ax.set_ylabel("")
+    axes[0].legend(title="superstructure", loc="upper left")
+    figure.suptitle("Minimum overturning acceleration, " + _title(panels))
+    return figure
+
+
+def _title(panels: xarray.Dataset) -> str:
+    a = panels.attrs
+    return (
+        rf"{a['pulse']} pulse, $\gamma = {a['gamma']:g}$, $R = {a['R_m']:g}$ m, "
+        rf"$\tan\alpha = {math.tan(a['alpha_rad']):g}$"
+    )
+
+
+def response(response: Response, figure: Figure | None = None, points: int = 4000) -> Figure:
+    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground acceleration."""
+    figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
+    c = response.podium
+    start, end = float(response.times[0]), float(response.stats.end_time)
+    t = np.linspace(start, end, points)
+    state = response(t)
+    elastic = np.any(np.asarray(response.deformation(t)) != 0)
+    axes = figure.subplots(3 if elastic else 2, 1, sharex=True)
+    alpha = float(c.alpha)
+    ax = axes[0]
+    ax.plot(t, np.asarray(state.theta) / alpha, color=COLOURS[2], lw=1.2)
+    impacts = np.asarray(response.impact_times)
+    ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=9, label=f"{len(impacts)} impacts")
+    peak_time, peak = float(response.peak_rotation_time), float(response.peak_rotation)
+    if peak > 0:
+        side = np.sign(float(response(peak_time, left=True).theta))
+        ax.plot(peak_time, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
+    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    ax.set_ylabel(ROTATION)
+    ax.legend(loc="upper right")
+    if elastic:
+        axes[1].plot(t, np.asarray(response.deformation(t)) * 1e3, color=COLOURS[3], lw=1.2)
+        axes[1].axhline(0, color="0.7", lw=0.6, zorder=0)
+        axes[1].set_ylabel("deformation\n$u_t - u_b$ [mm]")
+    g = float(c.g)
+    axes[-1].plot(t, np.asarray(response.excitation(t)) / g, color=COLOURS[0], lw=1.2)
+    axes[-1].axhline(0, color="0.7", lw=0.6, zorder=0)
+    axes[-1].set(ylabel=r"$\ddot u_g$ [g]", xlabel="time [s]", xlim=(start, end))
+    if bool(response.overturned):
+        axes[0].set_title(f"overturns at t = {float(response.overturn_time):.3f} s")
+    return figure
