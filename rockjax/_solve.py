@@ -41,7 +41,7 @@ def solve(
     def function(*leaves, reverse: bool):
         return _scene(*jax.tree.unflatten(structure, leaves), how, history, reverse)
 
-    return _differentiable(function)(*leaves)
+    return _differentiable(function, options.engine == "flat")(*leaves)
 
 
 def _scene(podium, excitation, initial, t_end, options: Options, how: Plan, history: int | None, reverse: bool):
@@ -49,8 +49,6 @@ def _scene(podium, excitation, initial, t_end, options: Options, how: Plan, hist
     if options.engine == "segments":
         from ._segments import run_segments
 
-        if reverse:
-            raise NotImplementedError("derivatives with respect to arrays need engine='flat'")
         lane, nodes = run_segments(scene, how, lane, options, history)
     elif history is None:
         lane, nodes = run(scene, how, lane, options.max_steps, reverse), None
@@ -90,7 +88,7 @@ def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict
     return floats, integers
 
 
-def _differentiable(function):
+def _differentiable(function, provided: bool):
     """`function(*leaves, reverse=…)` → (floats, integers), with the derivative rule of this module."""
 
     @jax.custom_jvp
@@ -98,6 +96,8 @@ def _differentiable(function):
         return function(*leaves, reverse=False)
 
     def rule(primals, tangents):
+        if not provided:
+            raise NotImplementedError("rockjax: derivatives need Options(engine='flat')")
         live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
         point = tuple(_first_order_only(primals[i]) for i in live)
         directions = tuple(tangents[i] for i in live)

@@ -41,7 +41,7 @@ def step(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     if how.elastic:
         return _trial(scene, how, lane)
     return jax.lax.cond(
-        lane.sigma == 0, lambda lane: _leap(scene, how, lane), lambda lane: _trial(scene, how, lane), lane
+        lane.sigma == 0, lambda lane: leap(scene, how, lane), lambda lane: _trial(scene, how, lane), lane
     )
 
 
@@ -190,7 +190,7 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     return jax.tree.map(lambda yes, no: jnp.where(accepted, yes, no), advanced, repeated), landmark
 
 
-def _leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
+def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     """Full contact with nothing elastic: the next uplift is a root of the excitation."""
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, lane.t, scene.excitation
