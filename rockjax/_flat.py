@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import _results as results
-from ._model import Value, Vector
+from ._model import Value
 from ._scene import Index, Lane, Plan, Scene
-from ._step import step
+from ._step import Decision, step
 
 
 class Nodes(NamedTuple):
@@ -27,6 +27,36 @@ class Nodes(NamedTuple):
     count: Index
 
 
+def blank_nodes(lane: Lane, capacity: int) -> Nodes:
+    """Room for `capacity` nodes, none of them used."""
+    zeros = jnp.zeros((capacity,), lane.t.dtype)
+    return Nodes(
+        t=jnp.full_like(zeros, jnp.inf),
+        x=tuple(zeros for _ in lane.x),
+        v=tuple(zeros for _ in lane.v),
+        sigma=zeros,
+        piece=jnp.zeros((capacity,), lane.piece.dtype),
+        impact_time=jnp.full_like(zeros, jnp.nan),
+        count=jnp.zeros((), jnp.int32),
+    )
+
+
+def _put(buffers, at: Index, values):
+    """Write values into row `at` of the buffers; past the end, nowhere."""
+    return jax.tree.map(lambda b, y: b.at[at].set(y, mode="drop"), buffers, values)
+
+
+def _append(nodes: Nodes, lane: Lane, impact_time: Value, valid: Array) -> Nodes:
+    row = Nodes(lane.t, lane.x, lane.v, lane.sigma, lane.piece, impact_time, nodes.count)
+    at = jnp.where(valid, nodes.count, nodes.t.shape[0])
+    filled = _put(nodes._replace(count=None), at, row._replace(count=None))
+    return filled._replace(count=nodes.count + valid)
+
+
+def _first_node(lane: Lane, capacity: int) -> Nodes:
+    return _append(blank_nodes(lane, capacity), lane, jnp.full_like(lane.t, jnp.nan), jnp.ones((), bool))
+
+
 def _runs(lane: Lane, max_steps: int) -> Array:
     return (lane.code == results.RUNNING) & (lane.steps + lane.rejected < max_steps)
 
@@ -36,68 +66,62 @@ def _closed(lane: Lane) -> Lane:
     return lane._replace(code=jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code))
 
 
-def run(scene: Scene, how: Plan, lane: Lane, max_steps: int, reverse: bool) -> Lane:
-    """The lane at its end. `reverse` takes a loop that can be differentiated in reverse, with bounded memory."""
+def run(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> Lane:
+    """The lane at its end."""
     return _closed(
-        eqxi.while_loop(
-            lambda lane: _runs(lane, max_steps),
-            lambda lane: step(scene, how, lane)[0],
-            lane,
-            max_steps=max_steps if reverse else None,
-            kind="bounded" if reverse else "lax",
-        )
+        jax.lax.while_loop(lambda lane: _runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane)
     )
 
 
-def run_with_history(
-    scene: Scene, how: Plan, lane: Lane, max_steps: int, capacity: int, reverse: bool
-) -> tuple[Lane, Nodes]:
+def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capacity: int) -> tuple[Lane, Nodes]:
     """The lane at its end, and its accepted steps on the way."""
-    unused = jnp.full((capacity,), jnp.inf, lane.t.dtype)
-
-    def written(nodes: Nodes, lane: Lane, at: Index, impact_time: Value) -> Nodes:
-        def put(buffer, value):
-            return buffer.at[at].set(value, mode="drop")
-
-        def each(buffers: Vector, values: Vector):
-            return tuple(put(b, y) for b, y in zip(buffers, values, strict=True))
-
-        return Nodes(
-            put(nodes.t, lane.t),
-            each(nodes.x, lane.x),
-            each(nodes.v, lane.v),
-            put(nodes.sigma, lane.sigma),
-            put(nodes.piece, lane.piece),
-            put(nodes.impact_time, impact_time),
-            nodes.count,
-        )
-
-    blank = Nodes(
-        t=unused,
-        x=tuple(jnp.zeros_like(unused) for _ in lane.x),
-        v=tuple(jnp.zeros_like(unused) for _ in lane.v),
-        sigma=jnp.zeros_like(unused),
-        piece=jnp.zeros((capacity,), lane.piece.dtype),
-        impact_time=jnp.full_like(unused, jnp.nan),
-        count=jnp.ones((), jnp.int32),
-    )
-    nodes = written(blank, lane, jnp.zeros((), jnp.int32), jnp.full_like(lane.t, jnp.nan))
 
     def body(carry):
         lane, nodes = carry
         lane, landmark = step(scene, how, lane)
-        # A rejected trial is written past the end, that is nowhere.
-        at = jnp.where(landmark.accepted, nodes.count, capacity)
-        nodes = written(nodes, lane, at, landmark.impact_time)
-        nodes = nodes._replace(count=nodes.count + landmark.accepted)
+        nodes = _append(nodes, lane, landmark.impact_time, landmark.accepted)
         full = (nodes.count >= capacity) & (lane.code == results.RUNNING)
         return lane._replace(code=jnp.where(full, results.HISTORY_FULL, lane.code)), nodes
 
-    lane, nodes = eqxi.while_loop(
-        lambda carry: _runs(carry[0], max_steps),
-        body,
-        (lane, nodes),
-        max_steps=max_steps if reverse else None,
-        kind="bounded" if reverse else "lax",
-    )
+    start = (lane, _first_node(lane, capacity))
+    lane, nodes = jax.lax.while_loop(lambda carry: _runs(carry[0], max_steps), body, start)
     return _closed(lane), nodes
+
+
+def rehearse(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> tuple[Lane, Decision, Index]:
+    """The lane at its end, the decisions of every accepted step, and their number."""
+    like = jax.eval_shape(lambda: step(scene, how, lane)[1].decision)
+    decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
+
+    def body(carry):
+        lane, decisions, count = carry
+        lane, landmark = step(scene, how, lane)
+        decisions = _put(decisions, jnp.where(landmark.accepted, count, max_steps), landmark.decision)
+        return lane, decisions, count + landmark.accepted
+
+    start = (lane, decisions, jnp.zeros((), jnp.int32))
+    lane, decisions, count = jax.lax.while_loop(lambda carry: _runs(carry[0], max_steps), body, start)
+    return _closed(lane), decisions, count
+
+
+def replay(
+    scene: Scene, how: Plan, lane: Lane, decisions: Decision, count: Index, capacity: int | None
+) -> tuple[Lane, Nodes | None]:
+    """The lane at its end through known decisions, in a loop that reverse mode can walk with bounded memory.
+
+    Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to another, and
+    a step rejected the second time only would leave states and cotangents at different times: hence the rehearsal.
+    """
+
+    def body(carry):
+        lane, nodes, k = carry
+        told = jax.tree.map(lambda y: y[k], decisions)
+        lane, landmark = step(scene, how, lane, told)
+        if nodes is not None:
+            nodes = _append(nodes, lane, landmark.impact_time, landmark.accepted)
+        return lane, nodes, k + 1
+
+    start = (lane, None if capacity is None else _first_node(lane, capacity), jnp.zeros((), jnp.int32))
+    max_steps = decisions.h.shape[0]
+    lane, nodes, _ = eqxi.while_loop(lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded")
+    return lane, nodes

@@ -62,7 +62,7 @@ def _safeguarded_newton(f, df, lo: Value, hi: Value) -> Value:
         value, slope = f(z), df(z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
-        z = jnp.where((newton > lo) & (newton < hi), newton, 0.5 * (lo + hi))
+        z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
         # Without the barrier the compiler recomputes every iteration inside every later one.
         z, lo, hi = jax.lax.optimization_barrier((z, lo, hi))
     return z

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from . import _results as results
-from ._flat import Nodes
+from ._flat import Nodes, blank_nodes
 from ._model import Vector, acceleration, beam, shear, uplift_demand
 from ._options import Options
 from ._scene import Lane, Plan, Scene, Value, after_impact, contact_mode
@@ -33,16 +33,7 @@ def run_segments(
     """The lane at its end and, if `capacity` is given, its accepted steps on the way."""
     nodes = None
     if capacity is not None:
-        inf = jnp.full((capacity,), jnp.inf, lane.t.dtype)
-        nodes = Nodes(
-            t=inf,
-            x=tuple(jnp.zeros_like(inf) for _ in lane.x),
-            v=tuple(jnp.zeros_like(inf) for _ in lane.v),
-            sigma=jnp.zeros_like(inf),
-            piece=jnp.zeros((capacity,), lane.piece.dtype),
-            impact_time=jnp.full_like(inf, jnp.nan),
-            count=jnp.zeros((), jnp.int32),
-        )
+        nodes = blank_nodes(lane, capacity)
         nodes = _keep(nodes, lane, jnp.full((1,), lane.t), tuple(y[None] for y in lane.x), tuple(y[None] for y in lane.v))
 
     def running(carry):

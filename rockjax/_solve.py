@@ -18,7 +18,7 @@ from jaxtyping import Array
 
 from . import _results as results
 from ._excitations import AbstractExcitation
-from ._flat import run, run_with_history
+from ._flat import Nodes, rehearse, replay, run, run_with_history
 from ._options import Options
 from ._results import State
 from ._scene import Lane, Plan, Scene, plan, prepare
@@ -38,27 +38,33 @@ def solve(
     how = plan(podium, options, history is not None)
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
 
-    def function(*leaves, reverse: bool):
-        return _scene(*jax.tree.unflatten(structure, leaves), how, history, reverse)
+    def scene(leaves) -> tuple[Scene, Lane]:
+        podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
+        return prepare(podium, excitation, initial, t_end, options, how)
 
-    return _differentiable(function, options.engine == "flat")(*leaves)
+    def function(*leaves):
+        ready, lane = scene(leaves)
+        if options.engine == "segments":
+            from ._segments import run_segments
 
+            lane, nodes = run_segments(ready, how, lane, options, history)
+        elif history is None:
+            lane, nodes = run(ready, how, lane, options.max_steps), None
+        else:
+            lane, nodes = run_with_history(ready, how, lane, options.max_steps, history)
+        return _with_nodes(answers(ready, how, lane), nodes)
 
-def _scene(podium, excitation, initial, t_end, options: Options, how: Plan, history: int | None, reverse: bool):
-    scene, lane = prepare(podium, excitation, initial, t_end, options, how)
-    if options.engine == "segments":
-        from ._segments import run_segments
+    def rehearsed(*leaves):
+        """The same for derivatives with respect to arrays, in forward and reverse mode."""
+        constant = jax.lax.stop_gradient
+        ready, lane = scene(leaves)
+        last, decisions, count = rehearse(constant(ready), how, constant(lane), options.max_steps)
+        lane, nodes = replay(ready, how, lane, decisions, count, history)
+        floats, _ = answers(ready, how, lane)
+        _, integers = answers(ready, how, last)
+        return _with_nodes((floats, integers), nodes)
 
-        lane, nodes = run_segments(scene, how, lane, options, history)
-    elif history is None:
-        lane, nodes = run(scene, how, lane, options.max_steps, reverse), None
-    else:
-        lane, nodes = run_with_history(scene, how, lane, options.max_steps, history, reverse)
-    floats, integers = answers(scene, how, lane)
-    if nodes is None:
-        return (floats, None), (integers, None)
-    smooth = nodes._replace(piece=None, count=None)
-    return (floats, smooth), (integers, (nodes.piece, nodes.count))
+    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
 
 
 def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -88,12 +94,17 @@ def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict
     return floats, integers
 
 
-def _differentiable(function, provided: bool):
-    """`function(*leaves, reverse=…)` → (floats, integers), with the derivative rule of this module."""
+def _with_nodes(answer, nodes: Nodes | None):
+    """Floats and integers apart: only the former have tangents."""
+    floats, integers = answer
+    if nodes is None:
+        return (floats, None), (integers, None)
+    return (floats, nodes._replace(piece=None, count=None)), (integers, (nodes.piece, nodes.count))
 
-    @jax.custom_jvp
-    def evaluate(*leaves):
-        return function(*leaves, reverse=False)
+
+def _differentiable(function, for_arrays, provided: bool):
+    """`function(*leaves)` → (floats, integers), with the derivative rule of this module."""
+    evaluate = jax.custom_jvp(function)
 
     def rule(primals, tangents):
         if not provided:
@@ -107,7 +118,7 @@ def _differentiable(function, provided: bool):
             leaves = list(primals)
             for i, value in zip(live, values, strict=True):
                 leaves[i] = value
-            return function(*leaves, reverse=arrays)
+            return for_arrays(*leaves) if arrays else function(*leaves)
 
         if arrays:
             floats, floats_dot, integers = jax.jvp(of_live, point, directions, has_aux=True)

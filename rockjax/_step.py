@@ -29,23 +29,37 @@ LANDED = 0.3  # times √rtol of the step: the polynomial, whose error is quadra
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0  # of the step-size control
 
 
+class Decision(NamedTuple):
+    """All that is discrete about an accepted step. Told these, a step can be repeated whatever its rounding."""
+
+    h: Value
+    reaches: Flag  # the stop
+    lands: Flag  # on an event
+    fizzles: Flag
+    mode: Value  # afterwards
+
+
 class Landmark(NamedTuple):
-    """What a history keeps of a trial: whether it was accepted, and the time of the impact it ended on (else NaN)."""
+    """What may be kept of a trial: whether it was accepted, the time of the impact it ended on (else NaN), and how."""
 
     accepted: Flag
     impact_time: Value
+    decision: Decision
 
 
-def step(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
-    """Advance one lane by one trial step; in full contact without anything elastic, to the next uplift at once."""
+def step(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> tuple[Lane, Landmark]:
+    """Advance one lane by one trial step; in full contact without anything elastic, to the next uplift at once.
+
+    With a decision `told`, the accepted step that it comes from is repeated.
+    """
     if how.elastic:
-        return _trial(scene, how, lane)
+        return _trial(scene, how, lane, told)
     return jax.lax.cond(
-        lane.sigma == 0, lambda lane: leap(scene, how, lane), lambda lane: _trial(scene, how, lane), lane
+        lane.sigma == 0, lambda lane: leap(scene, how, lane), lambda lane: _trial(scene, how, lane, told), lane
     )
 
 
-def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
+def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[Lane, Landmark]:
     constant = jax.lax.stop_gradient
     c, sigma, t = scene.c, lane.sigma, lane.t
     rocking = sigma != 0
@@ -59,6 +73,8 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     a0 = field(t, lane.x, lane.v)
     fresh = rocking & (lane.x[0] == 0)
     h, reaches = _length(scene, lane, constant(a0[0]), fresh, constant(stop))
+    if told is not None:
+        h, reaches = told.h, told.reaches
 
     h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
     trial = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
@@ -92,7 +108,6 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     ahead, converges = _newton_to(ending)
     near = jnp.maximum(LANDED * jnp.sqrt(scene.rtol) * h, constant(tiny))
     lands = converges & (jnp.abs(ahead) * h <= near) & ~early & (t + h * (1 + ahead) <= constant(stop + tiny))
-    moving = ahead - _safe_ratio(ending.value(1 + ahead), ending.slope(1 + ahead), lands)
     # A lift that the next step does not confirm is none: back to full contact.
     fizzles = fresh & (constant(lane.v[0]) == 0) & (early | late) & ~lands & (h < 1e-9 / constant(c.p))
 
@@ -110,8 +125,11 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     cut = jnp.minimum(jnp.minimum(cut, event), halve)
     accepted = accurate & ~(cut < 1)
     lands, fizzles = lands & accepted, fizzles & accepted
+    if told is not None:
+        accepted, lands, fizzles = jnp.ones_like(accepted), told.lands, told.fizzles
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
+    moving = ahead - _safe_ratio(ending.value(1 + ahead), ending.slope(1 + ahead), lands)
     z = jnp.where(lands, moving, 0.0) + 1
     x, v = _at(lane, trial, a0, h, lands, z)
     now = jnp.where(lands, t + h * z, jnp.where(reaches, stop, t + h))
@@ -135,7 +153,7 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     onward, side = after_impact(scene, sigma, v0, q)
     v0 = jnp.where(hit, onward, v0)
     mode = jnp.where(hit, side, jnp.where(lifted, -jnp.sign(last), jnp.where(rocking, sigma, contact_mode(c, q))))
-    mode = constant(jnp.where(fizzles, 0.0, mode))
+    mode = constant(jnp.where(fizzles, 0.0, mode)) if told is None else told.mode
     x, v = (x0, *x[1:]), (v0, *v[1:])
     starts = accepted & ~rocking & (mode != 0)
 
@@ -186,7 +204,8 @@ def _trial(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
         code=jnp.where(~finite & ~(h > tiny), results.NOT_FINITE, lane.code),
         rejected=lane.rejected + 1,
     )
-    landmark = Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan))
+    decision = Decision(h, reaches, lands, fizzles, mode)
+    landmark = Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
     return jax.tree.map(lambda yes, no: jnp.where(accepted, yes, no), advanced, repeated), landmark
 
 
@@ -227,7 +246,8 @@ def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
         uplift_time=jnp.where(lifts & ~lane.uplifted, now, lane.uplift_time),
         steps=lane.steps + 1,
     )
-    return leapt, Landmark(jnp.ones((), bool), jnp.full_like(t, jnp.nan))
+    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
+    return leapt, Landmark(yes, jnp.full_like(t, jnp.nan), Decision(jnp.zeros_like(t), no, no, no, mode))
 
 
 def _larger(new: Value, record: Value) -> Value:
