@@ -69,6 +69,7 @@ def peak_responses(
     except ValueError as error:
         raise ValueError(f"peak_responses: the arrays in the arguments do not broadcast: {error}") from None
     batched = [y.ndim > n for y, n in zip(leaves, own, strict=True)]
+    batched[0] |= not any(batched)  # one scene is a batch of one
     scenes = [
         np.broadcast_to(np.asarray(y), (*shape, *y.shape[y.ndim - n :])).reshape(-1, *y.shape[y.ndim - n :]) if b else y
         for y, n, b in zip(leaves, own, batched, strict=True)
@@ -97,7 +98,7 @@ def _own_dimensions(structure, excitations) -> list[int]:
 
 
 def _drive(scenes, batched, structure, size: int, options: Options, progress: Any):
-    wide = any(b and y[0].size > WIDE for y, b in zip(scenes, batched, strict=True) if b and len(y))
+    wide = any(b and len(y) and y[0].size > WIDE for y, b in zip(scenes, batched, strict=True))
     lanes = LANES if size >= LANES else max(1, size)
     chunk = min(lanes if wide else CHUNK, max(lanes, -(-size // _workers())))
     starts = range(0, size, chunk)

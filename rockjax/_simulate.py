@@ -202,7 +202,7 @@ def raise_without_answer(code: Array) -> None:
     if codes is None:
         return
     failed = np.argwhere(codes > results.OVERTURNED)
-    if failed.size:
+    if len(failed):
         first = tuple(int(k) for k in failed[0])
         name = results.NAMES[int(codes[first])]
         where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""

@@ -26,6 +26,7 @@ from ._scene import Flag, Lane, Plan, Scene, Value, after_impact, contact_mode, 
 from ._settled import certificate
 
 LANDED = 0.3  # times √rtol of the step: the polynomial, whose error is quadratic here, carries the state over the rest
+NEARLY = 0.95  # of the uplift demand
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0  # of the step-size control
 
 
@@ -115,11 +116,15 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
     peak = guard.value(turn)
     peaks = rocking & rising & turned
     wanted = how.refine & peaks & (top > lane.peak * (1 - NEAR_RECORD)) & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE)
-    cut = jnp.where(wanted, turn, jnp.inf)
+    # A demand that turns close under the threshold is looked at where it turns.
+    doubtful = ~rocking & turned & ~early & (jnp.abs(top) > NEARLY * c.uplift)
+    doubtful &= (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE)
+    cut = jnp.where(wanted | doubtful, turn, jnp.inf)
     deformation, force = _maxima(scene, how, lane, ground, h, a0, trial)
     cut = jnp.minimum(cut, jnp.minimum(deformation.cut, force.cut)) if how.elastic or how.shear else cut
     event = jnp.where((early | late) & ~lands & ~fizzles, jnp.maximum(inside, 0.02), jnp.inf)
-    winding = turns_twice(fixed, rising, rises_on) & (h > tiny)
+    # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to ask.)
+    winding = turns_twice(fixed, rising, rises_on) & (h > tiny) & (how.tableau.order > 2)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > c.uplift)  # else no lift is possible
     halve = jnp.where(winding & busy, 0.5, jnp.inf)
     cut = jnp.minimum(jnp.minimum(cut, event), halve)
@@ -166,7 +171,7 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
     crest = jnp.where(at_turn, turn, end)
     on_crest = at_turn | (~lands & (end != 1))
     off = _safe_ratio(guard.slope(crest), guard.curvature(crest), on_crest)
-    tip_time = jnp.where(on_crest, t + h * (crest - off), now)
+    tip_time = jnp.where(on_crest, t + h * (crest - jnp.clip(off, -1.0, 1.0)), now)
     slowest = jnp.where(accepted & hit, jnp.minimum(lane.slowest, speed), lane.slowest)
     first = starts & ~lane.uplifted
     advanced = lane._replace(

@@ -1,0 +1,38 @@
+"""Structures and motions that the tests share."""
+
+import math
+
+import numpy as np
+
+import rockjax as rj
+
+G = 9.80665
+ALPHA = math.atan(0.15)
+PODIUMS = {
+    "block": rj.Podium(alpha=0.3, R=2.0),
+    "frame": rj.Podium(alpha=0.2, R=1.8, gamma=4.0, lam=0.3),
+    "rigid": rj.Podium(alpha=ALPHA, R=1.5, gamma=10.0, superstructure=rj.Rigid(100.0)),
+    "elastic": rj.Podium(alpha=ALPHA, R=1.5, gamma=10.0, superstructure=rj.Elastic(100.0, 0.5, 0.05)),
+}
+
+
+def elastic(T_s: float, eta: float = 100.0, zeta: float = 0.05) -> rj.Podium:
+    return PODIUMS["elastic"].replace(superstructure=rj.Elastic(eta, T_s, zeta))
+
+
+def pulse(kind=rj.Ricker, ratio: float = 2.5, T_p: float = 1.0):
+    """A pulse of amplitude ratio · g tan α for tan α = 0.15."""
+    return kind(ratio * G * 0.15, T_p)
+
+
+def shaking(n: int = 400, dt: float = 0.02, peak: float = 3.5, seed: int = 0) -> rj.Record:
+    """A synthetic record: enveloped noise with a pulse in it."""
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(n)
+    noise = np.convolve(rng.normal(size=n), np.hanning(9), mode="same")
+    a = np.exp(-(((t - 2.5) / 1.5) ** 2)) * (np.sin(2 * np.pi * 1.1 * t) + 0.3 * noise / np.abs(noise).max())
+    return rj.Record(peak * a / np.abs(a).max(), dt)
+
+
+def options(rtol: float, method: str = "tsit5", **more) -> rj.Options:
+    return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, **more)

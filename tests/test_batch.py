@@ -1,0 +1,112 @@
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+
+from .scenes import G, PODIUMS, elastic, options, shaking
+
+FIELDS = ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "overturn_time", "smallest_impact_speed")
+
+
+def amplitudes(n):
+    return np.linspace(0.5, 6.0, n) * G * 0.15
+
+
+def same(a, b, rtol=1e-7):
+    for name in FIELDS:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=rtol, atol=1e-9, equal_nan=True)
+    np.testing.assert_array_equal(a.overturned, b.overturned)
+    np.testing.assert_array_equal(a.uplifted, b.uplifted)
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_one_scene_is_its_place_in_the_batch(name):
+    podium = PODIUMS[name]
+    a_p = amplitudes(13)
+    batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10))
+    single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)) for a in a_p]
+    same(batch, jax.tree.map(lambda *y: np.stack(y), *single))
+    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)))(jnp.asarray(a_p))
+    same(batch, mapped)
+    assert batch.overturned.any()
+    assert not batch.overturned.all()
+
+
+def test_order_size_and_lanes_do_not_matter(monkeypatch):
+    podium = elastic(0.4)
+    a_p = amplitudes(700)
+    whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
+    same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
+    monkeypatch.setattr(rj._batch, "LANES", 32)
+    monkeypatch.setattr(rj._batch, "CHUNK", 100)
+    chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    same(whole, chunks, rtol=1e-6)
+
+
+def test_everything_broadcasts():
+    R = np.array([1.0, 1.5, 2.5])
+    podiums = rj.Podium(alpha=0.2, R=R[:, None], gamma=3.0)
+    peaks = rj.peak_responses(podiums, rj.OneSine(np.array([3.0, 5.0]), 0.9), initial=rj.State(0.01))
+    assert peaks.peak_rotation.shape == (3, 2)
+    single = rj.peak_response(rj.Podium(0.2, 1.5, 3.0), rj.OneSine(5.0, 0.9), initial=rj.State(0.01))
+    assert peaks.peak_rotation[1, 1] == pytest.approx(float(single.peak_rotation), rel=1e-9)
+    one = rj.peak_responses(PODIUMS["rigid"], rj.Ricker(3.0, 1.0))
+    assert one.peak_rotation.shape == ()
+    assert "6 scenes" in repr(peaks)
+    with pytest.raises(ValueError, match="broadcast"):
+        rj.peak_responses(rj.Podium(0.2, R), rj.OneSine(np.ones(4), 1.0))
+
+
+def test_records_shared_and_of_their_own():
+    records = [shaking(120, seed=k) for k in range(3)]
+    scales = np.array([0.5, 1.0, 1.5])
+    shared = rj.peak_responses(PODIUMS["rigid"], rj.Record(records[0].acceleration, 0.02, scales))
+    own = rj.peak_responses(PODIUMS["rigid"], rj.Record(np.stack([r.acceleration for r in records]), 0.02))
+    for k in range(3):
+        a = rj.peak_response(PODIUMS["rigid"], rj.Record(records[0].acceleration, 0.02, scales[k]))
+        b = rj.peak_response(PODIUMS["rigid"], records[k])
+        assert shared.peak_rotation[k] == pytest.approx(float(a.peak_rotation), rel=1e-8)
+        assert own.peak_rotation[k] == pytest.approx(float(b.peak_rotation), rel=1e-8)
+
+
+def test_one_scene_without_answer_does_not_cost_the_others():
+    podium = elastic(0.5)
+    with pytest.warns(RuntimeWarning, match="out_of_steps"):
+        peaks = rj.peak_responses(podium, rj.Ricker(np.array([0.0, 3.0]), 1.0), options=rj.Options(max_steps=150, outputs=("peak_rotation",)))
+    assert peaks.peak_rotation.shape == (2,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rj.peak_responses(podium, rj.Ricker(np.array([0.0, 3.0]), 1.0))
+
+
+def test_no_compilation_when_only_numbers_change():
+    podium = PODIUMS["rigid"]
+    rj.peak_response(podium, rj.Ricker(3.0, 1.0))
+    rj.peak_responses(podium, rj.Ricker(amplitudes(20), 1.0))
+    with jax.log_compiles(), _no_compiles():
+        changed = podium.replace(alpha=0.16, gamma=11.0)
+        o = rj.Options(rtol=1e-7, atol=1e-9, overturn_ratio=1.1)
+        rj.peak_response(changed, rj.Ricker(3.1, 1.1), options=o)
+        rj.peak_responses(changed, rj.Ricker(amplitudes(20) * 1.01, 1.1), options=o)
+
+
+class _no_compiles:
+    def __enter__(self):
+        import logging
+
+        self.messages = []
+        self.handler = logging.Handler()
+        self.handler.emit = lambda record: self.messages.append(record.getMessage())
+        logging.getLogger("jax").addHandler(self.handler)
+
+    def __exit__(self, *_):
+        import logging
+
+        logging.getLogger("jax").removeHandler(self.handler)
+        big = [m for m in self.messages if "Compiling" in m and ("solve" in m or "_run_chunk" in m)]
+        assert not big

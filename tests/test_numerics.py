@@ -1,0 +1,103 @@
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from rockjax import _hermite as hermite
+from rockjax._runge_kutta import step, tableau
+from rockjax._sincos import sincos
+
+
+def test_sincos_to_rounding():
+    x = jnp.linspace(-np.pi / 2, np.pi / 2, 20001)
+    s, c = jax.vmap(sincos)(x)
+    np.testing.assert_allclose(s, np.sin(x), rtol=0, atol=3e-16)
+    np.testing.assert_allclose(c, np.cos(x), rtol=0, atol=3e-16)
+    tiny = jnp.asarray(1e-9)
+    assert float(sincos(tiny)[0]) == float(tiny)
+    ds, dc = jax.vmap(jax.jacfwd(sincos))(x)
+    np.testing.assert_allclose(ds, np.cos(x), atol=3e-16)
+    np.testing.assert_allclose(dc, -np.sin(x), atol=3e-16)
+
+
+SOLVERS = [diffrax.Tsit5(), diffrax.Dopri8(), diffrax.Dopri5(), diffrax.Bosh3(), diffrax.Heun(), diffrax.Ralston()]
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
+def test_step_has_the_order_of_its_method_and_is_the_step_of_diffrax(solver):
+    def field(t, x, v):
+        return (-jnp.sin(x[0]) - 0.1 * v[0] + jnp.cos(2 * t),)
+
+    tab = tableau(solver)
+    x, v = (jnp.asarray(0.4),), (jnp.asarray(-0.2),)
+    a = field(0.3, x, v)
+    one = lambda h: step(tab, field, jnp.asarray(0.3), jnp.asarray(h), x, v, a)
+    term = diffrax.ODETerm(lambda t, y, _: jnp.stack([y[1], field(t, (y[0],), (y[1],))[0]]))
+    y0 = jnp.stack([x[0], v[0]])
+    state = solver.init(term, 0.3, 0.5, y0, None)
+    theirs, error, *_ = solver.step(term, 0.3, 0.5, y0, None, state, made_jump=False)
+    ours = one(0.2)
+    np.testing.assert_allclose([ours.x[0], ours.v[0]], theirs, rtol=1e-13)
+    np.testing.assert_allclose(
+        np.abs([ours.x_error[0], ours.v_error[0]]), np.abs(error), rtol=1e-3, atol=1e-15
+    )
+    np.testing.assert_allclose(ours.a[0], field(0.5, ours.x, ours.v)[0], rtol=1e-12)
+    exact = diffrax.diffeqsolve(
+        term, diffrax.Dopri8(), 0.3, 1.3, 0.01, y0,
+        stepsize_controller=diffrax.PIDController(rtol=1e-14, atol=1e-14), max_steps=100_000,
+    ).ys[0]  # fmt: skip
+
+    def many(n):
+        xs, vs, t = x, v, 0.3
+        for _ in range(n):
+            new = step(tab, field, jnp.asarray(t), jnp.asarray(1 / n), xs, vs, field(t, xs, vs))
+            xs, vs, t = new.x, new.v, t + 1 / n
+        return abs(float(xs[0] - exact[0]))
+
+    coarse, fine = (4, 8) if tab.order < 8 else (2, 4)
+    assert np.log2(many(coarse) / many(fine)) > tab.order - 0.6
+
+
+def test_quintic_joins_both_ends():
+    p = hermite.quintic(*(jnp.asarray(y) for y in (0.3, -1.2, 2.0, 0.9, 0.4, -3.0)), jnp.asarray(0.5))
+    for z, value, slope, curvature in ((0.0, 0.3, -1.2, 2.0), (1.0, 0.9, 0.4, -3.0)):
+        assert float(p.value(z)) == pytest.approx(value)
+        assert float(p.slope(z)) / 0.5 == pytest.approx(slope)
+        assert float(p.curvature(z)) / 0.25 == pytest.approx(curvature)
+
+
+def test_roots_are_found_to_rounding_and_stay_found():
+    """Also near the ends of the bracket, and once found not left again."""
+    rng = np.random.default_rng(1)
+
+    @jax.jit
+    @jax.vmap
+    def root(c):
+        p = hermite.Quintic(*c)
+        return hermite.crossing(p, jnp.zeros(()), jnp.ones(()))
+
+    roots = 10.0 ** rng.uniform(-4, -0.001, 2000)
+    # (r − z)(1 + b z²): one root, bent
+    b = rng.uniform(-0.5, 2.0, 2000)
+    zero = np.zeros_like(b)
+    c = np.stack([roots, zero - 1, b * roots, -b, zero, zero], axis=1)
+    np.testing.assert_allclose(root(jnp.asarray(c)), roots, rtol=1e-12, atol=1e-13)
+
+
+def test_turning_points():
+    p = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, 0.5, 0.1, -2.0, -3.0)), jnp.asarray(1.0))
+    z = hermite.turning_point(p, jnp.asarray(True))
+    assert abs(float(p.slope(z))) < 1e-13
+    assert not bool(hermite.turns_twice(p, jnp.asarray(True), jnp.asarray(False)))
+    wave = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, -20.0, 0.1, 1.0, 20.0)), jnp.asarray(1.0))
+    assert bool(hermite.turns_twice(wave, jnp.asarray(True), jnp.asarray(True)))
+
+
+def test_backend_computes_right_numbers():
+    """The miscompile of jax#39103: jit(vmap(matvec → reduce))."""
+    rng = np.random.default_rng(0)
+    for n in (3, 5, 8, 13):
+        A, x = rng.normal(size=(n, n)), rng.normal(size=(64, n))
+        f = lambda y, A=A: jnp.sum((jnp.asarray(A) @ y) ** 2)
+        np.testing.assert_allclose(jax.jit(jax.vmap(f))(jnp.asarray(x)), ((x @ A.T) ** 2).sum(1), rtol=1e-12)
