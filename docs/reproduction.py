@@ -176,9 +176,7 @@ def section_four() -> dict[str, str]:
     ):
         readings.append((name, f"{least(frame, T_p):.4f}", f"{rotation(frame, T_p):.4f}"))
     ratios = (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0)
-    spectrum = [
-        (f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, twice))) for w in ratios
-    ]
+    spectrum = [(f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, twice))) for w in ratios]
     return {
         "p": f"{p:.4f}",
         "frequency": f"{2 * math.pi / p:.3f}",

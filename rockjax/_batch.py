@@ -153,7 +153,7 @@ class _Queue(NamedTuple):
 
     lanes: Lane
     scenes: Any  # the parts of `Scene` that differ between scenes
-    index: jax.Array  # which scene each lane holds, chunk size where none
+    held: jax.Array  # which scene each lane holds, chunk size where none
     following: jax.Array  # the next scene to hand out
     floats: dict[str, jax.Array]
     integers: dict[str, jax.Array]
@@ -165,7 +165,8 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
     how = plan(podium, options, history=False)
 
     def ready(*leaves) -> tuple[Scene, Lane]:
-        return prepare(*jax.tree.unflatten(structure, leaves), options, how)
+        podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
+        return prepare(podium, excitation, initial, t_end, options, how)
 
     differs, _ = _differing(ready, axes, leaves)
     # Every lane starts with a state of its own; of the scene, what is common to all stays common.
@@ -200,15 +201,15 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
         return lane._replace(code=jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code))
 
     def exchange(queue: _Queue) -> _Queue:
-        done = finished(queue.lanes) & (queue.index < size)
+        done = finished(queue.lanes) & (queue.held < size)
         floats, integers = over_lanes(lambda scene, lane: answers(scene, how, closed(lane)))(queue.scenes, queue.lanes)
-        at = jnp.where(done, queue.index, size)
+        at = jnp.where(done, queue.held, size)
 
         def write(store, values):
             return jax.tree.map(lambda s, y: s.at[at].set(y, mode="drop"), store, values)
 
         fresh = queue.following + jnp.cumsum(done) - 1
-        index = jnp.where(done, jnp.where(fresh < count, fresh, size), queue.index)
+        index = jnp.where(done, jnp.where(fresh < count, fresh, size), queue.held)
         loads = done & (index < size)
 
         def load(store, held):
@@ -218,7 +219,7 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
         return _Queue(
             lanes=jax.tree.map(load, starts, queue.lanes),
             scenes=[load(store, held) for store, held in zip(moving, queue.scenes, strict=True)],
-            index=index,
+            held=index,
             following=queue.following + jnp.sum(done),
             floats=write(queue.floats, floats),
             integers=write(queue.integers, integers),
@@ -227,14 +228,14 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
     def body(queue: _Queue) -> _Queue:
         stepped = jax.lax.fori_loop(0, STRIDE, lambda _, lane: advance(queue.scenes, lane), queue.lanes)
         queue = queue._replace(lanes=stepped)
-        return jax.lax.cond(jnp.any(finished(stepped) & (queue.index < size)), exchange, lambda q: q, queue)
+        return jax.lax.cond(jnp.any(finished(stepped) & (queue.held < size)), exchange, lambda q: q, queue)
 
     index = jnp.arange(lanes)
     first, parts = jax.tree.map(lambda y: y[:lanes], starts), [y[:lanes] for y in moving]
     blank = jax.eval_shape(over_lanes(lambda scene, lane: answers(scene, how, lane)), parts, first)
     floats, integers = jax.tree.map(lambda y: jnp.zeros((size, *y.shape[1:]), y.dtype), blank)
     queue = _Queue(first, parts, jnp.where(index < count, index, size), jnp.asarray(lanes), floats, integers)
-    queue = jax.lax.while_loop(lambda queue: jnp.any(queue.index < size), body, queue)
+    queue = jax.lax.while_loop(lambda queue: jnp.any(queue.held < size), body, queue)
     return queue.floats, queue.integers
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 
@@ -23,7 +24,7 @@ def as_float(x) -> Array:
 
 def concrete(x) -> np.ndarray | None:
     """The value of `x` as NumPy, or None while it is being traced (or is a placeholder in a pytree)."""
-    if isinstance(x, jax.core.Tracer):
+    if isinstance(x, Tracer):
         return None
     try:
         return np.asarray(x, dtype=float)

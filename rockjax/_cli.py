@@ -110,10 +110,10 @@ def spectrum(
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     x, y = np.linspace(*frequency, points), np.linspace(*acceleration, points)
     total = len(ratios) * len(periods) * points**2
-    rows = []
+    rows: list[xarray.Dataset] = []
     with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
         for ratio in ratios:
-            row = []
+            row: list[xarray.Dataset] = []
             for period in periods:
                 eta = ratio * gamma
                 top = rj.Rigid(eta) if period == 0 else rj.Elastic(eta, period, zeta)

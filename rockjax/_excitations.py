@@ -10,13 +10,13 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ._checks import as_float, finite, positive, require
 
@@ -81,7 +81,7 @@ class AbstractExcitation(eqx.Module):
         """The piece that begins at or before t (the right limit at a breakpoint)."""
         return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
 
-    def __call__(self, t: Float[Array, "*times"]) -> Float[Array, "*times"]:
+    def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece the left."""
         t = as_float(t)
 
@@ -114,7 +114,8 @@ class _PulseOutlook(AbstractOutlook):
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         del piece
-        assert self.lead is not None and self.trail is not None
+        assert self.lead is not None
+        assert self.trail is not None
         tau = t / self.T_p
         knots = np.asarray(self.pulse.knots())
         leading, trailing = jnp.maximum(tau, knots[:-1]), jnp.maximum(tau, self.trail)
@@ -173,12 +174,12 @@ class AbstractPulse(AbstractExcitation):
 
     @staticmethod
     @abc.abstractmethod
-    def shape(tau):
+    def shape(tau: Any) -> Any:
         """ü_g/a_p at τ = t/T_p, inside the span."""
 
     @staticmethod
     @abc.abstractmethod
-    def velocity(tau):
+    def velocity(tau: Any) -> Any:
         """An antiderivative of the shape; NumPy in, NumPy out."""
 
     @classmethod
@@ -251,12 +252,12 @@ class Ricker(AbstractPulse):
     turning = (-math.sqrt(1.5) / math.pi, 0.0, math.sqrt(1.5) / math.pi)
 
     @staticmethod
-    def shape(tau):
+    def shape(tau: Any) -> Any:
         x = (math.pi * tau) ** 2
         return (1 - 2 * x) * _exp(-x)
 
     @staticmethod
-    def velocity(tau):
+    def velocity(tau: Any) -> Any:
         return tau * _exp(-((math.pi * tau) ** 2))
 
 
@@ -279,12 +280,12 @@ class AntisymmetricRicker(AbstractPulse):
     )
 
     @staticmethod
-    def shape(tau):
+    def shape(tau: Any) -> Any:
         z = (2 * math.pi / math.sqrt(3)) * tau
         return (z * z - 3) * z * _exp(-0.5 * z * z) / BETA
 
     @staticmethod
-    def velocity(tau):
+    def velocity(tau: Any) -> Any:
         z = (2 * math.pi / math.sqrt(3)) * tau
         return _z_to_tau(1 / BETA) * (1 - z * z) * _exp(-0.5 * z * z)
 
@@ -298,11 +299,11 @@ class OneSine(AbstractPulse):
     turning = (0.25, 0.75)
 
     @staticmethod
-    def shape(tau):
+    def shape(tau: Any) -> Any:
         return _sin(2 * math.pi * tau)
 
     @staticmethod
-    def velocity(tau):
+    def velocity(tau: Any) -> Any:
         return (1 - _cos(2 * math.pi * tau)) / (2 * math.pi)
 
 
@@ -315,11 +316,11 @@ class OneCosine(AbstractPulse):
     turning = (0.5,)
 
     @staticmethod
-    def shape(tau):
+    def shape(tau: Any) -> Any:
         return _cos(2 * math.pi * tau)
 
     @staticmethod
-    def velocity(tau):
+    def velocity(tau: Any) -> Any:
         return _sin(2 * math.pi * tau) / (2 * math.pi)
 
 
@@ -347,29 +348,28 @@ class _BoundedOutlook(AbstractOutlook):
         """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present value and
         slope stays below the threshold until its own root. Converges quadratically to a crossing."""
         del piece
-        assert self.threshold is not None
+        threshold = self.threshold
+        assert threshold is not None
         _, end = self.motion.support
         resolution = 4 * jnp.finfo(t.dtype).eps
 
         def safe_step(a, slope, sign):
-            margin = self.threshold - sign * a
+            margin = threshold - sign * a
             return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * margin)) / self.curvature
 
         def advance(carry):
             t, _ = carry
             formula = self.motion.piece(self.motion.locate(t))
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
-            found = jnp.abs(a) > self.threshold
+            found = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
             # Never stand still: a touch that does not exceed is passed in steps of the resolution of time.
             least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
             return jnp.where(found, t, t + jnp.maximum(step, least)), found
 
         t = jnp.maximum(t, self.motion.support[0])
-        quiet = self.amplitude <= self.threshold
-        t, found = jax.lax.while_loop(
-            lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool))
-        )
+        quiet = self.amplitude <= threshold
+        t, found = jax.lax.while_loop(lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool)))
         return jnp.where(found, t, jnp.inf)
 
     def impulse(self, t: Value, piece: Index) -> Value:

@@ -24,7 +24,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]
     piece: Array
     impact_time: Float[Array, " n"]  # NaN unless the node is an impact
-    count: Index
+    used: Index
 
 
 def blank_nodes(lane: Lane, capacity: int) -> Nodes:
@@ -37,7 +37,7 @@ def blank_nodes(lane: Lane, capacity: int) -> Nodes:
         sigma=zeros,
         piece=jnp.zeros((capacity,), lane.piece.dtype),
         impact_time=jnp.full_like(zeros, jnp.nan),
-        count=jnp.zeros((), jnp.int32),
+        used=jnp.zeros((), jnp.int32),
     )
 
 
@@ -47,10 +47,10 @@ def _put(buffers, at: Index, values):
 
 
 def _append(nodes: Nodes, lane: Lane, impact_time: Value, valid: Array) -> Nodes:
-    row = Nodes(lane.t, lane.x, lane.v, lane.sigma, lane.piece, impact_time, nodes.count)
-    at = jnp.where(valid, nodes.count, nodes.t.shape[0])
-    filled = _put(nodes._replace(count=None), at, row._replace(count=None))
-    return filled._replace(count=nodes.count + valid)
+    row = Nodes(lane.t, lane.x, lane.v, lane.sigma, lane.piece, impact_time, nodes.used)
+    at = jnp.where(valid, nodes.used, nodes.t.shape[0])
+    filled = _put(nodes._replace(used=None), at, row._replace(used=None))
+    return filled._replace(used=nodes.used + valid)
 
 
 def _first_node(lane: Lane, capacity: int) -> Nodes:
@@ -68,9 +68,7 @@ def _closed(lane: Lane) -> Lane:
 
 def run(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> Lane:
     """The lane at its end."""
-    return _closed(
-        jax.lax.while_loop(lambda lane: _runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane)
-    )
+    return _closed(jax.lax.while_loop(lambda lane: _runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane))
 
 
 def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capacity: int) -> tuple[Lane, Nodes]:
@@ -80,7 +78,7 @@ def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capaci
         lane, nodes = carry
         lane, landmark = step(scene, how, lane)
         nodes = _append(nodes, lane, landmark.impact_time, landmark.accepted)
-        full = (nodes.count >= capacity) & (lane.code == results.RUNNING)
+        full = (nodes.used >= capacity) & (lane.code == results.RUNNING)
         return lane._replace(code=jnp.where(full, results.HISTORY_FULL, lane.code)), nodes
 
     start = (lane, _first_node(lane, capacity))

@@ -30,7 +30,7 @@ class Quintic(NamedTuple):
     def value(self, z: Value) -> Value:
         return self.c0 + z * (self.c1 + z * (self.c2 + z * (self.c3 + z * (self.c4 + z * self.c5))))
 
-    def slope(self, z: Value) -> Value:
+    def slope(self, z: Value | float) -> Value:
         return self.c1 + z * (2 * self.c2 + z * (3 * self.c3 + z * (4 * self.c4 + z * (5 * self.c5))))
 
     def curvature(self, z: Value) -> Value:

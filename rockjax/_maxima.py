@@ -76,4 +76,3 @@ def cubic(f0: Value, rate0: Value, f1: Value, rate1: Value, h: Value) -> Quintic
     m0, m1, rise = h * rate0, h * rate1, f1 - f0
     zero = jnp.zeros_like(f0)
     return Quintic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, zero, zero)
-

@@ -9,7 +9,7 @@ States are positions x and velocities v, both tuples over the degrees of freedom
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -40,11 +40,12 @@ class Coefficients(NamedTuple):
     impulse: Value  # C of the energy bound, see `energy_after`
     g: Value
     eta: Value
-    coupling: Value | None  # 3η/(2R)
-    demand: Value | None  # 2η/(1+2γ), Eq. (9)
-    omega2: Value | None  # ω_s²
-    damping: Value | None  # 2ζω_s
-    uplifted_frequency: Value | None  # Eq. (31)
+    # None, and never looked at, where nothing is elastic:
+    coupling: Value  # 3η/(2R)
+    demand: Value  # 2η/(1+2γ), Eq. (9)
+    omega2: Value  # ω_s²
+    damping: Value  # 2ζω_s
+    uplifted_frequency: Value  # Eq. (31)
 
     @property
     def elastic(self) -> bool:
@@ -59,6 +60,7 @@ def coefficients(podium: Podium) -> Coefficients:
     moving = eta if elastic else jnp.zeros_like(eta)
     lam, R, g, p = podium.lam, podium.R, podium.g, podium.p
     spin = 1 + lam + 4 * gamma
+    absent: Any = None
     return Coefficients(
         alpha=podium.alpha,
         sin_alpha=jnp.sin(podium.alpha),
@@ -76,11 +78,11 @@ def coefficients(podium: Podium) -> Coefficients:
         impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + moving / 2),
         g=g,
         eta=moving,
-        coupling=1.5 * eta / R if elastic else None,
-        demand=2 * eta / (1 + 2 * gamma) if elastic else None,
-        omega2=elastic.omega_s**2 if elastic else None,
-        damping=2 * elastic.zeta * elastic.omega_s if elastic else None,
-        uplifted_frequency=podium.uplifted_frequency if elastic else None,
+        coupling=1.5 * eta / R if elastic else absent,
+        demand=2 * eta / (1 + 2 * gamma) if elastic else absent,
+        omega2=elastic.omega_s**2 if elastic else absent,
+        damping=2 * elastic.zeta * elastic.omega_s if elastic else absent,
+        uplifted_frequency=podium.uplifted_frequency if elastic else absent,
     )
 
 

@@ -82,9 +82,7 @@ class Options(eqx.Module):
         if isinstance(self.method, diffrax.AbstractSolver):
             return self.method
         if self.method not in METHODS:
-            raise ValueError(
-                f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}"
-            )
+            raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}")
         return METHODS[self.method]()
 
     def check_precision(self) -> None:

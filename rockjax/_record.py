@@ -88,9 +88,7 @@ class Record(AbstractExcitation):
         samples = concrete(self.acceleration)
         if samples is not None and not np.isfinite(samples).all():
             where = np.argwhere(~np.isfinite(samples))[0]
-            raise ValueError(
-                f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}"
-            )
+            raise ValueError(f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}")
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 
@@ -33,9 +34,9 @@ def named(code: Int[Array, ""]) -> RESULTS:
     return result
 
 
-def code_of(result: RESULTS) -> Int[Array, "*batch"]:
+def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
     """The codes of one result or of a batch of them."""
-    return result._value  # pyright: ignore[reportAttributeAccessIssue]
+    return result._value
 
 
 class State(eqx.Module):
@@ -98,7 +99,7 @@ class Peak(AbstractPeak):
 def describe(peak: AbstractPeak) -> str:
     """A readable account of one scene, or of the size of a batch."""
     kind = type(peak).__name__
-    if isinstance(peak.peak_rotation, jax.core.Tracer) or not hasattr(peak.peak_rotation, "ndim"):
+    if isinstance(peak.peak_rotation, Tracer) or not hasattr(peak.peak_rotation, "ndim"):
         return f"{kind}(traced)"
     if peak.peak_rotation.ndim:
         overturned = int(jnp.sum(peak.overturned))

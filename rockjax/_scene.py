@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from . import _results as results
 from ._excitations import AbstractExcitation, AbstractOutlook
@@ -83,8 +83,8 @@ class Lane(NamedTuple):
     code: Index  # results.RUNNING, or how the scene ended
     peak: Value  # max|θ| so far
     peak_time: Value
-    deformation: Value | None
-    shear: Value | None
+    deformation: Value  # None where not wanted
+    shear: Value  # likewise
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
@@ -149,6 +149,7 @@ def prepare(
     sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
     code = jnp.where(toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING))
+    absent: Any = None
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
     lane = Lane(
         t=t,
@@ -162,8 +163,8 @@ def prepare(
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
         peak=jnp.minimum(jnp.abs(initial.theta), scene.topple),
         peak_time=start,
-        deformation=jnp.zeros_like(t) if how.deformation else None,
-        shear=jnp.zeros_like(t) if how.shear else None,
+        deformation=jnp.zeros_like(t) if how.deformation else absent,
+        shear=jnp.zeros_like(t) if how.shear else absent,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
@@ -177,9 +178,7 @@ def prepare(
 
 
 @jax.custom_jvp
-def restart(
-    scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index
-) -> tuple[Vector, Vector]:
+def restart(scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index) -> tuple[Vector, Vector]:
     """The state (x, v) at the time of an event, seen at the fixed time stamp t.
 
     The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state taken to

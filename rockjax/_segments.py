@@ -27,9 +27,7 @@ SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
 
 
-def run_segments(
-    scene: Scene, how: Plan, lane: Lane, options: Options, capacity: int | None
-) -> tuple[Lane, Nodes | None]:
+def run_segments(scene: Scene, how: Plan, lane: Lane, options: Options, capacity: int | None) -> tuple[Lane, Nodes | None]:
     """The lane at its end and, if `capacity` is given, its accepted steps on the way."""
     nodes = None
     if capacity is not None:
@@ -58,14 +56,14 @@ def run_segments(
     lane, nodes = jax.lax.while_loop(running, body, (lane, nodes))
     code = jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code)
     if nodes is not None:
-        code = jnp.where(nodes.count > nodes.t.shape[0], results.HISTORY_FULL, code)
+        code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return lane._replace(code=code), nodes
 
 
 def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
-    at = jnp.where(valid, nodes.count + jnp.cumsum(valid) - 1, nodes.t.shape[0])
+    at = jnp.where(valid, nodes.used + jnp.cumsum(valid) - 1, nodes.t.shape[0])
 
     def put(store, values):
         return store.at[at].set(jnp.broadcast_to(values, ts.shape), mode="drop")
@@ -77,7 +75,7 @@ def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piec
         sigma=put(nodes.sigma, lane.sigma if sigma is None else sigma),
         piece=put(nodes.piece, lane.piece if piece is None else piece),
         impact_time=put(nodes.impact_time, jnp.nan if impact_time is None else impact_time),
-        count=nodes.count + jnp.sum(valid, dtype=jnp.int32),
+        used=nodes.used + jnp.sum(valid, dtype=jnp.int32),
     )
 
 
@@ -151,6 +149,8 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         direction=False,
     )
     solution = solve(stop, diffrax.SaveAt(steps=True, dense=True), event)
+    assert solution.ts is not None
+    assert solution.ys is not None
     count = solution.stats["num_accepted_steps"]
     fired = solution.result == diffrax.RESULTS.event_occurred
     exhausted = solution.result == diffrax.RESULTS.max_steps_reached
@@ -223,13 +223,14 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         lo, _ = jax.lax.fori_loop(0, 40, halve, (lo, hi))
         at = jnp.where(inside, lo, here)
         worth = values[k] > record * (1 - 1e-2)
-        best = jax.lax.cond(
-            worth & inside, lambda: jnp.abs(quantity(at, *solve_to(at))), lambda: values[k]
-        )
+        best = jax.lax.cond(worth & inside, lambda: jnp.abs(quantity(at, *solve_to(at))), lambda: values[k])
         return best, at
 
     tip, tip_time = peak_of(lambda t, x, v: sigma * x[0], lane.peak)
-    tip, tip_time = jnp.where(toppled, scene.topple, jnp.minimum(tip, scene.topple)), jnp.where(toppled, ended, tip_time)
+    tip, tip_time = (
+        jnp.where(toppled, scene.topple, jnp.minimum(tip, scene.topple)),
+        jnp.where(toppled, ended, tip_time),
+    )
     raises = rocking & (tip > lane.peak)
     deformation, force = lane.deformation, lane.shear
     if how.deformation:
@@ -275,6 +276,6 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         end = jnp.where(missed, jnp.inf, ended)[None]
         at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
         nodes = _keep(nodes, lane, end, *at_end, mode, advanced.piece, jnp.where(hit, ended, jnp.nan))
-        full = (nodes.count >= nodes.t.shape[0]) & (after.code == results.RUNNING)
+        full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
         after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(lane.code.dtype))
     return after, nodes

@@ -35,7 +35,6 @@ def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value
             angular = (c.gravity * c.sin_alpha + c.ground * to_come) / c.inertia + 2 * most / c.spin
             stays_under &= to_come + c.two_R * angular < lane.shear * c.g
         return stays_under & (not how.impacts)
-    assert c.omega2 is not None and c.damping is not None
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.
     contact = jnp.where(sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf)
     demand = to_come + c.demand / jnp.sqrt(jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)) * jnp.sqrt(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from . import _results as results
 from ._checks import as_float, concrete, require
@@ -41,7 +41,7 @@ class Response(AbstractPeak):
     def times(self) -> Float[Array, " nodes"]:
         return self.nodes.t
 
-    def __call__(self, t: Float[Array, "*times"], left: bool = False) -> State:
+    def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
         """State at times t [s]; NaN before the start and after the end of the scene.
 
         A rigid scene that has settled is at rest for good, so it has no end.
@@ -63,7 +63,7 @@ class Response(AbstractPeak):
         if self.options.engine == "segments":
             explicit = Options(method="dopri8").solver
         k = jnp.searchsorted(nodes.t, t, side="left" if left else "right") - 1
-        k = jnp.clip(k, 0, nodes.count - 1)
+        k = jnp.clip(k, 0, nodes.used - 1)
         x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
         start, sigma = nodes.t[k], nodes.sigma[k]
         ground = self.excitation.piece(nodes.piece[k])
@@ -79,15 +79,15 @@ class Response(AbstractPeak):
         x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (trial.x, trial.v))
         return x, v, sigma
 
-    def deformation(self, t: Float[Array, "*times"]) -> Float[Array, "*times"]:
+    def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one."""
         return self._map(t, lambda c, x, v, sigma: x[1] - beam(c, sigma, x[0], v[0])[0] if c.elastic else 0.0 * x[0])
 
-    def energy(self, t: Float[Array, "*times"]) -> Float[Array, "*times"]:
+    def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
         return self._map(t, lambda c, x, v, sigma: energy(c, sigma, x, v))
 
-    def _map(self, t, quantity):
+    def _map(self, t: Float[ArrayLike, "*times"], quantity) -> Float[Array, "*times"]:
         t = as_float(t)
         c = coefficients(self.podium)
 
@@ -143,8 +143,9 @@ def simulate(
         if not full or capacity >= options.max_steps + 1:
             break
         capacity = min(4 * capacity, options.max_steps + 1)
+    assert nodes is not None
     impact_times = jnp.sort(nodes.impact_time)  # NaN last
-    count = concrete(nodes.count)
+    count = concrete(nodes.used)
     if count is not None and count.ndim == 0:
         used = int(count)
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
@@ -161,7 +162,7 @@ def simulate(
 
 def _solved(podium, excitation, initial, t_end, options, history):
     (floats, smooth), (integers, rest) = solve(podium, excitation, initial, t_end, options, history)
-    nodes = None if smooth is None else smooth._replace(piece=rest[0], count=rest[1])
+    nodes = None if smooth is None else smooth._replace(piece=rest[0], used=rest[1])
     return floats, integers, nodes
 
 
@@ -248,5 +249,3 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     start = concrete(excitation.support[0])
     if t_end is not None and start is not None and start.ndim == 0:
         require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
-
-

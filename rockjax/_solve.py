@@ -34,7 +34,10 @@ def solve(
     options: Options,
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
-    """((floats, nodes), (integers and flags, rest of the nodes)) of one scene; `history` is the number of steps to keep, None keeps none."""
+    """((floats, nodes), (integers and flags, rest of the nodes)) of one scene.
+
+    `history` is the number of steps to keep, None keeps none.
+    """
     how = plan(podium, options, history is not None)
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
 
@@ -99,7 +102,7 @@ def _with_nodes(answer, nodes: Nodes | None):
     floats, integers = answer
     if nodes is None:
         return (floats, None), (integers, None)
-    return (floats, nodes._replace(piece=None, count=None)), (integers, (nodes.piece, nodes.count))
+    return (floats, nodes._replace(piece=None, used=None)), (integers, (nodes.piece, nodes.used))
 
 
 def _differentiable(function, for_arrays, provided: bool):

@@ -60,7 +60,10 @@ def rocking_spectrum(
     """
     import xarray
 
-    axes = {"frequency_ratio": np.asarray(frequency_ratio, float), "acceleration_ratio": np.asarray(acceleration_ratio, float)}
+    axes = {
+        "frequency_ratio": np.asarray(frequency_ratio, float),
+        "acceleration_ratio": np.asarray(acceleration_ratio, float),
+    }
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
             raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")

@@ -11,6 +11,7 @@ back (`restart`), which is exact in forward and reverse mode.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
@@ -185,8 +186,8 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, tip, lane.peak),
         peak_time=jnp.where(raises, tip_time, lane.peak_time),
-        deformation=_larger(deformation.value, lane.deformation) if how.deformation else None,
-        shear=_larger(force.value, lane.shear) if how.shear else None,
+        deformation=_larger(deformation.value, lane.deformation) if how.deformation else lane.deformation,
+        shear=_larger(force.value, lane.shear) if how.shear else lane.shear,
         uplifted=lane.uplifted | starts,
         uplift_time=jnp.where(first, now, lane.uplift_time),
         overturn_time=jnp.where(toppled, now, lane.overturn_time),
@@ -234,7 +235,7 @@ def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     mode = jnp.where(lifts, side, 0.0)
     x, v = restart(scene, stamp, now - constant(now), lane.x, lane.v, mode, piece)
     code = jnp.where(lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME))
-    force = None
+    force = lane.shear
     if how.shear:
         highest = scene.outlook.highest_time(t, jnp.minimum(lifts_at, end))
         force = _larger(jnp.abs(excitation(constant(highest))) / c.g, lane.shear)
@@ -315,7 +316,7 @@ def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, tr
     c, sigma = scene.c, lane.sigma
     angle = tuple(sigma * y for y in (lane.x[0], lane.v[0], a0[0], trial.x[0], trial.v[0], trial.a[0]))
     if not how.elastic:
-        return quintic(*angle, h)
+        return _through(angle, h)
 
     def jet(t, x, v, a):
         one = jnp.ones_like(t)
@@ -325,7 +326,13 @@ def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, tr
         return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
 
     demand = (*jet(lane.t, lane.x, lane.v, a0), *jet(lane.t + h, trial.x, trial.v, trial.a))
-    return quintic(*(jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
+    return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
+
+
+def _through(ends: Iterable[Value], h: Value) -> Quintic:
+    """The quintic through (value, slope, curvature) at the start and at the end."""
+    x0, v0, a0, x1, v1, a1 = ends
+    return quintic(x0, v0, a0, x1, v1, a1, h)
 
 
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
@@ -363,7 +370,7 @@ def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, t
     c, sigma = scene.c, lane.sigma
     none = Maximum(jnp.zeros_like(h), jnp.full_like(h, jnp.inf))
     if how.elastic and (how.deformation or how.shear):
-        jets = []
+        jets: list[tuple[Value, Value, Value]] = []
         for x, v, a in ((lane.x, lane.v, a0), (trial.x, trial.v, trial.a)):
             u_b, u_b_dot = beam(c, sigma, x[0], v[0])
             jets.append((x[1] - u_b, v[1] - u_b_dot, a[1] - beam_acceleration(c, sigma, x[0], v[0], a[0])))

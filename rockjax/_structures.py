@@ -83,7 +83,13 @@ class GivenRestitution(eqx.Module):
     e: Number = eqx.field(converter=as_float)
 
     def __check_init__(self):
-        require("Podium", "restitution", self.e, lambda v: (v >= 0) & (v <= 1), "'paper', 'compatible' or a factor in [0, 1]")
+        require(
+            "Podium",
+            "restitution",
+            self.e,
+            lambda v: (v >= 0) & (v <= 1),
+            "'paper', 'compatible' or a factor in [0, 1]",
+        )
 
     def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
         del sin2, gamma, eta, lam
@@ -122,7 +128,7 @@ class Podium(eqx.Module):
     alpha: Number = eqx.field(converter=as_float)
     R: Number = eqx.field(converter=as_float)
     gamma: Number = eqx.field(converter=as_float, default=0.0)
-    superstructure: None | Elastic | Rigid = None
+    superstructure: Elastic | Rigid | None = None
     lam: Number = eqx.field(converter=as_float, default=1 / 3)
     restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
     g: Number = eqx.field(converter=as_float, default=STANDARD_GRAVITY)

@@ -46,7 +46,14 @@ def dimensional_axes(dataset: xarray.Dataset, ax: Axes, period: bool = True, acc
         top.set_xticks([T for T in (3, 2, 1.5, 1, 0.8, 0.6, 0.5, 0.4) if _inside(_period(T, p), ax.get_xlim())])
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
-        right = ax.secondary_yaxis("right", functions=(lambda r: r * unit, lambda a: a / unit))
+
+        def times_unit(ratio):
+            return ratio * unit
+
+        def over_unit(a):
+            return a / unit
+
+        right = ax.secondary_yaxis("right", functions=(times_unit, over_unit))
         right.set_ylabel(r"$a_p$ [g]")
     return ax
 

@@ -46,7 +46,7 @@ def simulate(podium: rj.Podium, acceleration, start, end, breaks=(), initial=(0.
         return m_t * (w**2 * (u - u_b) + 2 * z * w * (ud - v_b)), u - u_b
 
     def rocking(t, y, s):
-        th, om, u, ud = y
+        th, om, _, ud = y
         psi = s * alpha - th
         sn, cs, a = math.sin(psi), math.cos(psi), acceleration(t)
         F, _ = force(s, y)
@@ -81,7 +81,7 @@ def simulate(podium: rj.Podium, acceleration, start, end, breaks=(), initial=(0.
             return min(max(tt, lo + eps), hi - eps)
 
         def inner(f, s0=s0, clip=clip):
-            return lambda tt, yy: f(clip(tt), yy, s0) if s0 else f(clip(tt), yy)
+            return lambda time, state: f(clip(time), state, s0) if s0 else f(clip(time), state)
 
         events = []
         if s:

@@ -1,5 +1,7 @@
 """Against an independent implementation, against itself at other tolerances, and against the segments engine."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ import rockjax as rj
 from rockjax._model import impact
 
 from . import reference
-from .scenes import G, PODIUMS, elastic, options, pulse, shaking
+from .scenes import PODIUMS, G, elastic, options, pulse, shaking
 
 SCENES = {
     "block, sine": (PODIUMS["block"], rj.OneSine(4.0, 1.2)),
@@ -197,7 +199,7 @@ def test_energy_balance(name):
     hits = hits[hits > float(motion.support[1])]
     assert len(hits) >= 2
     edges = np.append(float(motion.support[1]), hits)
-    for lo, hi in zip(edges[:-1], edges[1:], strict=True):
+    for lo, hi in itertools.pairwise(edges):
         E = np.asarray(response.energy(np.linspace(lo, hi - 1e-9, 9)))
         np.testing.assert_allclose(E, E[0], rtol=1e-8)
     c = rj._model.coefficients(podium)

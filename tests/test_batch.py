@@ -7,7 +7,7 @@ import pytest
 
 import rockjax as rj
 
-from .scenes import G, PODIUMS, elastic, options, shaking
+from .scenes import PODIUMS, G, elastic, options, shaking
 
 FIELDS = ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "overturn_time", "smallest_impact_speed")
 
@@ -77,7 +77,9 @@ def test_records_shared_and_of_their_own():
 def test_one_scene_without_answer_does_not_cost_the_others():
     podium = elastic(0.5)
     with pytest.warns(RuntimeWarning, match="out_of_steps"):
-        peaks = rj.peak_responses(podium, rj.Ricker(np.array([0.0, 3.0]), 1.0), options=rj.Options(max_steps=150, outputs=("peak_rotation",)))
+        peaks = rj.peak_responses(
+            podium, rj.Ricker(np.array([0.0, 3.0]), 1.0), options=rj.Options(max_steps=150, outputs=("peak_rotation",))
+        )
     assert peaks.peak_rotation.shape == (2,)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

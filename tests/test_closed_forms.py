@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 import rockjax as rj
 
-from .scenes import ALPHA, G, PODIUMS, options, pulse, shaking
+from .scenes import ALPHA, PODIUMS, G, options, pulse, shaking
 
 OPTIONS = options(1e-11, "dopri8", outputs=("peak_rotation",))
 
@@ -120,7 +120,9 @@ def test_elastic_contact_is_a_linear_oscillator():
     """Below uplift Eq. (4) has a closed form: free vibration from an initial displacement."""
     T, z, u0 = 0.5, 0.05, 0.004
     podium = PODIUMS["elastic"]
-    response = rj.simulate(podium, rj.Rest(), initial=rj.State(0.0, 0.0, u0, 0.0), t_end=3.0, options=options(1e-11, "dopri8"))
+    response = rj.simulate(
+        podium, rj.Rest(), initial=rj.State(0.0, 0.0, u0, 0.0), t_end=3.0, options=options(1e-11, "dopri8")
+    )
     w = 2 * math.pi / T
     wd = w * math.sqrt(1 - z * z)
     t = np.linspace(0, 3, 61)

@@ -10,7 +10,7 @@ import pytest
 import rockjax as rj
 
 from . import reference
-from .scenes import ALPHA, G, PODIUMS, elastic, options, pulse
+from .scenes import ALPHA, PODIUMS, elastic, options, pulse
 
 BLOCK = PODIUMS["block"]
 UP = float(BLOCK.uplift_acceleration)

@@ -10,7 +10,7 @@ import pytest
 import rockjax as rj
 
 from . import reference
-from .scenes import ALPHA, G, PODIUMS, options, shaking
+from .scenes import ALPHA, PODIUMS, G, options, shaking
 
 FINE = options(1e-13, "dopri8")
 ELASTIC = jnp.array([ALPHA, 1.5, 10.0, 100.0, 0.5, 0.05, 1 / 3, 0.956, G, 2.2 * G * 0.15, 1.0])
@@ -162,7 +162,9 @@ def test_initial_state_and_end():
 
     def peak(y):
         initial = rj.State(y[0], y[1], y[2], y[3])
-        return rj.peak_response(podium, rj.Ricker(3.0, 1.0), initial=initial, t_end=y[4], options=options(1e-10, "dopri8")).peak_rotation
+        return rj.peak_response(
+            podium, rj.Ricker(3.0, 1.0), initial=initial, t_end=y[4], options=options(1e-10, "dopri8")
+        ).peak_rotation
 
     y = jnp.array([0.02, 0.01, 0.01, 0.02, 1.4])
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
@@ -175,7 +177,9 @@ def test_a_peak_at_the_end_moves_with_it():
     block = PODIUMS["block"]
 
     def peak(t_end):
-        return rj.peak_response(block, rj.Rest(), initial=rj.State(0.05, 0.3), t_end=t_end, options=options(1e-11)).peak_rotation
+        return rj.peak_response(
+            block, rj.Rest(), initial=rj.State(0.05, 0.3), t_end=t_end, options=options(1e-11)
+        ).peak_rotation
 
     response = rj.simulate(block, rj.Rest(), initial=rj.State(0.05, 0.3), t_end=0.1, options=options(1e-11))
     slope = float(response(0.1, left=True).theta_dot) / 0.3
@@ -256,6 +260,6 @@ def test_second_derivatives_are_refused():
     f = lambda a: rj.peak_response(PODIUMS["rigid"], rj.Ricker(a, 1.0)).peak_rotation
     with pytest.raises(NotImplementedError, match="first derivatives only"):
         jax.grad(jax.grad(f))(3.0)
+    o = rj.Options(engine="segments")
     with pytest.raises(NotImplementedError, match="engine='flat'"):
-        o = rj.Options(engine="segments")
         jax.grad(lambda a: rj.peak_response(PODIUMS["rigid"], rj.Ricker(a, 1.0), options=o).peak_rotation)(3.0)

@@ -9,7 +9,7 @@ import rockjax as rj
 from rockjax import _model as model
 from rockjax._scene import contact_mode
 
-from .scenes import G, PODIUMS
+from .scenes import PODIUMS, G
 
 ELASTIC = rj.Podium(alpha=0.25, R=1.7, gamma=3.0, superstructure=rj.Elastic(8.0, 0.6, 0.07), lam=0.29)
 STATES = np.random.default_rng(0).normal(size=(20, 5)) * [0.1, 0.5, 0.2, 0.6, 3.0]

@@ -11,7 +11,7 @@ import rockjax as rj
 from rockjax import plots
 from rockjax._files import write_whole
 
-from .scenes import G, PODIUMS, pulse
+from .scenes import PODIUMS, G, pulse
 
 X, Y = np.linspace(1.5, 8, 7), np.linspace(1, 8, 6)
 
@@ -125,7 +125,11 @@ def test_command_line_response(tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
-    [(("response", "--R", "-1"), "R"), (("response", "--method", "euler"), "euler"), (("spectrum", "--T-s", "a,b"), "a,b")],
+    [
+        (("response", "--R", "-1"), "R"),
+        (("response", "--method", "euler"), "euler"),
+        (("spectrum", "--T-s", "a,b"), "a,b"),
+    ],
 )
 def test_command_line_errors_are_one_line(tmp_path, arguments, word):
     done = run(*arguments, cwd=tmp_path)
@@ -139,5 +143,7 @@ def test_help_and_imports(tmp_path):
     for arguments in ((), ("spectrum",), ("response",)):
         done = run(*arguments, "--help", cwd=tmp_path)
         assert done.returncode == 0
-    code = "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' in sys.modules)"
+    code = (
+        "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

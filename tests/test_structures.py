@@ -9,7 +9,7 @@ import pytest
 import rockjax as rj
 from rockjax._model import acceleration, coefficients
 
-from .scenes import G, PODIUMS
+from .scenes import PODIUMS, G
 
 
 def test_parameters_of_the_paper():
