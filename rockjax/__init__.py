@@ -1,6 +1,13 @@
 """Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives."""
 
 import os as _os
+from importlib.metadata import version as _version
+
+if _version("jaxlib").startswith("0.10."):
+    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
+    _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
+    if "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
+        _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
 
 import jax as _jax
 

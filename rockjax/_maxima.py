@@ -38,15 +38,23 @@ def summit(path, end: float) -> Value:
     return jnp.where(flat & (jnp.abs(ahead) <= ON_SUMMIT), end + ahead, end)
 
 
-def largest(path, record: Value) -> Maximum:
-    """max|f| over z ∈ [0, 1] of a path f(z) (value, slope, curvature)."""
-    before, after = path.slope(0.0), path.slope(1.0)
-    turned = before * after < 0
-    z = turning_point(jax.lax.stop_gradient(path), before > 0)
+class End(NamedTuple):
+    """An end of a step: the quantity, its rate in time, and how far past its time stamp the end lies [s]."""
+
+    value: Value
+    rate: Value
+    past: Value
+
+
+def largest(path, record: Value, ends: tuple[End, End]) -> Maximum:
+    """max|f| over a step from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its ends."""
+    turned = ends[0].rate * ends[1].rate < 0
+    z = turning_point(jax.lax.stop_gradient(path), ends[0].rate > 0)
     value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
-    for end in (0.0, 1.0):
-        at_end = jnp.abs(path.value(summit(path, end)))
-        value = jnp.where(at_end > value, at_end, value)
+    for place, end in zip((0.0, 1.0), ends, strict=True):
+        on_summit = summit(path, place)
+        there = jnp.where(on_summit == place, end.value + end.past * end.rate, path.value(on_summit))
+        value = jnp.where(jnp.abs(there) > value, jnp.abs(there), value)
     raises = turned & (value > record * (1 - NEAR_RECORD)) & (z > WELL_INSIDE) & (z < 1 - WELL_INSIDE)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 

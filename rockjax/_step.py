@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from . import _results as results
 from ._hermite import Quintic, crossing, quintic, turning_point, turns_twice
-from ._maxima import NEAR_RECORD, WELL_INSIDE, Maximum, Spring, cubic, largest, summit
+from ._maxima import NEAR_RECORD, WELL_INSIDE, End, Maximum, Spring, cubic, largest, summit
 from ._model import Vector, acceleration, beam, beam_acceleration, shear, uplift_demand
 from ._runge_kutta import Step
 from ._runge_kutta import step as runge_kutta
@@ -86,14 +86,15 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
     accurate = finite & ((error <= 1) | (h < constant(tiny)))
 
     # The guard over the step, monotone on both sides of at most one turning point.
-    guard = jax.lax.optimization_barrier(_guard(scene, how, lane, ground, h, a0, trial))
+    guard, at_end = jax.lax.optimization_barrier(_guard(scene, how, lane, ground, h, a0, trial))
     fixed: Quintic = constant(guard)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
-    rises_on = fixed.slope(one) > 0
+    rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
     turn = jnp.where(turned, turning_point(fixed, rising), one)
-    top, last = fixed.value(turn), fixed.value(one)
+    last = constant(at_end.c0)
+    top = jnp.where(turned, fixed.value(turn), last)
     topple = constant(scene.topple)
 
     def broken(value):
@@ -106,10 +107,16 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
     inside = crossing(constant(margin), jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
 
     # Does the step end on the event?
-    ending = _margin(scene, rocking, guard, last, ~rises_on)
-    ahead, converges = _newton_to(ending)
+    ending = _margin(scene, rocking, at_end, last, ~rises_on)
+    ahead, converges = _newton_to(ending, 0.5 * h)
     near = jnp.maximum(LANDED * jnp.sqrt(scene.rtol) * h, constant(tiny))
-    lands = converges & (jnp.abs(ahead) * h <= near) & ~early & (t + h * (1 + ahead) <= constant(stop + tiny))
+    lands = converges & (jnp.abs(ahead) <= near) & ~early & (t + h + ahead <= constant(stop + tiny))
+    if told is not None:
+        lands = told.lands
+    # Events and breakpoints move with the parameters: how far past its stamps the step begins and ends.
+    moving = ahead - _safe_ratio(ending.value(ahead), ending.slope(ahead), lands)
+    before = lane.mark - constant(lane.mark)
+    after = jnp.where(lands, moving, jnp.where(reaches, stop - constant(stop), 0.0))
     # A lift that the next step does not confirm is none: back to full contact.
     fizzles = fresh & (constant(lane.v[0]) == 0) & (early | late) & ~lands & (h < 1e-9 / constant(c.p))
 
@@ -121,7 +128,7 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
     doubtful = ~rocking & turned & ~early & (jnp.abs(top) > NEARLY * c.uplift)
     doubtful &= (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE)
     cut = jnp.where(wanted | doubtful, turn, jnp.inf)
-    deformation, force = _maxima(scene, how, lane, ground, h, a0, trial)
+    deformation, force = _maxima(scene, how, lane, ground, h, a0, trial, before, after)
     cut = jnp.minimum(cut, jnp.minimum(deformation.cut, force.cut)) if how.elastic or how.shear else cut
     event = jnp.where((early | late) & ~lands & ~fizzles, jnp.maximum(inside, 0.02), jnp.inf)
     # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to ask.)
@@ -135,16 +142,10 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
         accepted, lands, fizzles = jnp.ones_like(accepted), told.lands, told.fizzles
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
-    moving = ahead - _safe_ratio(ending.value(1 + ahead), ending.slope(1 + ahead), lands)
-    z = jnp.where(lands, moving, 0.0) + 1
-    x, v = _at(lane, trial, a0, h, lands, z)
-    now = jnp.where(lands, t + h * z, jnp.where(reaches, stop, t + h))
+    x, v = _past(trial, after)
+    now = jnp.where(lands, t + h + after, jnp.where(reaches, stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(stop)), constant(now))
     delta = jnp.where(lands | reaches, now - constant(now), 0.0)
-    x, v = (
-        tuple(p + jnp.where(lands, 0.0, delta) * r for p, r in zip(y, rates, strict=True))
-        for y, rates in ((x, v), (v, trial.a))
-    )
     hit = lands & rocking & ~rises_on
     toppled = lands & rocking & rises_on
     lifted = lands & ~rocking
@@ -165,7 +166,8 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
 
     # The records.
     end = summit(guard, 1.0)
-    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, guard.value(end)))
+    at_stop = jnp.where(end == 1, at_end.value(after), guard.value(end))
+    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, at_stop))
     at_turn = peaks & (peak > end_angle)
     tip = jnp.where(at_turn, peak, end_angle)
     raises = accepted & rocking & (tip > lane.peak)
@@ -311,8 +313,12 @@ def _next_length(scene: Scene, how: Plan, lane: Lane, h: Value, error: Value, t:
     return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
 
 
-def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step) -> Quintic:
-    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there."""
+def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step) -> tuple[Quintic, Quintic]:
+    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
+
+    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
+    value only, its slopes are differences of nearly equal numbers.
+    """
     c, sigma = scene.c, lane.sigma
     angle = tuple(sigma * y for y in (lane.x[0], lane.v[0], a0[0], trial.x[0], trial.v[0], trial.a[0]))
     if not how.elastic:
@@ -329,10 +335,11 @@ def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, tr
     return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
 
 
-def _through(ends: Iterable[Value], h: Value) -> Quintic:
-    """The quintic through (value, slope, curvature) at the start and at the end."""
+def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
+    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the end."""
     x0, v0, a0, x1, v1, a1 = ends
-    return quintic(x0, v0, a0, x1, v1, a1, h)
+    zero = jnp.zeros_like(x1)
+    return quintic(x0, v0, a0, x1, v1, a1, h), Quintic(x1, v1, 0.5 * a1, zero, zero, zero)
 
 
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
@@ -343,30 +350,31 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
     return scaled._replace(c0=scaled.c0 + limit)
 
 
-def _newton_to(margin: Quintic) -> tuple[Value, Flag]:
-    """Where the margin ends, as a fraction of the step past its end, if it falls there; a constant."""
+def _newton_to(margin: Quintic, most: Value) -> tuple[Value, Flag]:
+    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
     margin = jax.lax.stop_gradient(margin)
     ahead = jnp.zeros_like(margin.c0)
-    falls = margin.slope(1 + ahead) < 0
+    falls = margin.c1 < 0
     for _ in range(3):
-        slope = margin.slope(1 + ahead)
-        ahead = ahead - _safe_ratio(margin.value(1 + ahead), slope, falls & (slope < 0))
-        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -0.5, 0.5))
+        slope = margin.slope(ahead)
+        ahead = ahead - _safe_ratio(margin.value(ahead), slope, falls & (slope < 0))
+        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -most, most))
     return ahead, falls
 
 
-def _at(lane: Lane, trial: Step, a0: Vector, h: Value, lands: Flag, z: Value) -> tuple[Vector, Vector]:
-    """The state at the end of the step, or at z close to it."""
-    x, v = [], []
-    for d in range(len(lane.x)):
-        path = quintic(lane.x[d], lane.v[d], a0[d], trial.x[d], trial.v[d], trial.a[d], h)
-        x.append(jnp.where(lands, path.value(z), trial.x[d]))
-        v.append(jnp.where(lands, path.slope(z) / h, trial.v[d]))
-    return tuple(x), tuple(v)
+def _past(trial: Step, after: Value) -> tuple[Vector, Vector]:
+    """The state shortly after the end of the step."""
+    x = tuple(p + after * (r + 0.5 * after * s) for p, r, s in zip(trial.x, trial.v, trial.a, strict=True))
+    return x, tuple(r + after * s for r, s in zip(trial.v, trial.a, strict=True))
 
 
-def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step) -> tuple[Maximum, Maximum]:
-    """Largest deformation and shear of the superstructure over the step, where they are wanted."""
+def _maxima(
+    scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step, before: Value, after: Value
+) -> tuple[Maximum, Maximum]:
+    """Largest deformation and shear of the superstructure over the step, where they are wanted.
+
+    The step begins `before` and ends `after` its time stamps.
+    """
     c, sigma = scene.c, lane.sigma
     none = Maximum(jnp.zeros_like(h), jnp.full_like(h, jnp.inf))
     if how.elastic and (how.deformation or how.shear):
@@ -375,14 +383,17 @@ def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, t
             u_b, u_b_dot = beam(c, sigma, x[0], v[0])
             jets.append((x[1] - u_b, v[1] - u_b_dot, a[1] - beam_acceleration(c, sigma, x[0], v[0], a[0])))
         path = quintic(*jets[0], *jets[1], h)
-        deformation = largest(path, lane.deformation) if how.deformation else none
-        force = none
+        deformation = force = none
+        if how.deformation:
+            ends = (End(jets[0][0], jets[0][1], before), End(jets[1][0], jets[1][1], after))
+            deformation = largest(path, lane.deformation, ends)
         if how.shear:
-            force = largest(Spring(path, c.omega2, c.damping, h), lane.shear * c.g)
+            first, last = ((c.omega2 * d + c.damping * r, c.omega2 * r + c.damping * s) for d, r, s in jets)
+            ends = (End(*first, before), End(*last, after))
+            force = largest(Spring(path, c.omega2, c.damping, h), lane.shear * c.g, ends)
             force = force._replace(value=force.value / c.g)
-        if not how.refine:
-            deformation, force = (m._replace(cut=none.cut) for m in (deformation, force))
-        return deformation, force
+        # The shear takes a derivative of the polynomial: it is landed on whatever the order.
+        return deformation if how.refine else deformation._replace(cut=none.cut), force
     if not how.elastic and how.shear:
 
         def along(t, x, v):
@@ -391,5 +402,6 @@ def _maxima(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, t
         one = jnp.ones_like(h)
         s0, rate0 = jax.jvp(along, (lane.t, lane.x, lane.v), (one, lane.v, a0))
         s1, rate1 = jax.jvp(along, (lane.t + h, trial.x, trial.v), (one, trial.v, trial.a))
-        return none, largest(cubic(s0, rate0, s1, rate1, h), lane.shear)
+        ends = (End(s0, rate0, before), End(s1, rate1, after))
+        return none, largest(cubic(s0, rate0, s1, rate1, h), lane.shear, ends)
     return none, none

@@ -75,7 +75,10 @@ def test_every_number_of_structure_and_pulse(case, method):
     size = np.abs(np.asarray(y)) * np.abs(numeric)  # of d(quantity)/d(ln y), to tell zero from small
     scale = size.max(axis=1, keepdims=True) / np.abs(np.asarray(y))
     excess = np.abs(forward - numeric) - 3 * own_error - 1e-8 * scale
-    assert np.all(excess <= 1e-6 * np.abs(numeric)), (excess / np.abs(numeric)).max()
+    bad = excess > 1e-6 * np.abs(numeric)
+    assert not bad.any(), [
+        (QUANTITIES[i], int(k), forward[i, k], numeric[i, k], own_error[i, k]) for i, k in np.argwhere(bad)
+    ]
 
 
 @pytest.mark.slow
@@ -110,7 +113,7 @@ def test_free_rocking_closed_form():
 
     def top_of_third_excursion(alpha, theta0, e):
         podium = rj.Podium(alpha, R, restitution=e)
-        response = rj.simulate(podium, rj.Rest(), initial=rj.State(theta0), t_end=3.0, options=options(1e-11, "dopri8"))
+        response = rj.simulate(podium, rj.Rest(), initial=rj.State(theta0), t_end=5.0, options=options(1e-11, "dopri8"))
         # between the second and the third impact; the top is where θ̇ = 0, so its time need not be exact
         middle = jax.lax.stop_gradient(0.5 * (response.impact_times[1] + response.impact_times[2]))
         return jnp.abs(response(middle).theta)
@@ -157,20 +160,23 @@ def test_uplift_and_overturn_times():
     np.testing.assert_allclose([by_a[1], by_T[1]], numeric[1], rtol=1e-6)
 
 
-def test_initial_state_and_end():
+def test_initial_state_through_559_impacts():
+    """The columns come to rest by ever smaller hops before the pulse, and lift again."""
     podium = PODIUMS["elastic"]
 
-    def peak(y):
+    def peak(y, options=options(1e-10, "dopri8")):
         initial = rj.State(y[0], y[1], y[2], y[3])
-        return rj.peak_response(
-            podium, rj.Ricker(3.0, 1.0), initial=initial, t_end=y[4], options=options(1e-10, "dopri8")
-        ).peak_rotation
+        return rj.peak_response(podium, rj.Ricker(2.0, 1.0), initial=initial, t_end=1.8, options=options).peak_rotation
 
-    y = jnp.array([0.02, 0.01, 0.01, 0.02, 1.4])
+    y = jnp.array([0.01, 0.01, 0.01, 0.02])
+    assert 0.1 < float(peak(y)) < 0.9
+    response = rj.simulate(podium, rj.Ricker(2.0, 1.0), initial=rj.State(*y), t_end=1.8, options=options(1e-12, "dopri8"))
+    assert int(response.impacts) > 400
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
-    numeric, _ = differences(peak, y)
-    np.testing.assert_allclose(forward, numeric, rtol=2e-6, atol=1e-7)
+    numeric, _ = differences(lambda y: peak(y, FINE), y)
+    np.testing.assert_allclose(forward, numeric, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacfwd(lambda y: peak(y, FINE))(y), numeric, rtol=1e-6)
 
 
 def test_a_peak_at_the_end_moves_with_it():
