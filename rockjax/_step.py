@@ -2,7 +2,7 @@
 
 A trial Runge–Kutta step is taken; a quintic through both of its ends is the guard: σθ while rocking, the demand q in
 full contact. If the guard is broken inside the step, the step is shortened to end there and tried again; once it ends
-on the event (to a small part of its length, the rest by the polynomial) the event is applied. So an event costs the
+on the event (to a small part of its length, the rest by Taylor) the event is applied. So an event costs the
 solver's own accuracy, and nothing about it needs remembering from one trial to the next.
 
 Times, step lengths and roots are constants for derivatives. An event is differentiated by moving the state to it and
@@ -26,7 +26,7 @@ from ._runge_kutta import step as runge_kutta
 from ._scene import Flag, Lane, Plan, Scene, Value, after_impact, contact_mode, restart
 from ._settled import certificate
 
-LANDED = 0.3  # times √rtol of the step: the polynomial, whose error is quadratic here, carries the state over the rest
+LANDED = 0.3  # times √rtol of the step: Taylor, whose error in the velocity is quadratic, carries the state over the rest
 NEARLY = 0.95  # of the uplift demand
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0  # of the step-size control
 
