@@ -16,25 +16,15 @@ if "JAX_ENABLE_X64" not in _os.environ:
     _jax.config.update("jax_enable_x64", True)
 
 from ._batch import peak_responses
-from ._excitations import (
-    AbstractExcitation,
-    AbstractOutlook,
-    AbstractPulse,
-    AntisymmetricRicker,
-    Gabor,
-    HalfSine,
-    MavroeidisPapageorgiou,
-    OneCosine,
-    OneSine,
-    Rest,
-    Ricker,
-)
+from ._excitations import AbstractExcitation, AbstractOutlook, Rest
 from ._options import Options
+from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
 from ._record import Record
 from ._results import RESULTS, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
+from ._wavelets import Gabor, MavroeidisPapageorgiou
 
 __version__ = "0.1.0"
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import rockjax as rj
-from rockjax._excitations import BETA
+from rockjax._pulses import BETA
 
 from .scenes import shaking
 
