@@ -11,14 +11,14 @@ back (`restart`), which is exact in forward and reverse mode.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from . import _results as results
-from ._hermite import Quintic, crossing, quintic, turning_point, turns_twice
+from ._guard import Guard, safe_ratio, watch
+from ._hermite import quintic
 from ._maxima import NEAR_RECORD, WELL_INSIDE, End, Maximum, Spring, cubic, largest, summit
 from ._model import Vector, acceleration, beam, beam_acceleration, shear, uplift_demand
 from ._runge_kutta import Step
@@ -62,120 +62,134 @@ def step(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> t
 
 
 def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[Lane, Landmark]:
-    constant = jax.lax.stop_gradient
-    c, sigma, t = scene.c, lane.sigma, lane.t
-    rocking = sigma != 0
+    """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
     ground = scene.excitation.piece(lane.piece)
+    trial = _attempt(scene, how, lane, ground, told)
+    guard = watch(scene, how, lane, ground, trial.h, trial.a0, trial.end, trial.fresh)
+    verdict = _judge(scene, how, lane, ground, trial, guard, told)
+    advanced, landmark = _advance(scene, how, lane, trial, guard, verdict, told)
+    repeated = _repeat(how, lane, trial, verdict)
+    return jax.tree.map(lambda yes, no: jnp.where(verdict.accepted, yes, no), advanced, repeated), landmark
+
+
+class _Trial(NamedTuple):
+    """A trial step, and how accurate it is."""
+
+    h: Value
+    reaches: Flag  # the stop
+    stop: Value  # the next breakpoint or the end of the scene; moves with the parameters
+    fresh: Flag  # on θ = 0, after an impact or an uplift
+    a0: Vector
+    end: Step
+    error: Value  # over tolerance
+    finite: Flag
+    accurate: Flag
+    tiny: Value  # the resolution of time
+
+
+def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None) -> _Trial:
+    constant = jax.lax.stop_gradient
+    c, t = scene.c, lane.t
 
     def field(t, x, v):
-        return acceleration(c, sigma, ground(t), x, v)
+        return acceleration(c, lane.sigma, ground(t), x, v)
 
     # How far: to the next breakpoint at most, and over a hop in one step.
     stop = jnp.minimum(scene.excitation.breakpoint(lane.piece), scene.end)
     a0 = field(t, lane.x, lane.v)
-    fresh = rocking & (lane.x[0] == 0)
+    fresh = (lane.sigma != 0) & (lane.x[0] == 0)
     h, reaches = _length(scene, lane, constant(a0[0]), fresh, constant(stop))
     if told is not None:
         h, reaches = told.h, told.reaches
-
     h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
-    trial = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
-    error = constant(_error(scene, lane, trial))
-    tiny = 1e-13 * (jnp.abs(t) + 1 / c.p)
+    end = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
+    error = constant(_error(scene, lane, end))
+    tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     finite = jnp.isfinite(error)
-    accurate = finite & ((error <= 1) | (h < constant(tiny)))
+    return _Trial(h, reaches, stop, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny)
 
-    # The guard over the step, monotone on both sides of at most one turning point.
-    guard, at_end = jax.lax.optimization_barrier(_guard(scene, how, lane, ground, h, a0, trial))
-    fixed: Quintic = constant(guard)
-    one = jnp.ones_like(h)
-    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
-    rises_on = constant(at_end.c1) > 0
-    turned = rising != rises_on
-    turn = jnp.where(turned, turning_point(fixed, rising), one)
-    last = constant(at_end.c0)
-    top = jnp.where(turned, fixed.value(turn), last)
-    topple = constant(scene.topple)
 
-    def broken(value):
-        return jnp.where(rocking, (value < 0) | (value >= topple), jnp.abs(value) > c.uplift)
+class _Verdict(NamedTuple):
+    """What becomes of a trial."""
 
-    early = turned & broken(top)
-    late = broken(last) & ~early
-    edge = jnp.where(early, top, last)
-    margin = _margin(scene, rocking, guard, edge, edge < 0)
-    inside = crossing(constant(margin), jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
+    accepted: Flag
+    cut: Value  # fraction of the step to try instead, inf where there is no need
+    lands: Flag  # ends on an event …
+    after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
+    fizzles: Flag  # a lift that the next step does not confirm is none: back to full contact
+    peaks: Flag  # |θ| has a maximum at the guard's turning point
+    deformation: Value
+    force: Value
 
-    # Does the step end on the event?
-    ending = _margin(scene, rocking, at_end, last, ~rises_on)
-    ahead, converges = _newton_to(ending, 0.5 * h)
-    near = jnp.maximum(LANDED * jnp.sqrt(scene.rtol) * h, constant(tiny))
-    lands = converges & (jnp.abs(ahead) <= near) & ~early & (t + h + ahead <= constant(stop + tiny))
+
+def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Guard, told: Decision | None) -> _Verdict:
+    constant = jax.lax.stop_gradient
+    c, h, tiny, rocking = scene.c, trial.h, trial.tiny, lane.sigma != 0
+    near = jnp.maximum(LANDED * jnp.sqrt(scene.rtol) * h, tiny)
+    in_time = lane.t + h + guard.ahead <= constant(trial.stop) + tiny
+    lands = guard.converges & (jnp.abs(guard.ahead) <= near) & ~guard.early & in_time
     if told is not None:
         lands = told.lands
     # Events and breakpoints move with the parameters: how far past its stamps the step begins and ends.
-    moving = ahead - _safe_ratio(ending.value(ahead), ending.slope(ahead), lands)
+    newton = safe_ratio(guard.ending.value(guard.ahead), guard.ending.slope(guard.ahead), lands)
     before = lane.mark - constant(lane.mark)
-    after = jnp.where(lands, moving, jnp.where(reaches, stop - constant(stop), 0.0))
-    # A lift that the next step does not confirm is none: back to full contact.
-    fizzles = fresh & (constant(lane.v[0]) == 0) & (early | late) & ~lands & (h < 1e-9 / constant(c.p))
+    after = jnp.where(lands, guard.ahead - newton, jnp.where(trial.reaches, trial.stop - constant(trial.stop), 0.0))
+    broken = (guard.early | guard.late) & ~lands
+    fizzles = trial.fresh & (constant(lane.v[0]) == 0) & broken & (h < 1e-9 / constant(c.p))
+    event = jnp.where(broken & ~fizzles, jnp.maximum(guard.inside, 0.02), jnp.inf)
 
     # Maxima inside the step; where the polynomial is not good enough for them, they are landed on as well.
-    peak = guard.value(turn)
-    peaks = rocking & rising & turned
-    wanted = how.refine & peaks & (top > lane.peak * (1 - NEAR_RECORD)) & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE)
+    well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
+    peaks = rocking & guard.rising & guard.turned
+    wanted = how.refine & peaks & (guard.top > lane.peak * (1 - NEAR_RECORD))
     # A demand that turns close under the threshold is looked at where it turns.
-    doubtful = ~rocking & turned & ~early & (jnp.abs(top) > NEARLY * c.uplift)
-    doubtful &= (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE)
-    cut = jnp.where(wanted | doubtful, turn, jnp.inf)
-    deformation, force = _maxima(scene, how, lane, ground, h, a0, trial, before, after)
-    cut = jnp.minimum(cut, jnp.minimum(deformation.cut, force.cut)) if how.elastic or how.shear else cut
-    event = jnp.where((early | late) & ~lands & ~fizzles, jnp.maximum(inside, 0.02), jnp.inf)
-    # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to ask.)
-    winding = turns_twice(fixed, rising, rises_on) & (h > tiny) & (how.tableau.order > 2)
-    busy = rocking | (sum(jnp.abs(k) for k in fixed) > c.uplift)  # else no lift is possible
-    halve = jnp.where(winding & busy, 0.5, jnp.inf)
-    cut = jnp.minimum(jnp.minimum(cut, event), halve)
-    accepted = accurate & ~(cut < 1)
+    doubtful = ~rocking & guard.turned & ~guard.early & (jnp.abs(guard.top) > NEARLY * c.uplift)
+    turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
+    deformation, force = _maxima(scene, how, lane, ground, trial, before, after)
+    turning = jnp.minimum(turning, jnp.minimum(deformation.cut, force.cut))
+    # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to be asked.)
+    halve = jnp.where(guard.winds & (h > tiny) & (how.tableau.order > 2), 0.5, jnp.inf)
+
+    cut = jnp.minimum(jnp.minimum(turning, event), halve)
+    accepted = trial.accurate & ~(cut < 1)
     lands, fizzles = lands & accepted, fizzles & accepted
     if told is not None:
         accepted, lands, fizzles = jnp.ones_like(accepted), told.lands, told.fizzles
+    return _Verdict(accepted, cut, lands, after, fizzles, peaks, deformation.value, force.value)
+
+
+def _advance(
+    scene: Scene, how: Plan, lane: Lane, trial: _Trial, guard: Guard, verdict: _Verdict, told: Decision | None
+) -> tuple[Lane, Landmark]:
+    """The lane after an accepted step: the automaton's arrows, and the records."""
+    constant = jax.lax.stop_gradient
+    c, t, h, sigma, rocking = scene.c, lane.t, trial.h, lane.sigma, lane.sigma != 0
+    accepted, lands, fizzles = verdict.accepted, verdict.lands, verdict.fizzles
+    hit, toppled, lifted = lands & rocking & ~guard.rises_on, lands & rocking & guard.rises_on, lands & ~rocking
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
-    x, v = _past(trial, after)
-    now = jnp.where(lands, t + h + after, jnp.where(reaches, stop, t + h))
-    stamp = jnp.where(lands, jnp.minimum(constant(now), constant(stop)), constant(now))
-    delta = jnp.where(lands | reaches, now - constant(now), 0.0)
-    hit = lands & rocking & ~rises_on
-    toppled = lands & rocking & rises_on
-    lifted = lands & ~rocking
-
-    # The automaton's arrows.
+    x, v = _past(trial.end, verdict.after)
+    now = jnp.where(lands, t + h + verdict.after, jnp.where(trial.reaches, trial.stop, t + h))
+    stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
+    delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
     piece = lane.piece + (stamp >= constant(scene.excitation.breakpoint(lane.piece)))
+    ground = scene.excitation.piece(piece)(stamp)
+
+    # The arrows.
     speed = jnp.abs(v[0])
-    ground_now = scene.excitation.piece(piece)(stamp)
     x0 = jnp.where(hit | lifted | fizzles | ~rocking, 0.0, x[0])
     v0 = jnp.where(lifted | fizzles | ~rocking, 0.0, v[0])
-    q = uplift_demand(c, ground_now, (x0, *x[1:]), (v0, *v[1:]))
+    q = uplift_demand(c, ground, (x0, *x[1:]), (v0, *v[1:]))
     onward, side = after_impact(scene, sigma, v0, q)
-    v0 = jnp.where(hit, onward, v0)
-    mode = jnp.where(hit, side, jnp.where(lifted, -jnp.sign(last), jnp.where(rocking, sigma, contact_mode(c, q))))
+    x, v = (x0, *x[1:]), (jnp.where(hit, onward, v0), *v[1:])
+    stays = jnp.where(rocking, sigma, contact_mode(c, q))
+    mode = jnp.where(hit, side, jnp.where(lifted, -jnp.sign(guard.last), stays))
     mode = constant(jnp.where(fizzles, 0.0, mode)) if told is None else told.mode
-    x, v = (x0, *x[1:]), (v0, *v[1:])
     starts = accepted & ~rocking & (mode != 0)
 
     # The records.
-    end = summit(guard, 1.0)
-    at_stop = jnp.where(end == 1, at_end.value(after), guard.value(end))
-    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, at_stop))
-    at_turn = peaks & (peak > end_angle)
-    tip = jnp.where(at_turn, peak, end_angle)
+    tip, tip_time = _tip(scene, lane, trial, guard, verdict, hit, toppled, now)
     raises = accepted & rocking & (tip > lane.peak)
-    crest = jnp.where(at_turn, turn, end)
-    on_crest = at_turn | (~lands & (end != 1))
-    off = _safe_ratio(guard.slope(crest), guard.curvature(crest), on_crest)
-    tip_time = jnp.where(on_crest, t + h * (crest - jnp.clip(off, -1.0, 1.0)), now)
-    slowest = jnp.where(accepted & hit, jnp.minimum(lane.slowest, speed), lane.slowest)
     first = starts & ~lane.uplifted
     advanced = lane._replace(
         t=stamp,
@@ -184,37 +198,54 @@ def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[
         v=v,
         sigma=mode,
         piece=piece,
-        h=_next_length(scene, how, lane, h, error, stamp),
+        h=_next_length(scene, how, lane, h, trial.error, stamp),
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, tip, lane.peak),
         peak_time=jnp.where(raises, tip_time, lane.peak_time),
-        deformation=_larger(deformation.value, lane.deformation) if how.deformation else lane.deformation,
-        shear=_larger(force.value, lane.shear) if how.shear else lane.shear,
+        deformation=_larger(verdict.deformation, lane.deformation) if how.deformation else lane.deformation,
+        shear=_larger(verdict.force, lane.shear) if how.shear else lane.shear,
         uplifted=lane.uplifted | starts,
         uplift_time=jnp.where(first, now, lane.uplift_time),
         overturn_time=jnp.where(toppled, now, lane.overturn_time),
         impacts=lane.impacts + hit,
-        slowest=slowest,
+        slowest=jnp.where(accepted & hit, jnp.minimum(lane.slowest, speed), lane.slowest),
         slowest_before_peak=jnp.where(raises, lane.slowest, lane.slowest_before_peak),
         steps=lane.steps + 1,
     )
-    x, v = restart(scene, stamp, delta, advanced.x, advanced.v, mode, piece)
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not how.to_the_end:
-        code = jnp.where(certificate(scene, how, advanced, piece, ground_now), results.SETTLED, code)
-    code = jnp.where(toppled, results.OVERTURNED, code)
-    advanced = advanced._replace(x=x, v=v, code=code)
+        code = jnp.where(certificate(scene, how, advanced, piece, ground), results.SETTLED, code)
+    x, v = restart(scene, stamp, delta, x, v, mode, piece)
+    advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
+    decision = Decision(h, trial.reaches, lands, fizzles, mode)
+    return advanced, Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
 
-    shorter = jnp.where(accurate, lane.h, h * jnp.where(finite, _factor(how, error), SHRINK))
-    repeated = lane._replace(
-        h=shorter,
-        cut=jnp.where(accurate, h * cut, jnp.inf),
-        code=jnp.where(~finite & ~(h > tiny), results.NOT_FINITE, lane.code),
+
+def _repeat(how: Plan, lane: Lane, trial: _Trial, verdict: _Verdict) -> Lane:
+    """The lane after a rejected step: as before, to be tried shorter."""
+    shrunk = trial.h * jnp.where(trial.finite, _factor(how, trial.error), SHRINK)
+    return lane._replace(
+        h=jnp.where(trial.accurate, lane.h, shrunk),
+        cut=jnp.where(trial.accurate, trial.h * verdict.cut, jnp.inf),
+        code=jnp.where(~trial.finite & ~(trial.h > trial.tiny), results.NOT_FINITE, lane.code),
         rejected=lane.rejected + 1,
     )
-    decision = Decision(h, reaches, lands, fizzles, mode)
-    landmark = Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
-    return jax.tree.map(lambda yes, no: jnp.where(accepted, yes, no), advanced, repeated), landmark
+
+
+def _tip(
+    scene: Scene, lane: Lane, trial: _Trial, guard: Guard, verdict: _Verdict, hit: Flag, toppled: Flag, now: Value
+) -> tuple[Value, Value]:
+    """The largest |θ| of the step and its time, with their derivatives."""
+    end = summit(guard.path, 1.0)
+    at_stop = jnp.where(end == 1, guard.at_end.value(verdict.after), guard.path.value(end))
+    end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.topple, at_stop))
+    peak = guard.path.value(guard.turn)
+    at_turn = verdict.peaks & (peak > end_angle)
+    crest = jnp.where(at_turn, guard.turn, end)
+    on_crest = at_turn | (~verdict.lands & (end != 1))
+    off = safe_ratio(guard.path.slope(crest), guard.path.curvature(crest), on_crest)
+    time = jnp.where(on_crest, lane.t + trial.h * (crest - jnp.clip(off, -1.0, 1.0)), now)
+    return jnp.where(at_turn, peak, end_angle), time
 
 
 def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
@@ -231,7 +262,7 @@ def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
     edge = excitation.breakpoint(piece - 1)
     jumps = (constant(edge) == stamp) & (jnp.abs(constant(ground)) > c.uplift * (1 + 1e-9))
-    ahead = _safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
+    ahead = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
     now = jnp.where(jumps, edge, stamp - (ahead - constant(ahead)))
     now = jnp.where(lifts, now, stamp)
     mode = jnp.where(lifts, side, 0.0)
@@ -261,12 +292,6 @@ def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
 def _larger(new: Value, record: Value) -> Value:
     """The larger of two, with the derivative of one of them: `maximum` would take half of each where they tie."""
     return jnp.where(new > record, new, record)
-
-
-def _safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:
-    """a/b where wanted, else 0; never a NaN, in derivatives neither."""
-    good = wanted & (b != 0)
-    return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)
 
 
 def _length(scene: Scene, lane: Lane, angular: Value, fresh: Flag, stop: Value) -> tuple[Value, Flag]:
@@ -313,55 +338,6 @@ def _next_length(scene: Scene, how: Plan, lane: Lane, h: Value, error: Value, t:
     return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
 
 
-def _guard(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step) -> tuple[Quintic, Quintic]:
-    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
-
-    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
-    value only, its slopes are differences of nearly equal numbers.
-    """
-    c, sigma = scene.c, lane.sigma
-    angle = tuple(sigma * y for y in (lane.x[0], lane.v[0], a0[0], trial.x[0], trial.v[0], trial.a[0]))
-    if not how.elastic:
-        return _through(angle, h)
-
-    def jet(t, x, v, a):
-        one = jnp.ones_like(t)
-        rate = lambda s: jax.jvp(ground, (s,), (one,))[1]
-        g0, (g1, g2) = ground(t), jax.jvp(rate, (t,), (one,))
-        jerk = acceleration(c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:]))
-        return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
-
-    demand = (*jet(lane.t, lane.x, lane.v, a0), *jet(lane.t + h, trial.x, trial.v, trial.a))
-    return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
-
-
-def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
-    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the end."""
-    x0, v0, a0, x1, v1, a1 = ends
-    zero = jnp.zeros_like(x1)
-    return quintic(x0, v0, a0, x1, v1, a1, h), Quintic(x1, v1, 0.5 * a1, zero, zero, zero)
-
-
-def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
-    """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full contact."""
-    sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
-    limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.topple), scene.c.uplift)
-    scaled = Quintic(*(sign * k for k in guard))
-    return scaled._replace(c0=scaled.c0 + limit)
-
-
-def _newton_to(margin: Quintic, most: Value) -> tuple[Value, Flag]:
-    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
-    margin = jax.lax.stop_gradient(margin)
-    ahead = jnp.zeros_like(margin.c0)
-    falls = margin.c1 < 0
-    for _ in range(3):
-        slope = margin.slope(ahead)
-        ahead = ahead - _safe_ratio(margin.value(ahead), slope, falls & (slope < 0))
-        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -most, most))
-    return ahead, falls
-
-
 def _past(trial: Step, after: Value) -> tuple[Vector, Vector]:
     """The state shortly after the end of the step."""
     x = tuple(p + after * (r + 0.5 * after * s) for p, r, s in zip(trial.x, trial.v, trial.a, strict=True))
@@ -369,17 +345,17 @@ def _past(trial: Step, after: Value) -> tuple[Vector, Vector]:
 
 
 def _maxima(
-    scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, trial: Step, before: Value, after: Value
+    scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, before: Value, after: Value
 ) -> tuple[Maximum, Maximum]:
     """Largest deformation and shear of the superstructure over the step, where they are wanted.
 
     The step begins `before` and ends `after` its time stamps.
     """
-    c, sigma = scene.c, lane.sigma
+    c, h, sigma, a0, end = scene.c, trial.h, lane.sigma, trial.a0, trial.end
     none = Maximum(jnp.zeros_like(h), jnp.full_like(h, jnp.inf))
     if how.elastic and (how.deformation or how.shear):
         jets: list[tuple[Value, Value, Value]] = []
-        for x, v, a in ((lane.x, lane.v, a0), (trial.x, trial.v, trial.a)):
+        for x, v, a in ((lane.x, lane.v, a0), (end.x, end.v, end.a)):
             u_b, u_b_dot = beam(c, sigma, x[0], v[0])
             jets.append((x[1] - u_b, v[1] - u_b_dot, a[1] - beam_acceleration(c, sigma, x[0], v[0], a[0])))
         path = quintic(*jets[0], *jets[1], h)
@@ -401,7 +377,7 @@ def _maxima(
 
         one = jnp.ones_like(h)
         s0, rate0 = jax.jvp(along, (lane.t, lane.x, lane.v), (one, lane.v, a0))
-        s1, rate1 = jax.jvp(along, (lane.t + h, trial.x, trial.v), (one, trial.v, trial.a))
+        s1, rate1 = jax.jvp(along, (lane.t + h, end.x, end.v), (one, end.v, end.a))
         ends = (End(s0, rate0, before), End(s1, rate1, after))
         return none, largest(cubic(s0, rate0, s1, rate1, h), lane.shear, ends)
     return none, none
