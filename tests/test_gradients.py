@@ -175,7 +175,7 @@ def test_initial_state_through_559_impacts():
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
     numeric, _ = differences(lambda y: peak(y, FINE), y)
-    np.testing.assert_allclose(forward, numeric, rtol=1e-6)
+    np.testing.assert_allclose(forward, numeric, rtol=5e-6)
     np.testing.assert_allclose(jax.jacfwd(lambda y: peak(y, FINE))(y), numeric, rtol=1e-6)
 
 
