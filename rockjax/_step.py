@@ -168,7 +168,7 @@ def _advance(
     hit, toppled, lifted = lands & rocking & ~guard.rises_on, lands & rocking & guard.rises_on, lands & ~rocking
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
-    x, v = _past(trial.end, verdict.after)
+    x, v = _past(trial, verdict.after)
     now = jnp.where(lands, t + h + verdict.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
@@ -338,10 +338,14 @@ def _next_length(scene: Scene, how: Plan, lane: Lane, h: Value, error: Value, t:
     return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
 
 
-def _past(trial: Step, after: Value) -> tuple[Vector, Vector]:
-    """The state shortly after the end of the step."""
-    x = tuple(p + after * (r + 0.5 * after * s) for p, r, s in zip(trial.x, trial.v, trial.a, strict=True))
-    return x, tuple(r + after * s for r, s in zip(trial.v, trial.a, strict=True))
+def _past(trial: _Trial, after: Value) -> tuple[Vector, Vector]:
+    """The state shortly after the end of the step: Taylor, with the mean jerk of the step."""
+    x, v = [], []
+    for p, r, s, s0 in zip(trial.end.x, trial.end.v, trial.end.a, trial.a0, strict=True):
+        jerk = safe_ratio(s - s0, trial.h, trial.h > 0)
+        x.append(p + after * (r + after * (0.5 * s + after * jerk / 6)))
+        v.append(r + after * (s + 0.5 * after * jerk))
+    return tuple(x), tuple(v)
 
 
 def _maxima(
