@@ -22,6 +22,7 @@ from jax.custom_batching import custom_vmap
 from . import _results as results
 from ._checks import as_float
 from ._excitations import AbstractExcitation
+from ._flat import closed, runs
 from ._options import Options
 from ._record import Record
 from ._results import Peak, State
@@ -186,7 +187,7 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
         return jax.vmap(lambda parts, lane: function(whole(parts), lane))
 
     def advance(parts, lane: Lane) -> Lane:
-        running = (lane.code == results.RUNNING) & (lane.steps + lane.rejected < options.max_steps)
+        running = runs(lane, options.max_steps)
         after, _ = over_lanes(lambda scene, lane: step(scene, how, lane))(parts, lane)
 
         def keep(new, old):
@@ -194,14 +195,8 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
 
         return jax.tree.map(keep, after, lane)
 
-    def finished(lane: Lane):
-        return (lane.code != results.RUNNING) | (lane.steps + lane.rejected >= options.max_steps)
-
-    def closed(lane: Lane) -> Lane:
-        return lane._replace(code=jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code))
-
     def exchange(queue: _Queue) -> _Queue:
-        done = finished(queue.lanes) & (queue.held < size)
+        done = ~runs(queue.lanes, options.max_steps) & (queue.held < size)
         floats, integers = over_lanes(lambda scene, lane: answers(scene, how, closed(lane)))(queue.scenes, queue.lanes)
         at = jnp.where(done, queue.held, size)
 
@@ -228,7 +223,7 @@ def _run_chunk(leaves, count, options: Options, *, axes, structure, lanes: int):
     def body(queue: _Queue) -> _Queue:
         stepped = jax.lax.fori_loop(0, STRIDE, lambda _, lane: advance(queue.scenes, lane), queue.lanes)
         queue = queue._replace(lanes=stepped)
-        return jax.lax.cond(jnp.any(finished(stepped) & (queue.held < size)), exchange, lambda q: q, queue)
+        return jax.lax.cond(jnp.any(~runs(stepped, options.max_steps) & (queue.held < size)), exchange, lambda q: q, queue)
 
     index = jnp.arange(lanes)
     first, parts = jax.tree.map(lambda y: y[:lanes], starts), [y[:lanes] for y in moving]

@@ -57,18 +57,19 @@ def _first_node(lane: Lane, capacity: int) -> Nodes:
     return _append(blank_nodes(lane, capacity), lane, jnp.full_like(lane.t, jnp.nan), jnp.ones((), bool))
 
 
-def _runs(lane: Lane, max_steps: int) -> Array:
+def runs(lane: Lane, max_steps: int) -> Array:
+    """Whether a scene goes on."""
     return (lane.code == results.RUNNING) & (lane.steps + lane.rejected < max_steps)
 
 
-def _closed(lane: Lane) -> Lane:
+def closed(lane: Lane) -> Lane:
     """Out of steps is a result as well."""
     return lane._replace(code=jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code))
 
 
 def run(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> Lane:
     """The lane at its end."""
-    return _closed(jax.lax.while_loop(lambda lane: _runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane))
+    return closed(jax.lax.while_loop(lambda lane: runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane))
 
 
 def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capacity: int) -> tuple[Lane, Nodes]:
@@ -82,8 +83,8 @@ def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capaci
         return lane._replace(code=jnp.where(full, results.HISTORY_FULL, lane.code)), nodes
 
     start = (lane, _first_node(lane, capacity))
-    lane, nodes = jax.lax.while_loop(lambda carry: _runs(carry[0], max_steps), body, start)
-    return _closed(lane), nodes
+    lane, nodes = jax.lax.while_loop(lambda carry: runs(carry[0], max_steps), body, start)
+    return closed(lane), nodes
 
 
 def rehearse(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> tuple[Lane, Decision, Index]:
@@ -98,8 +99,8 @@ def rehearse(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> tuple[Lane,
         return lane, decisions, count + landmark.accepted
 
     start = (lane, decisions, jnp.zeros((), jnp.int32))
-    lane, decisions, count = jax.lax.while_loop(lambda carry: _runs(carry[0], max_steps), body, start)
-    return _closed(lane), decisions, count
+    lane, decisions, count = jax.lax.while_loop(lambda carry: runs(carry[0], max_steps), body, start)
+    return closed(lane), decisions, count
 
 
 def replay(

@@ -151,11 +151,12 @@ def prepare(
     code = jnp.where(toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING))
     absent: Any = None
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
+    x, v = restart(scene, t, start - t, x, v, sigma, piece)
     lane = Lane(
         t=t,
         mark=start,
-        x=restart(scene, t, start - t, x, v, sigma, piece)[0],
-        v=restart(scene, t, start - t, x, v, sigma, piece)[1],
+        x=x,
+        v=v,
         sigma=sigma,
         piece=piece,
         h=0.05 * scene.longest_excited,

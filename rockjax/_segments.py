@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from . import _results as results
-from ._flat import Nodes, blank_nodes
+from ._flat import Nodes, blank_nodes, closed, runs
 from ._model import Vector, acceleration, beam, shear, uplift_demand
 from ._options import Options
 from ._scene import Lane, Plan, Scene, Value, after_impact, contact_mode
@@ -36,7 +36,7 @@ def run_segments(scene: Scene, how: Plan, lane: Lane, options: Options, capacity
 
     def running(carry):
         lane, _ = carry
-        return (lane.code == results.RUNNING) & (lane.steps + lane.rejected < options.max_steps)
+        return runs(lane, options.max_steps)
 
     def body(carry):
         lane, nodes = carry
@@ -54,7 +54,7 @@ def run_segments(scene: Scene, how: Plan, lane: Lane, options: Options, capacity
         return jax.lax.cond(lane.sigma == 0, leaps, lambda c: _segment(scene, how, options, *c), (lane, nodes))
 
     lane, nodes = jax.lax.while_loop(running, body, (lane, nodes))
-    code = jnp.where(lane.code == results.RUNNING, results.OUT_OF_STEPS, lane.code)
+    code = closed(lane).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return lane._replace(code=code), nodes

@@ -58,10 +58,8 @@ class Response(AbstractPeak):
 
     def _motion(self, t, left: bool):
         nodes, c = self.nodes, coefficients(self.podium)
-        solver = self.options.solver
-        explicit = Options(method="dopri8").solver if not hasattr(solver, "tableau") else solver
-        if self.options.engine == "segments":
-            explicit = Options(method="dopri8").solver
+        # The segments engine may have any solver; its nodes are bridged by an explicit one.
+        explicit = (self.options if self.options.engine == "flat" else Options(method="dopri8")).solver
         k = jnp.searchsorted(nodes.t, t, side="left" if left else "right") - 1
         k = jnp.clip(k, 0, nodes.used - 1)
         x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
