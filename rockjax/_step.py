@@ -55,13 +55,13 @@ def step(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> t
     With a decision `told`, the accepted step that it comes from is repeated.
     """
     if how.elastic:
-        return _trial(scene, how, lane, told)
+        return trial(scene, how, lane, told)
     return jax.lax.cond(
-        lane.sigma == 0, lambda lane: leap(scene, how, lane), lambda lane: _trial(scene, how, lane, told), lane
+        lane.sigma == 0, lambda lane: leap(scene, how, lane), lambda lane: trial(scene, how, lane, told), lane
     )
 
 
-def _trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None) -> tuple[Lane, Landmark]:
+def trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> tuple[Lane, Landmark]:
     """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
     ground = scene.excitation.piece(lane.piece)
     trial = _attempt(scene, how, lane, ground, told)
