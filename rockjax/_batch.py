@@ -23,6 +23,7 @@ from jax.custom_batching import custom_vmap
 
 from . import _results as results
 from ._checks import as_float
+from ._contact import glide
 from ._excitations import AbstractExcitation
 from ._flat import closed, runs
 from ._options import Options
@@ -36,7 +37,7 @@ from ._structures import Podium
 
 LANES = 64  # fit the first-level cache, and still fill the vector unit
 CHUNK = 1024  # scenes prepared at once
-PATIENCE = 3  # lanes that may wait before they are served
+PATIENCE = 5  # lanes that may wait before they are served
 WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
 
 # The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
@@ -161,7 +162,7 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
     )
     floats: dict[str, np.ndarray] = {}
     integers: dict[str, np.ndarray] = {}
-    possible = 0
+    useful = possible = 0
     lock = threading.Lock()
     stopped = threading.Event()
 
@@ -172,11 +173,11 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
     todo = chunks()
 
     def store(done: _Done) -> int:
-        nonlocal possible
+        nonlocal useful, possible
         used, index = int(done.count), np.asarray(done.index)
         index = index[:used]
         with lock:
-            possible += int(done.trials) * LANES
+            useful, possible = useful + int(done.useful), possible + int(done.trials) * LANES
             for whole, part in ((floats, done.floats), (integers, done.integers)):
                 for name, values in part.items():
                     values = np.asarray(values)
@@ -207,7 +208,7 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
         except BaseException:
             stopped.set()
             raise
-    return floats, integers, Tally(int((integers["steps"] + integers["rejected"]).sum()), possible)
+    return floats, integers, Tally(useful, possible)
 
 
 def workers() -> int:
@@ -242,6 +243,7 @@ class _Done(NamedTuple):
     integers: dict[str, jax.Array]
     count: jax.Array
     trials: jax.Array  # of each lane
+    useful: jax.Array  # of all lanes, those that moved a scene on
 
 
 class _Loop(NamedTuple):
@@ -261,7 +263,7 @@ def _advance(
     The chunk's scenes are numbers `first` to `first + count` of the batch.
     """
     how = plan(jax.tree.unflatten(structure, leaves)[0], options, history=False)
-    chunk = _prepared(leaves, axes, structure, options)
+    chunk = _glided(_prepared(leaves, axes, structure, options), how, lanes)
     moves, settle = _automaton(how, options)
     size = next(y.shape[0] for y, axis in zip(leaves, axes, strict=True) if axis == 0)
 
@@ -317,18 +319,22 @@ def _advance(
     def body(loop: _Loop) -> _Loop:
         loop = exchange(loop)
 
-        def trials(carry):
-            loop, n = carry
-            lane = over_lanes(moves, loop.lanes.parts, loop.lanes.lane)
-            return loop._replace(lanes=loop.lanes._replace(lane=lane)), n + 1
+        def trials(loop: _Loop) -> _Loop:
+            lane, done = loop.lanes.lane, loop.done
+            useful = done.useful + jnp.sum(_moves(how, options, lane))
+            lane = over_lanes(moves, loop.lanes.parts, lane)
+            return loop._replace(
+                lanes=loop.lanes._replace(lane=lane), done=done._replace(trials=done.trials + 1, useful=useful)
+            )
 
-        loop, n = jax.lax.while_loop(lambda carry: busy(carry[0]), trials, (loop, zero))
-        return loop._replace(done=loop.done._replace(trials=loop.done.trials + n))
+        return jax.lax.while_loop(busy, trials, loop)
 
-    blank = jax.eval_shape(functools.partial(over_lanes, lambda scene, lane: answers(scene, how, lane)), held.parts, held.lane)
+    blank = jax.eval_shape(
+        functools.partial(over_lanes, lambda scene, lane: answers(scene, how, lane)), held.parts, held.lane
+    )
     floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
     zero = jnp.zeros((), index_type)
-    done = _Done(jnp.zeros(size + lanes, index_type), floats, integers, zero, zero)
+    done = _Done(jnp.zeros(size + lanes, index_type), floats, integers, zero, zero, zero)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     loop = jax.lax.while_loop(
         lambda loop: (loop.following < count) | ((last | (not refill)) & jnp.any(loop.lanes.held >= 0)),
@@ -399,6 +405,26 @@ def _prepared(leaves, axes, structure, options: Options) -> _Chunk:
     parts = [y for y, flag in zip(flat, own, strict=True) if flag]
     common = [None if flag else y for y, flag in zip(flat, own, strict=True)]
     return _Chunk(parts, common, scene_structure, lane, differs[1])
+
+
+def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:
+    """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
+    if not how.elastic:
+        return chunk
+
+    def block(arguments):
+        def one(parts, lane: Lane):
+            lane = glide(chunk.scene(parts), how, lane)
+            return dict(t=lane.t, mark=lane.mark, x=lane.x, v=lane.v, piece=lane.piece, steps=lane.steps)
+
+        return jax.vmap(one)(*arguments)
+
+    size = chunk.parts[0].shape[0]
+    split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
+    blocks = jax.tree.map(split, (chunk.parts, chunk.starts(size)))
+    moved = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), jax.lax.map(block, blocks))
+    differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, moved))
+    return chunk._replace(lane=chunk.lane._replace(**moved), lane_differs=differs)
 
 
 def _idle(leaves, axes, structure, options: Options, lanes: int) -> _Lanes:

@@ -63,6 +63,15 @@ class AbstractExcitation(eqx.Module):
     def outlook(self, threshold: Value | None) -> AbstractOutlook:
         """What is to come; `threshold` is given where the engine will ask for exceedances."""
 
+    @property
+    def panels(self) -> tuple[int, tuple[Number, ...]]:
+        """(degree, lengths [s]) of polynomials that may stand for ü_g: panels to try where the columns stay down.
+
+        How good they are is looked at each time; for a motion that is polynomial between breakpoints, its own degree.
+        """
+        start, end = self.support
+        return 16, ((end - start) / 20, (end - start) / 80)
+
     def breakpoint(self, index: Index) -> Value:
         """Time of breakpoint `index`, inf past the last one [s]."""
         times = self.breakpoints

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import _results as results
+from ._contact import glide
 from ._model import Value
 from ._scene import Index, Lane, Plan, Scene
 from ._step import Decision, step
@@ -69,6 +70,7 @@ def closed(lane: Lane) -> Lane:
 
 def run(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> Lane:
     """The lane at its end."""
+    lane = glide(scene, how, lane)
     return closed(jax.lax.while_loop(lambda lane: runs(lane, max_steps), lambda lane: step(scene, how, lane)[0], lane))
 
 

@@ -48,9 +48,12 @@ def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
     rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
+    # Barriers keep the compiler from recomputing what many later kernels need in each of them.
+    rising, rises_on, turned = jax.lax.optimization_barrier((rising, rises_on, turned))
     turn = jnp.where(turned, turning_point(fixed, rising), one)
     last = constant(at_end.c0)
     top = jnp.where(turned, fixed.value(turn), last)
+    turn, top = jax.lax.optimization_barrier((turn, top))
     topple = constant(scene.topple)
     uplift = constant(scene.c.uplift)
 
@@ -59,6 +62,7 @@ def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end
 
     early = turned & broken(top)
     late = broken(last) & ~early
+    early, late = jax.lax.optimization_barrier((early, late))
     edge = jnp.where(early, top, last)
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
     inside = crossing(margin, jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
@@ -66,6 +70,7 @@ def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end
     ahead, converges = _newton_to(ending, 0.5 * h)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
     winds = turns_twice(fixed, rising, rises_on) & busy
+    ending, inside, ahead, converges, winds = jax.lax.optimization_barrier((ending, inside, ahead, converges, winds))
     return Guard(
         path, at_end, rising, rises_on, turned, turn, top, last, early, late, inside, ending, ahead, converges, winds
     )

@@ -6,6 +6,7 @@ error of a fifth-order method, and good enough to know where to land for any oth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,9 @@ from jaxtyping import Array, Bool, Float
 
 Value = Float[Array, ""]
 
-_ITERATIONS = 7  # of the safeguarded Newton searches: below 1e-6 from any start on these polynomials
+# Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of peaks; a
+# crossing only says where to try next.
+_TO_TURN, _TO_CROSS = 5, 4
 
 
 class Quintic(NamedTuple):
@@ -53,13 +56,27 @@ def quintic(x0: Value, v0: Value, a0: Value, x1: Value, v1: Value, a1: Value, h:
     )
 
 
-def _safeguarded_newton(f, df, lo: Value, hi: Value) -> Value:
-    """Where f passes from positive at lo to negative at hi: Newton from the secant, kept inside by bisection."""
-    above, below = f(lo), f(hi)
+def _horner(coefficients: Sequence[Value], z: Value) -> Value:
+    total = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = c + z * total
+    return total
+
+
+def _derivative(coefficients: Sequence[Value]) -> list[Value]:
+    return [k * c for k, c in enumerate(coefficients) if k]
+
+
+def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, below: Value, iterations: int) -> Value:
+    """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by bisection.
+
+    Its values at lo and hi are `above` and `below`.
+    """
     fall = above - below
     z = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
-    for _ in range(_ITERATIONS):
-        value, slope = f(z), df(z)
+    f, df, z = jax.lax.optimization_barrier((list(f), _derivative(f), z))
+    for _ in range(iterations):
+        value, slope = _horner(f, z), _horner(df, z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
@@ -68,16 +85,17 @@ def _safeguarded_newton(f, df, lo: Value, hi: Value) -> Value:
     return z
 
 
-def turning_point(polynomial: Quintic, rising: Bool[Array, ""]) -> Value:
+def turning_point(polynomial, rising: Bool[Array, ""]) -> Value:
     """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z = 1."""
     sign = jnp.where(rising, 1.0, -1.0)
+    slope = [sign * c for c in _derivative(polynomial)]
     lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
-    return _safeguarded_newton(lambda z: sign * polynomial.slope(z), lambda z: sign * polynomial.curvature(z), lo, hi)
+    return _safeguarded_newton(slope, lo, hi, slope[0], sum(slope[1:], slope[0]), _TO_TURN)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     """The z in [lo, hi] at which the polynomial falls through zero, positive at lo and negative at hi."""
-    return _safeguarded_newton(polynomial.value, polynomial.slope, lo, hi)
+    return _safeguarded_newton(polynomial, lo, hi, polynomial.value(lo), polynomial.value(hi), _TO_CROSS)
 
 
 def turns_twice(polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]) -> Bool[Array, ""]:

@@ -59,24 +59,11 @@ def largest(path, record: Value, ends: tuple[End, End]) -> Maximum:
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 
-class Spring(NamedTuple):
+def spring(deformation: Quintic, omega2: Value, damping: Value, h: Value) -> Quintic:
     """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length h."""
-
-    deformation: Quintic
-    omega2: Value
-    damping: Value
-    h: Value
-
-    def value(self, z: Value) -> Value:
-        return self.omega2 * self.deformation.value(z) + self.damping / self.h * self.deformation.slope(z)
-
-    def slope(self, z: Value) -> Value:
-        return self.omega2 * self.deformation.slope(z) + self.damping / self.h * self.deformation.curvature(z)
-
-    def curvature(self, z: Value) -> Value:
-        p = self.deformation
-        third = 6 * p.c3 + z * (24 * p.c4 + z * 60 * p.c5)
-        return self.omega2 * p.curvature(z) + self.damping / self.h * third
+    rates = [k * c for k, c in enumerate(deformation)][1:]
+    rates.append(jnp.zeros_like(h))
+    return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 
 
 def cubic(f0: Value, rate0: Value, f1: Value, rate1: Value, h: Value) -> Quintic:

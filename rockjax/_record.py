@@ -98,6 +98,10 @@ class Record(AbstractExcitation):
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1]) * self.dt[..., None]
 
+    @property
+    def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
+        return 1, (self.dt,)
+
     def breakpoint(self, index: Index) -> Value:
         return jnp.where(index < self.acceleration.shape[0], self.t_start + index * self.dt, jnp.inf)
 

@@ -43,7 +43,8 @@ def tableau(solver: diffrax.AbstractERK) -> Tableau:
     A = np.zeros((stages, stages))
     for i, row in enumerate(source.a_lower, start=1):
         A[i, :i] = row
-    b, error = np.asarray(source.b_sol, float), np.asarray(source.b_error, float)
+    b = np.asarray(source.b_sol, float)
+    error = np.asarray(source.b_error, float)
     c = np.concatenate([[0.0], np.asarray(source.c, float)])
     order = solver.order(None)
     assert order is not None

@@ -119,7 +119,7 @@ def prepare(
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = 1 / c.p
     if how.elastic:
-        longest = jnp.minimum(longest, 2 / c.uplifted_frequency)
+        longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
     duration = quiet - start
     scene = Scene(
         c=c,
