@@ -81,7 +81,7 @@ def peak_responses(
     failed = int(np.sum(integers["code"] > results.OVERTURNED))
     if failed:
         kinds = {results.NAMES[k] for k in np.unique(integers["code"]) if k > results.OVERTURNED}
-        warnings.warn(f"{failed} of {scenes.count} scenes ended without an answer: {kinds}", RuntimeWarning, stacklevel=2)
+        warnings.warn(f"{failed} of {scenes.total} scenes ended without an answer: {kinds}", RuntimeWarning, stacklevel=2)
     return Peak(**fields(floats, integers))
 
 
@@ -91,7 +91,7 @@ class Scenes(NamedTuple):
     leaves: list[Any]
     rows: list[np.ndarray | None]  # which row of a leaf belongs to each scene; None where it is common to all
     structure: Any
-    count: int
+    total: int
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -156,7 +156,7 @@ class Tally(NamedTuple):
 def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Floats and integers of every scene, and how busy the lanes were."""
     refill = not scenes.wide
-    size = CHUNK if refill and scenes.count > 2 * LANES else LANES
+    size = CHUNK if refill and scenes.total > 2 * LANES else LANES
     call = functools.partial(
         _advance, axes=scenes.axes, structure=scenes.structure, lanes=LANES, refill=refill, options=options
     )
@@ -167,21 +167,21 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
     stopped = threading.Event()
 
     def chunks() -> Iterator[tuple[int, int]]:
-        for start in range(0, scenes.count, size):
-            yield start, min(start + size, scenes.count)
+        for start in range(0, scenes.total, size):
+            yield start, min(start + size, scenes.total)
 
     todo = chunks()
 
     def store(done: _Done) -> int:
         nonlocal useful, possible
-        used, index = int(done.count), np.asarray(done.index)
+        used, index = int(done.used), np.asarray(done.which)
         index = index[:used]
         with lock:
             useful, possible = useful + int(done.useful), possible + int(done.trials) * LANES
             for whole, part in ((floats, done.floats), (integers, done.integers)):
                 for name, values in part.items():
                     values = np.asarray(values)
-                    whole.setdefault(name, np.empty(scenes.count, values.dtype))[index] = values[:used]
+                    whole.setdefault(name, np.empty(scenes.total, values.dtype))[index] = values[:used]
             bar.update(used)
         return used
 
@@ -199,8 +199,8 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
             if stop == start:
                 return
 
-    with _bar(scenes.count, progress) as bar, ThreadPoolExecutor(workers()) as pool:
-        wanted = min(workers(), -(-scenes.count // size))
+    with _bar(scenes.total, progress) as bar, ThreadPoolExecutor(workers()) as pool:
+        wanted = min(workers(), -(-scenes.total // size))
         futures = [pool.submit(work) for _ in range(wanted)]
         try:
             for future in futures:
@@ -236,12 +236,12 @@ class _Lanes(NamedTuple):
 
 
 class _Done(NamedTuple):
-    """Scenes that have ended, in the order of their ends; `count` of the rows are used."""
+    """Scenes that have ended, in the order of their ends; so many of the rows are used."""
 
-    index: jax.Array
+    which: jax.Array
     floats: dict[str, jax.Array]
     integers: dict[str, jax.Array]
-    count: jax.Array
+    used: jax.Array
     trials: jax.Array  # of each lane
     useful: jax.Array  # of all lanes, those that moved a scene on
 
@@ -280,16 +280,16 @@ def _advance(
         lane = over_lanes(settle, state.parts, state.lane)
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
         floats, integers = over_lanes(lambda scene, lane: answers(scene, how, closed(lane)), state.parts, lane)
-        place = jnp.where(ended, done.count + jnp.cumsum(ended) - 1, size + lanes)
+        place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, size + lanes)
 
         def write(stores, values):
             return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
 
         done = done._replace(
-            index=write(done.index, state.held),
+            which=write(done.which, state.held),
             floats=write(done.floats, floats),
             integers=write(done.integers, integers),
-            count=done.count + jnp.sum(ended),
+            used=done.used + jnp.sum(ended),
         )
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free) - 1
@@ -407,6 +407,9 @@ def _prepared(leaves, axes, structure, options: Options) -> _Chunk:
     return _Chunk(parts, common, scene_structure, lane, differs[1])
 
 
+_GLIDES = ("t", "mark", "x", "v", "piece", "steps")  # what changes of a lane that crosses panels
+
+
 def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:
     """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
     if not how.elastic:
@@ -415,7 +418,7 @@ def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:
     def block(arguments):
         def one(parts, lane: Lane):
             lane = glide(chunk.scene(parts), how, lane)
-            return dict(t=lane.t, mark=lane.mark, x=lane.x, v=lane.v, piece=lane.piece, steps=lane.steps)
+            return {name: getattr(lane, name) for name in _GLIDES}
 
         return jax.vmap(one)(*arguments)
 

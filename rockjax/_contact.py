@@ -11,7 +11,6 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from . import _results as results
 from ._model import Value
@@ -50,7 +49,7 @@ def _cross(scene: Scene, how: Plan, lane: Lane, degree: int, length: Value) -> L
         values = [jax.lax.optimization_barrier(ground(lane.t + half * (1 + float(z)))) for z in nodes]
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
-        rates = [k * y for k, y in enumerate(path)][1:] + [jnp.zeros_like(half)]
+        rates = [*[k * y for k, y in enumerate(path)][1:], jnp.zeros_like(half)]
         before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
         # The free vibration is what the state at the start has besides the particular solution.
         offset = lane.x[1] - sum(y * s for y, s in zip(path, before, strict=True))

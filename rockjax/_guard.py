@@ -67,7 +67,8 @@ def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
     inside = crossing(margin, jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
     ending = _margin(scene, rocking, at_end, last, ~rises_on)
-    ahead, converges = _newton_to(ending, 0.5 * h)
+    rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, topple, uplift)
+    ahead, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
     winds = turns_twice(fixed, rising, rises_on) & busy
     ending, inside, ahead, converges, winds = jax.lax.optimization_barrier((ending, inside, ahead, converges, winds))
@@ -113,7 +114,7 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
     return scaled._replace(c0=scaled.c0 + limit)
 
 
-def _newton_to(margin: Quintic, most: Value) -> tuple[Value, Flag]:
+def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
     """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
     margin = jax.lax.stop_gradient(margin)
     ahead = jnp.zeros_like(margin.c0)
@@ -122,7 +123,9 @@ def _newton_to(margin: Quintic, most: Value) -> tuple[Value, Flag]:
         slope = margin.slope(ahead)
         ahead = ahead - safe_ratio(margin.value(ahead), slope, falls & (slope < 0))
         ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -most, most))
-    return ahead, falls
+    # A margin that only touches zero makes Newton creep.
+    arrives = jnp.abs(margin.value(ahead)) <= 1e-3 * jnp.abs(margin.c0) + rounding
+    return ahead, falls & arrives
 
 
 def safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:

@@ -102,7 +102,10 @@ def turns_twice(polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool
     """Whether the slope, sampled inside, changes sign more than once between z = 0 and z = 1."""
     turns = jnp.zeros((), jnp.int32)
     before = rising
+    # Slopes at rounding of the value say nothing.
+    noise = 128 * jnp.finfo(polynomial.c0.dtype).eps * jnp.abs(polynomial.c0)
     for z in (0.25, 0.5, 0.75):
-        here = polynomial.slope(z) > 0
+        slope = polynomial.slope(z)
+        here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
         turns, before = turns + (here != before), here
     return turns + (before != rising_after) > 1

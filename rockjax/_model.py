@@ -67,7 +67,8 @@ def coefficients(podium: Podium) -> Coefficients:
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        uplift=podium.uplift_acceleration,
+        # Touching it is not uplift, and rounding may not decide about it.
+        uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
         centrifugal=3 * moving,

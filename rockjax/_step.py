@@ -170,7 +170,7 @@ def _advance(
     hit, toppled, lifted = lands & rocking & ~guard.rises_on, lands & rocking & guard.rises_on, lands & ~rocking
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
-    x, v = _past(lane, trial, verdict.after)
+    x, v = _past(scene, lane, trial, verdict.after)
     now = jnp.where(lands, t + h + verdict.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
@@ -340,18 +340,20 @@ def _next_length(scene: Scene, how: Plan, lane: Lane, h: Value, error: Value, t:
     return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
 
 
-def _past(lane: Lane, trial: _Trial, after: Value) -> tuple[Vector, Vector]:
+def _past(scene: Scene, lane: Lane, trial: _Trial, after: Value) -> tuple[Vector, Vector]:
     """The state shortly after the end of the step: along the quintic through both of its ends, from the end on."""
     h = trial.h
     z = safe_ratio(after, h, h > 0)
+    # Over a very short step the quintic is a difference of nearly equal numbers, and the mean jerk is enough.
+    long = h > 0.01 * scene.longest
     x, v = [], []
     for x0, v0, a0, x1, v1, a1 in zip(lane.x, lane.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True):
         c3, c4, c5 = quintic(x0, v0, a0, x1, v1, a1, h)[3:]
         # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by differences.
-        d3, d4, d5 = c3 + 4 * c4 + 10 * c5, c4 + 5 * c5, c5
+        d3 = jnp.where(long, c3 + 4 * c4 + 10 * c5, (a1 - a0) * h**2 / 6)
+        d4, d5 = jnp.where(long, c4 + 5 * c5, 0.0), jnp.where(long, c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))
-        further = safe_ratio(z**2 * (3 * d3 + z * (4 * d4 + z * 5 * d5)), h, h > 0)
-        v.append(v1 + after * a1 + further)
+        v.append(v1 + after * a1 + safe_ratio(z**2 * (3 * d3 + z * (4 * d4 + z * 5 * d5)), h, h > 0))
     return tuple(x), tuple(v)
 
 

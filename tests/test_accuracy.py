@@ -135,10 +135,11 @@ def test_segments_engine_agrees(name, method):
 @pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s", "light top, record", "block, cosine with jumps"])
 def test_peak_response_is_simulate_without_history(name):
     podium, motion = SCENES[name]
+    """To the tolerance of the solve: without a history, full contact is crossed instead of stepped through."""
     response = rj.simulate(podium, motion, options=options(1e-9))
     peak = rj.peak_response(podium, motion, options=options(1e-9))
     for quantity in ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "peak_rotation_time"):
-        assert float(getattr(peak, quantity)) == pytest.approx(float(getattr(response, quantity)), rel=1e-12, abs=1e-12)
+        assert float(getattr(peak, quantity)) == pytest.approx(float(getattr(response, quantity)), rel=1e-8, abs=1e-9)
     assert int(peak.impacts) <= int(response.impacts)
     assert int(peak.stats.steps) <= int(response.stats.steps)
     counted = rj.peak_response(podium, motion, options=options(1e-9, outputs=("peak_rotation", "impacts")))

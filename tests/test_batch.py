@@ -43,7 +43,7 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
     same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
     monkeypatch.setattr(rj._batch, "LANES", 32)
-    monkeypatch.setattr(rj._batch, "CHUNK", 100)
+    monkeypatch.setattr(rj._batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     same(whole, chunks, rtol=1e-6)
 

@@ -65,8 +65,8 @@ def test_quintic_joins_both_ends():
         assert float(p.curvature(z)) / 0.25 == pytest.approx(curvature)
 
 
-def test_roots_are_found_to_rounding_and_stay_found():
-    """Also near the ends of the bracket, and once found not left again."""
+def test_roots_are_found_and_stay_found():
+    """Near enough to try there next, also near the ends of the bracket; and once found not left again."""
     rng = np.random.default_rng(1)
 
     @jax.jit
@@ -80,13 +80,13 @@ def test_roots_are_found_to_rounding_and_stay_found():
     b = rng.uniform(-0.5, 2.0, 2000)
     zero = np.zeros_like(b)
     c = np.stack([roots, zero - 1, b * roots, -b, zero, zero], axis=1)
-    np.testing.assert_allclose(root(jnp.asarray(c)), roots, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(root(jnp.asarray(c)), roots, rtol=1e-6)
 
 
 def test_turning_points():
     p = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, 0.5, 0.1, -2.0, -3.0)), jnp.asarray(1.0))
     z = hermite.turning_point(p, jnp.asarray(True))
-    assert abs(float(p.slope(z))) < 1e-13
+    assert abs(float(p.slope(z))) < 1e-7
     assert not bool(hermite.turns_twice(p, jnp.asarray(True), jnp.asarray(False)))
     wave = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, -20.0, 0.1, 1.0, 20.0)), jnp.asarray(1.0))
     assert bool(hermite.turns_twice(wave, jnp.asarray(True), jnp.asarray(True)))
