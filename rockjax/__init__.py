@@ -22,7 +22,7 @@ from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, On
 from ._record import Record
 from ._results import RESULTS, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
-from ._spectra import minimum_overturning, rocking_spectrum
+from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
 from ._wavelets import Gabor, MavroeidisPapageorgiou
 
@@ -53,6 +53,7 @@ __all__ = [
     "minimum_overturning",
     "peak_response",
     "peak_responses",
+    "rocking_spectra",
     "rocking_spectrum",
     "simulate",
 ]

@@ -186,19 +186,18 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
         return used
 
     def work() -> None:
-        lanes = None
+        lanes = idle
         while not stopped.is_set():
             with lock:
                 start, stop = next(todo, (0, 0))
             # With nothing left to hand out, the lanes run to their ends.
             leaves = scenes.part(start, stop, size)
-            if lanes is None:
-                lanes = _idle(leaves, scenes.axes, scenes.structure, options, LANES)
             lanes, done = call(lanes, leaves, start, stop - start, last=stop == start)
             store(done)
             if stop == start:
                 return
 
+    idle = _idle(scenes.part(0, 0, size), scenes.axes, scenes.structure, options, LANES)
     with _bar(scenes.total, progress) as bar, ThreadPoolExecutor(workers()) as pool:
         wanted = min(workers(), -(-scenes.total // size))
         futures = [pool.submit(work) for _ in range(wanted)]

@@ -37,7 +37,7 @@ Gamma = Annotated[float, typer.Option("--gamma", help="Mass ratio of the beam γ
 Zeta = Annotated[float, typer.Option("--zeta", help="Damping ratio of the superstructure ζ [–].")]
 Pulse = Annotated[PulseName, typer.Option("--pulse", help="Ground motion.")]
 Law = Annotated[RestitutionName, typer.Option("--restitution", help="Law of the impact: Eq. (27), or compatible with (26).")]
-Method = Annotated[str, typer.Option("--method", help="Runge–Kutta method: tsit5, dopri8, dopri5, bosh3.")]
+Method = Annotated[str, typer.Option("--method", help="Runge–Kutta method: dopri8, tsit5, dopri5, bosh3.")]
 Tolerance = Annotated[float, typer.Option("--rtol", help="Relative tolerance of the step-size control.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Prefix of the files to write.")]
 
@@ -86,7 +86,7 @@ def spectrum(
     frequency: Annotated[tuple[float, float], typer.Option(help="Range of ω_p/p.")] = (1.0, 8.0),
     acceleration: Annotated[tuple[float, float], typer.Option(help="Range of a_p/(g tan α).")] = (1.0, 12.0),
     points: Annotated[int, typer.Option(min=2, help="Points along each axis.")] = 100,
-    method: Method = "tsit5",
+    method: Method = "dopri8",
     rtol: Tolerance = 1e-8,
     output: Output = Path("rockjax-spectrum"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
@@ -110,17 +110,22 @@ def spectrum(
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     x, y = np.linspace(*frequency, points), np.linspace(*acceleration, points)
     total = len(ratios) * len(periods) * points**2
-    rows: list[xarray.Dataset] = []
+    podiums: list[rj.Podium] = []
+    for ratio in ratios:
+        for period in periods:
+            eta = ratio * gamma
+            top = rj.Rigid(eta) if period == 0 else rj.Elastic(eta, period, zeta)
+            podiums.append(rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value))
     with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
-        for ratio in ratios:
-            row: list[xarray.Dataset] = []
-            for period in periods:
-                eta = ratio * gamma
-                top = rj.Rigid(eta) if period == 0 else rj.Elastic(eta, period, zeta)
-                podium = rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value)
-                panel = rj.rocking_spectrum(podium, _pulse(pulse), x, y, options=options, progress=bar)
-                row.append(panel.assign_coords(T_s=period, eta_over_gamma=ratio))
-            rows.append(xarray.concat(row, "T_s", combine_attrs="drop_conflicts"))
+        spectra = iter(rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar))
+    rows = [
+        xarray.concat(
+            [next(spectra).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
+            "T_s",
+            combine_attrs="drop_conflicts",
+        )
+        for ratio in ratios
+    ]
     panels = xarray.concat(rows, "eta_over_gamma", combine_attrs="drop_conflicts")
     panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
@@ -156,7 +161,7 @@ def response(
     T_p: Annotated[float, typer.Option("--T-p", help="Pulse period T_p [s].")] = 1.0,
     t_end: Annotated[float | None, typer.Option("--t-end", help="End of the history [s].")] = None,
     restitution: Law = RestitutionName.paper,
-    method: Method = "tsit5",
+    method: Method = "dopri8",
     rtol: Tolerance = 1e-8,
     output: Output = Path("rockjax-response"),
 ) -> None:

@@ -11,10 +11,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from . import _results as results
 from ._model import Value
-from ._scene import Flag, Lane, Plan, Scene, restart
+from ._scene import Flag, Index, Lane, Plan, Scene, restart
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
@@ -26,27 +27,24 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
     """Cross the panels over which the columns provably stay down, from the start of a scene on."""
     if not how.elastic:
         return lane
-    degree, lengths = scene.excitation.panels
-    for length in lengths:
-        lane = _cross(scene, how, lane, degree, jax.lax.stop_gradient(length))
-    return lane
-
-
-def _cross(scene: Scene, how: Plan, lane: Lane, degree: int, length: Value) -> Lane:
     constant = jax.lax.stop_gradient
-    c, excitation, half = scene.c, scene.excitation, 0.5 * length
+    c, excitation = scene.c, scene.excitation
+    degree, lengths = excitation.panels
     omega = jnp.sqrt(c.omega2)
     zeta = 0.5 * c.damping / omega
-    turn = omega * half
-    free = _free(zeta, turn)
+    # Long panels as far as they go, then shorter ones.
+    kinds = [(half, omega * half, _free(zeta, omega * half)) for half in (0.5 * constant(y) for y in lengths)]
     highest = scene.outlook.peak(lane.t, lane.piece, jnp.abs(excitation.piece(lane.piece)(lane.t)))
     nodes, to_powers, to_tail = _interpolation(degree)
 
-    def panel(lane: Lane) -> tuple[Lane, Flag]:
-        ground = excitation.piece(lane.piece)
-        edge = excitation.breakpoint(lane.piece)
+    def panel(carry: tuple[Lane, Index]) -> tuple[Lane, Index]:
+        lane, level = carry
+        half, turn, free = kinds[0]
+        for k, kind in enumerate(kinds[1:], start=1):
+            half, turn, free = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free))
+        ground, edge, length = excitation.piece(lane.piece), excitation.breakpoint(lane.piece), 2 * half
         reaches = jnp.abs(lane.t + length - constant(edge)) <= 1e-9 * length
-        values = [jax.lax.optimization_barrier(ground(lane.t + half * (1 + float(z)))) for z in nodes]
+        values = jax.lax.optimization_barrier(jax.vmap(ground)(lane.t + half * (1 + jnp.asarray(nodes))))
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
         rates = [*[k * y for k, y in enumerate(path)][1:], jnp.zeros_like(half)]
@@ -61,39 +59,52 @@ def _cross(scene: Scene, how: Plan, lane: Lane, degree: int, length: Value) -> L
         vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
         spring = [c.omega2 * y + c.damping * r / half for y, r in zip(path, rates, strict=True)]
         shaken = c.omega2 * jnp.sqrt(1 + 4 * zeta**2) * vibration
-        demand = [f - c.demand * s for f, s in zip(force + [0.0] * (len(path) - len(force)), spring, strict=True)]
+        padded = [*force, *[0.0] * (len(path) - len(force))]
+        demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
         goes = _size(demand) + c.demand * shaken < c.uplift
         if how.deformation:
             goes &= _size(path) + vibration < jnp.maximum(lane.deformation, scene.atol * c.two_R * c.sin_alpha)
         if how.shear:
             goes &= _size(spring) + shaken < jnp.maximum(lane.shear * c.g, scene.atol * c.uplift)
-        stop = jnp.minimum(edge, scene.end)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
-        goes &= zeta < _DAMPED
-        goes &= reaches | (lane.t + length < constant(stop))
-        goes &= (lane.code == results.RUNNING) & (lane.sigma == 0) & (lane.t < scene.quiet)
+        goes &= (zeta < _DAMPED) & (reaches | (lane.t + length < constant(jnp.minimum(edge, scene.end))))
 
         # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
         mark = jnp.where(reaches, edge, lane.t + length)
         past = mark - constant(mark)
-        v_dot = -ground(constant(mark)) - (c.omega2 * x + c.damping * v)
-        x, v = x + past * v, v + past * v_dot
+        u_ddot = -ground(constant(mark)) - (c.omega2 * x + c.damping * v)
+        x, v = x + past * v, v + past * u_ddot
         piece = lane.piece + reaches
         xs, vs = restart(scene, constant(mark), past, (lane.x[0], x), (lane.v[0], v), lane.sigma, piece)
         crossed = lane._replace(t=constant(mark), mark=mark, x=xs, v=vs, piece=piece, steps=lane.steps + 1)
-        return jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, lane), goes
+        lane = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, lane)
+        return lane, level + ~goes
 
-    def body(carry):
-        lane, _ = carry
-        return panel(lane)
+    def may(carry: tuple[Lane, Index]) -> Flag:
+        lane, level = carry
+        return (level < len(kinds)) & (lane.code == results.RUNNING) & (lane.sigma == 0) & (lane.t < scene.quiet)
 
-    return jax.lax.while_loop(lambda carry: carry[1], body, (lane, jnp.ones((), bool)))[0]
+    return jax.lax.while_loop(may, panel, (lane, jnp.zeros((), jnp.int32)))[0]
 
 
-def _combine(weights: np.ndarray, values: list[Value]) -> list[Value]:
-    # Written out, so that it is done lane by lane; a matrix product would have the lanes last.
-    return [sum((float(w) * y for w, y in zip(row, values, strict=True)), jnp.zeros_like(values[0])) for row in weights]
+def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
+    """`weights @ values`, written out so that it is done lane by lane, and with half the products.
+
+    Nodes are symmetric, so a row of weights is even or odd over them.
+    """
+    count = values.shape[0]
+    pairs = [(values[j], values[count - 1 - j]) for j in range((count + 1) // 2)]
+    sums, differences = [a + b for a, b in pairs], [a - b for a, b in pairs]
+    if count % 2:
+        sums[-1] = pairs[-1][0]  # the node in the middle is its own mirror image
+    sums, differences = jax.lax.optimization_barrier((sums, differences))
+    combined: list[Value] = []
+    for row in weights:
+        half = row[: len(pairs)]
+        folded = sums if np.allclose(row, row[::-1]) else differences
+        combined.append(sum((float(w) * y for w, y in zip(half, folded, strict=True)), jnp.zeros_like(values[0])))
+    return combined
 
 
 def _size(coefficients: list[Value]) -> Value:

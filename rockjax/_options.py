@@ -26,7 +26,8 @@ class Options(eqx.Module):
 
     - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for θ̇,
       2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
-    - `method`: `"tsit5"`, `"dopri8"` (for tight tolerances), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit
+    - `method`: `"dopri8"` (the least work at every accuracy for pulses), `"tsit5"` (for records with samples so close
+      that they set the step), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit
       Runge–Kutta method with an error estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
     - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for cross-checks
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2
@@ -43,7 +44,7 @@ class Options(eqx.Module):
 
     rtol: float = 1e-8
     atol: float = 1e-10
-    method: str | diffrax.AbstractSolver = eqx.field(static=True, default="tsit5")
+    method: str | diffrax.AbstractSolver = eqx.field(static=True, default="dopri8")
     engine: Literal["flat", "segments"] = eqx.field(static=True, default="flat")
     overturn_ratio: float = 1.0
     rest_velocity: float | None = None

@@ -26,12 +26,9 @@ SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL = range
 NAMES = ("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full")
 
 
-def named(code: Int[Array, ""]) -> RESULTS:
-    """The result of a code from the loop."""
-    result = RESULTS.settled
-    for k, name in enumerate(NAMES):
-        result = RESULTS.where(code == k, getattr(RESULTS, name), result)
-    return result
+def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
+    """The results of codes from the loop: members are numbered in the order of their definition."""
+    return eqx.tree_at(code_of, RESULTS.settled, code)
 
 
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:

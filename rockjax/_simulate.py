@@ -183,16 +183,9 @@ def fields(floats, integers, throw: bool = False) -> dict:
     return {
         **{name: floats[name] for name in names},
         **{name: integers[name] for name in flags},
-        "result": _named(code),
+        "result": results.named(code),
         "stats": stats,
     }
-
-
-def _named(code):
-    name = results.named
-    for _ in range(jnp.ndim(code)):
-        name = jax.vmap(name)
-    return name(code)
 
 
 def raise_without_answer(code: Array) -> None:
