@@ -406,7 +406,7 @@ def _prepared(leaves, axes, structure, options: Options) -> _Chunk:
     return _Chunk(parts, common, scene_structure, lane, differs[1])
 
 
-_GLIDES = ("t", "mark", "x", "v", "piece", "steps")  # what changes of a lane that crosses panels
+_GLIDES = ("t", "mark", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
 
 
 def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+import importlib
 import os
+import threading
 import time
 from pathlib import Path
 from typing import Annotated
@@ -98,13 +100,12 @@ def spectrum(
     """
     began = time.perf_counter()
     _prepare()
+    # What draws and writes is loaded while the scenes are worked out.
+    threading.Thread(target=lambda: importlib.import_module("rockjax.plots")).start()
     import numpy as np
-    import xarray
     from tqdm import tqdm
 
     import rockjax as rj
-    from rockjax import plots
-    from rockjax._files import write_whole
 
     options = rj.Options(outputs=("peak_rotation",), rtol=rtol, atol=0.01 * rtol, method=method)
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
@@ -118,6 +119,11 @@ def spectrum(
             podiums.append(rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value))
     with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
         spectra = iter(rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar))
+    import xarray
+
+    from rockjax import plots
+    from rockjax._files import write_whole
+
     rows = [
         xarray.concat(
             [next(spectra).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],

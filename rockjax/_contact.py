@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from . import _results as results
 from ._model import Value
 from ._scene import Flag, Index, Lane, Plan, Scene, restart
+from ._settled import certificate
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
@@ -34,7 +35,10 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
     zeta = 0.5 * c.damping / omega
     # Long panels as far as they go, then shorter ones.
     kinds = [(half, omega * half, _free(zeta, omega * half)) for half in (0.5 * constant(y) for y in lengths)]
-    highest = scene.outlook.peak(lane.t, lane.piece, jnp.abs(excitation.piece(lane.piece)(lane.t)))
+    shaking = excitation.piece(lane.piece)(lane.t)
+    settled = (lane.code == results.RUNNING) & certificate(scene, how, lane, lane.piece, shaking)
+    lane = lane._replace(code=jnp.where(settled, results.SETTLED, lane.code).astype(lane.code.dtype))
+    highest = scene.outlook.peak(lane.t, lane.piece, jnp.abs(shaking))
     nodes, to_powers, to_tail = _interpolation(degree)
 
     def panel(carry: tuple[Lane, Index]) -> tuple[Lane, Index]:

@@ -83,8 +83,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
     rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
-    figure = plt.figure(figsize=(3.1 * columns + 1.6, 2.7 * rows + 0.9), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    figure, axes, rest = _panels(rows, columns, width=2.7, height=2.2, right=1.75)
     for i in range(rows):
         for j in range(columns):
             panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
@@ -95,7 +94,8 @@ def spectra(panels: xarray.Dataset) -> Figure:
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
             ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
     contours = axes[0, 0]._rockjax_contours
-    figure.colorbar(contours, ax=axes, label=r"peak rotation $\max|\theta|\,/\,\alpha$", shrink=0.6, aspect=40)
+    bar = figure.add_axes((rest + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
+    figure.colorbar(contours, cax=bar, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
     figure.suptitle(_title(panels))
     return figure
 
@@ -103,8 +103,8 @@ def spectra(panels: xarray.Dataset) -> Figure:
 def overturning_curves(panels: xarray.Dataset) -> Figure:
     """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
     count = panels.sizes["eta_over_gamma"]
-    figure = plt.figure(figsize=(4.2 * count + 0.6, 4.4), layout="constrained")
-    axes = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    figure, grid, _ = _panels(1, count, width=3.9, height=3.1, right=0.75)
+    axes = grid[0]
     for i, ax in enumerate(axes):
         for j in range(panels.sizes["T_s"]):
             panel = panels.isel(eta_over_gamma=i, T_s=j)
@@ -119,6 +119,21 @@ def overturning_curves(panels: xarray.Dataset) -> Figure:
     axes[0].legend(title="superstructure", loc="upper left")
     figure.suptitle("Minimum overturning acceleration, " + _title(panels))
     return figure
+
+
+def _panels(rows: int, columns: int, width: float, height: float, right: float) -> tuple[Figure, np.ndarray, float]:
+    """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
+
+    Laid out by hand: solving for the layout takes longer than the drawing.
+    """
+    left, below, above, apart, stacked = 0.65, 0.55, 1.05, 0.2, 0.45
+    w = left + columns * width + (columns - 1) * apart + right
+    h = below + rows * height + (rows - 1) * stacked + above
+    figure = plt.figure(figsize=(w, h))
+    spacing = {"wspace": apart / width, "hspace": stacked / height}
+    sides = {"left": left / w, "right": 1 - right / w, "bottom": below / h, "top": 1 - above / h}
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=sides | spacing)
+    return figure, axes, sides["right"]
 
 
 def _title(panels: xarray.Dataset) -> str:
