@@ -20,7 +20,7 @@ from ._settled import certificate
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
-_ROUNDING = 1e-15
+_ROUNDING = 1e-14
 _DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damping is left to the steps
 
 

@@ -118,7 +118,7 @@ def test_lanes_are_busy_and_no_scene_is_lost():
     """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
     from rockjax._batch import _broadcast, drive
 
-    a_p = np.random.default_rng(0).permutation(amplitudes(3000))
+    a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
     for podium in (PODIUMS["rigid"], elastic(0.5)):
         scenes, _ = _broadcast(podium, rj.Ricker(a_p, 1.0), rj.State(), None)
         floats, integers, tally = drive(scenes, options(1e-6, outputs=("peak_rotation",)), False)
