@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._guard import safe_ratio
 from ._hermite import Quintic, turning_point
 
 Value = Float[Array, ""]
@@ -16,7 +17,8 @@ Value = Float[Array, ""]
 # as good as the step itself.
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
-ON_SUMMIT = 1e-5
+WELL_INSIDE_CUBIC = 0.002
+ON_SUMMIT = 1e-4
 
 
 class Maximum(NamedTuple):
@@ -46,16 +48,20 @@ class End(NamedTuple):
     past: Value
 
 
-def largest(path, record: Value, ends: tuple[End, End]) -> Maximum:
-    """max|f| over a step from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its ends."""
+def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], inside: float = WELL_INSIDE) -> Maximum:
+    """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its ends."""
     turned = ends[0].rate * ends[1].rate < 0
     z = turning_point(jax.lax.stop_gradient(path), ends[0].rate > 0)
     value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
     for place, end in zip((0.0, 1.0), ends, strict=True):
         on_summit = summit(path, place)
-        there = jnp.where(on_summit == place, end.value + end.past * end.rate, path.value(on_summit))
+        curvature = path.curvature(jnp.full_like(h, place))
+        # Over a very short step it is a difference of nearly equal numbers, and not needed.
+        bend = safe_ratio(curvature, h * h, jnp.abs(curvature) > 1e-8 * jnp.abs(end.value))
+        past_end = end.value + end.past * (end.rate + 0.5 * end.past * bend)
+        there = jnp.where(on_summit == place, past_end, path.value(on_summit))
         value = jnp.where(jnp.abs(there) > value, jnp.abs(there), value)
-    raises = turned & (value > record * (1 - NEAR_RECORD)) & (z > WELL_INSIDE) & (z < 1 - WELL_INSIDE)
+    raises = turned & (value > record * (1 - NEAR_RECORD)) & (z > inside) & (z < 1 - inside)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 

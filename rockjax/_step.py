@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from . import _results as results
 from ._guard import Guard, safe_ratio, watch
 from ._hermite import quintic
-from ._maxima import NEAR_RECORD, WELL_INSIDE, End, Maximum, cubic, largest, spring, summit
+from ._maxima import NEAR_RECORD, WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
 from ._model import Vector, acceleration, beam, beam_acceleration, shear, uplift_demand
 from ._runge_kutta import Step
 from ._runge_kutta import step as runge_kutta
@@ -375,11 +375,11 @@ def _maxima(
         deformation = force = none
         if how.deformation:
             ends = (End(jets[0][0], jets[0][1], before), End(jets[1][0], jets[1][1], after))
-            deformation = largest(path, lane.deformation, ends)
+            deformation = largest(path, h, lane.deformation, ends)
         if how.shear:
             first, last = ((c.omega2 * d + c.damping * r, c.omega2 * r + c.damping * s) for d, r, s in jets)
             ends = (End(*first, before), End(*last, after))
-            force = largest(spring(path, c.omega2, c.damping, h), lane.shear * c.g, ends)
+            force = largest(spring(path, c.omega2, c.damping, h), h, lane.shear * c.g, ends)
             force = force._replace(value=force.value / c.g)
         # The shear takes a derivative of the polynomial: it is landed on whatever the order.
         return deformation if how.refine else deformation._replace(cut=none.cut), force
@@ -392,5 +392,5 @@ def _maxima(
         s0, rate0 = jax.jvp(along, (lane.t, lane.x, lane.v), (one, lane.v, a0))
         s1, rate1 = jax.jvp(along, (lane.t + h, end.x, end.v), (one, end.v, end.a))
         ends = (End(s0, rate0, before), End(s1, rate1, after))
-        return none, largest(cubic(s0, rate0, s1, rate1, h), lane.shear, ends)
+        return none, largest(cubic(s0, rate0, s1, rate1, h), h, lane.shear, ends, WELL_INSIDE_CUBIC)
     return none, none

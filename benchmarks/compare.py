@@ -1,0 +1,147 @@
+"""This project beside what a user would pick instead, in one run on the same scenes: `python -m benchmarks.compare`.
+
+For each target of the 99th percentile of the error, everyone runs at the loosest tolerance that reaches it. SciPy, heyoka
+and the literal Diffrax form run a spread of some scenes (and a target is judged by their largest error); times are per
+scene, of the shortest run. Peers: `pip install -e ".[bench]"`.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+import rockjax as rj
+
+from .families import PERIODS, Family, family
+from .measure import errors, keep, options, podium, rockjax_peaks, shortest, show
+
+TARGETS = (1e-6, 1e-8, 1e-10)
+TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]
+Solve = Callable[[Family, float], tuple[np.ndarray, np.ndarray]]
+
+
+def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
+    """The loosest tolerance whose error (99th percentile, the largest of a few) is below the target."""
+    measure = "p99" if len(scenes) >= 400 else "max"
+    for rtol in TOLERANCES:
+        if rtol > 1e3 * target:
+            continue
+        error = errors(solve(scenes, rtol), scenes)
+        if error[measure] <= target and error["flips"] == 0:
+            return rtol
+    return None
+
+
+def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
+    """One `diffeqsolve` with an event per segment, vmapped: what Diffrax's documentation suggests."""
+    how = options(rtol, engine="segments")
+    peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), how)
+    return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
+
+
+@jax.jit
+def _segments(structure: rj.Podium, motions: rj.Ricker, how: rj.Options) -> rj.Peak:
+    return jax.vmap(lambda a_p, T_p: rj.peak_response(structure, rj.Ricker(a_p, T_p), options=how))(motions.a_p, motions.T_p)
+
+
+def peers() -> dict[str, tuple[Solve, int, int]]:
+    """Name: (solver, how many scenes, how many runs)."""
+    from .peers import heyoka_events, numba_loop, scipy_events
+
+    return {
+        "numba loop, DOP853": (numba_loop.solve, 0, 5),
+        "heyoka": (heyoka_events.solve, 36, 2),
+        "SciPy DOP853": (lambda s, r: scipy_events.solve(s, r, "DOP853"), 9, 1),
+        "SciPy LSODA": (lambda s, r: scipy_events.solve(s, r, "LSODA"), 9, 1),
+        "Diffrax, a solve per segment": (segments, 36, 2),
+    }
+
+
+def families(points: int, names: list[str]) -> list[dict]:
+    rows = []
+    for name in PERIODS:
+        whole = family(name, points)
+        for target in TARGETS:
+            ours = loosest(rockjax_peaks, whole, target)
+            if ours is None:
+                continue
+            own = shortest(lambda s=whole, r=ours: rockjax_peaks(s, r)) / len(whole)
+            rows.append({"family": name, "error": target, "peer": "rockjax", "rtol": ours, "us": own * 1e6, "ratio": 1.0})
+            for peer in names:
+                solve, count, runs = peers()[peer]
+                if target < 1e-8 and count:
+                    continue  # a run of hours, and the same story
+                scenes = whole.some(count) if count else whole
+                rtol = loosest(solve, scenes, target)
+                row = {"family": name, "error": target, "peer": peer, "rtol": rtol, "us": None, "ratio": None}
+                if rtol is not None:
+                    seconds = shortest(lambda solve=solve, s=scenes, r=rtol: solve(s, r), runs) / len(scenes)
+                    row |= {"us": seconds * 1e6, "ratio": seconds / own}
+                rows.append(row)
+                print(row, flush=True)
+    return rows
+
+
+def job() -> list[dict]:
+    """The whole of Fig. 6: 12 panels of 10 000 scenes, against the numba loop on both cores."""
+    from .peers import numba_loop
+
+    panels = [family(name, 100) for name in PERIODS]
+    import dataclasses
+
+    panels = [dataclasses.replace(panel, eta=eta) for eta in (10.0, 50.0, 100.0) for panel in panels]
+    frequency, acceleration = np.linspace(1, 8, 100), np.linspace(1, 12, 100)
+    structures = [podium(panel) for panel in panels]
+    rows = []
+    for target in TARGETS:
+
+        def ours(rtol: float):
+            return rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(rtol))
+
+        def theirs(rtol: float):
+            return [numba_loop.solve(panel, rtol) for panel in panels]
+
+        tolerances = [max_tolerance(solve, panels[8:], target) for solve in (rockjax_peaks, numba_loop.solve)]
+        times = [shortest(lambda r=tolerances[0]: ours(r)), shortest(lambda r=tolerances[1]: theirs(r))]
+        rows.append(
+            {
+                "error": target,
+                "rtol": tolerances[0],
+                "rockjax [s]": times[0],
+                "rtol numba": tolerances[1],
+                "numba [s]": times[1],
+            }
+            | {"ratio": times[1] / times[0]}
+        )
+        print(rows[-1], flush=True)
+    began = shortest(lambda: rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(1e-8)))
+    rows.append({"error": None, "rtol": 1e-8, "rockjax [s]": began, "rtol numba": None, "numba [s]": None, "ratio": None})
+    return rows
+
+
+def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
+    """The loosest tolerance that reaches the target on every panel."""
+    found = [loosest(solve, panel, target) for panel in panels]
+    assert all(rtol is not None for rtol in found), (target, found)
+    return min(rtol for rtol in found if rtol is not None)
+
+
+def main(points: int = 40, *names: str) -> None:
+    began = time.perf_counter()
+    rows = families(int(points), list(names) or list(peers()))
+    keep("compare", rows)
+    show(rows, {"family": "", "error": ".0e", "peer": "", "rtol": ".1e", "us": ".2f", "ratio": ".1f"})
+    whole = job()
+    keep("fig6", whole)
+    show(
+        whole, {"error": ".0e", "rtol": ".1e", "rockjax [s]": ".2f", "rtol numba": ".1e", "numba [s]": ".2f", "ratio": ".2f"}
+    )
+    print(f"{time.perf_counter() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
