@@ -17,7 +17,7 @@ Value = Float[Array, ""]
 # as good as the step itself.
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
-WELL_INSIDE_CUBIC = 0.002
+WELL_INSIDE_CUBIC = 1e-4
 ON_SUMMIT = 1e-4
 
 

@@ -92,7 +92,8 @@ def spectra(panels: xarray.Dataset) -> Figure:
             ax.set_title(rf"$\eta/\gamma = {float(panel.eta_over_gamma):g}$, $T_s = {float(panel.T_s):g}$ s", fontsize=10)
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
-            ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+            if bool(panel["overturned"].any()):
+                ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
     contours = axes[0, 0]._rockjax_contours
     bar = figure.add_axes((rest + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
     figure.colorbar(contours, cax=bar, label=r"peak rotation $\max|\theta|\,/\,\alpha$")

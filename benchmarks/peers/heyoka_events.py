@@ -1,4 +1,4 @@
-"""The model with heyoka: Taylor series of adaptive order-by-tolerance, compiled once, and event detection on the series.
+"""The model with heyoka: Taylor series in time of an order set by the tolerance, and event detection on the series.
 
 Each ODE system is compiled once for a tolerance; the podium, the pulse and the side of rocking are runtime parameters.
 Uplift, impact and overturning are terminal events, handled between two propagations; the largest rotations are
@@ -14,13 +14,14 @@ import heyoka as hy
 import numpy as np
 from scipy.special import lambertw
 
-from ..families import Family, G
+from ..families import Family, G  # noqa: TID252
 
 FALLING, RISING = hy.event_direction.negative, hy.event_direction.positive
-IMPACT, OVERTURNED = -1, -2  # outcomes of a propagation: the terminal events in their order
+UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and the second
+OVERTURNED = -2
 SUPPORT = 2.2  # the pulse is zero beyond ± SUPPORT·T_p
 STRIDE = 0.25  # longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming
-TINY = 1e-30  # in place of 0 at the start of a phase: a root at the very start of a step would hide the next one
+TINY, FAINT = 1e-30, 1e-20  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:
@@ -38,7 +39,7 @@ def _contact(tol: float) -> hy.taylor_adaptive_dbl:
     f = stiffness * u + damping * w
     q = a - ratio * f
     uplift = hy.t_event(q * q - q_up2, direction=RISING, cooldown=0.0)
-    return hy.taylor_adaptive([(u, w), (w, -a - f)], [0.0] * 2, tol=tol, pars=[0.0] * 6, t_events=[uplift])
+    return hy.taylor_adaptive([(u, w), (w, -a - f)], [0.0] * 2, tol=tol, fast_math=True, pars=[0.0] * 6, t_events=[uplift])
 
 
 @functools.cache
@@ -67,6 +68,7 @@ def _rocking(rigid: bool, tol: float) -> tuple[hy.taylor_adaptive_dbl, list[floa
         system,
         [0.0] * len(system),
         tol=tol,
+        fast_math=True,
         pars=[0.0] * (7 if rigid else 14),
         t_events=[
             hy.t_event(side * theta, direction=FALLING, cooldown=0.0),
@@ -109,6 +111,8 @@ class _Podium:
         lost = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         self.restitution = max(0.0, 1 - lost)
         self.rest = rtol * self.p * alpha
+        # A flight far shorter than the step is lost to the root finder of the events: slow ones have a short first step.
+        self.slow, self.hop = 1e-2 * self.p * alpha, 2 / (p2 * alpha)
         self.inertia = 0.5 * (1 + lam + 4 * gamma) * R * R
         self.lift = 2 * R * G * (eta + gamma + 0.5)
 
@@ -124,10 +128,11 @@ class _Podium:
             self.contact.pars[2:] = self.stiffness, self.damping, self.ratio, self.q_up**2
 
     def potential(self, theta: float) -> float:
-        """Of the weights, over N m_c, as below."""
+        """Of the weights, over N m_c."""
         return self.lift * (math.cos(self.alpha - abs(theta)) - self.cos_alpha)
 
     def energy(self, side: float, theta: float, v: float, u: float, w: float) -> float:
+        """Kinetic and potential, over N m_c."""
         sin, cos = math.sin(side * self.alpha - theta), math.cos(side * self.alpha - theta)
         stretch, rise = u - 2 * self.R * (side * self.sin_alpha - sin), 2 * self.R * v * sin
         top = 0.5 * self.eta * (w * w + rise * rise + self.stiffness * stretch * stretch)
@@ -159,7 +164,7 @@ class _Podium:
                 break
             if side == 0:
                 if self.rigid:
-                    t = min((lift for lift in uplifts if lift > t), default=end)
+                    t = min((later for later in uplifts if later > t), default=end)
                     if t == end:
                         break
                 else:
@@ -170,17 +175,20 @@ class _Podium:
                     stop = quiet if t < quiet else min(t + self.period, end)
                     outcome = int(contact.propagate_until(stop, max_delta_t=STRIDE * T_p)[0])
                     t, u, w = contact.time, float(swing[0]), float(swing[1])
-                    if outcome != -1:
+                    if outcome != UPLIFT:
                         continue
                 side = -math.copysign(1.0, demand())
             rocking.time = t
             pars[0], pars[1] = side, side * self.alpha
-            state[0], state[1] = theta or 1e-22 * side, v or 1e-15 * side
+            state[0], state[1] = theta or side * TINY, v or side * FAINT
             if not self.rigid:
                 pars[11] = 2 * self.R * side * self.sin_alpha
                 state[2], state[3] = u, w
             peaks.clear()
-            outcome = int(rocking.propagate_until(quiet if t < quiet else end)[0])
+            stop = quiet if t < quiet else end
+            if theta == 0 and 0 < abs(v) < self.slow:
+                stop = min(stop, t + abs(v) * self.hop)
+            outcome = int(rocking.propagate_until(stop)[0])
             if outcome == OVERTURNED:
                 return self.alpha, True
             t, theta, v = rocking.time, float(state[0]), float(state[1])

@@ -1,0 +1,210 @@
+"""What a SciPy user would write: `solve_ivp` with terminal events, one phase of contact after another.
+
+| phase | state | ends by |
+|---|---|---|
+| full contact, rigid | – | uplift, a root of the pulse: nothing is integrated |
+| full contact, elastic | u_t, u̇_t | the demand rising to the uplift's; little energy after the pulse |
+| rocking, rigid | θ, θ̇ | θ = 0 (impact), \\|θ\\| = α (overturned); little energy after the pulse |
+| rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
+
+`solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase starts at the
+zero of its own event. So the first step of a phase is sized by the flight time and the others are limited.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from ..families import Family, G  # noqa: TID252
+
+REST_VELOCITY = 1e-6  # in p α: slower after an impact is at rest
+MAX_PHASES = 10_000
+
+
+def _event(function: Callable, terminal: bool = True, direction: float = -1) -> Callable:
+    function.terminal, function.direction = terminal, direction
+    return function
+
+
+class Podium:
+    """The equations of motion and the energy (over N m_c) of one family."""
+
+    def __init__(self, family: Family) -> None:
+        self.alpha, self.R, self.lam, self.zeta = family.alpha, family.R, family.lam, family.zeta
+        self.rigid = family.T_s == 0
+        self.omega = 0.0 if self.rigid else 2 * math.pi / family.T_s
+        self.gamma = family.gamma + family.eta if self.rigid else family.gamma
+        self.eta = 0.0 if self.rigid else family.eta
+        self.p = math.sqrt(0.75 * G / self.R)
+        total = self.gamma + self.eta
+        loss = math.sin(self.alpha) ** 2 * (2 * total + 0.5) / (0.25 * (1 + self.lam) + total)
+        self.restitution = max(1 - loss, 0.0)
+        self.uplift = G * math.tan(self.alpha) * (1 + 2 * total) / (1 + 2 * self.gamma)
+        size = 2 * self.R * math.sin(self.alpha)
+        units = [self.alpha, self.p * self.alpha, size, max(self.omega, self.p) * size]
+        self.units = np.array(units[:2] if self.rigid else units)
+
+    def demand(self, a: float, u: float, w: float) -> float:
+        return a - (self.omega**2 * u + 2 * self.zeta * self.omega * w) * 2 * self.eta / (1 + 2 * self.gamma)
+
+    def contact(self, a: float, u: float, w: float) -> list[float]:
+        return [w, -a - 2 * self.zeta * self.omega * w - self.omega**2 * u]
+
+    def rocking(self, a: float, y: np.ndarray, side: int) -> list[float]:
+        th, v, *top = y.tolist()
+        psi = side * self.alpha - th
+        s, c = math.sin(psi), math.cos(psi)
+        p2, gamma, eta, omega = self.p**2, self.gamma, self.eta, self.omega
+        inertia = 3 * gamma + 0.75 * (1 + self.lam) + 3 * eta * s * s
+        moment = -p2 * (2 * eta + 2 * gamma + 1) * s - a / G * p2 * (2 * gamma + 1) * c
+        if self.rigid:
+            return [v, moment / inertia]
+        u, w = top
+        force = omega**2 * (u - 2 * self.R * (side * math.sin(self.alpha) - s))
+        force += 2 * self.zeta * omega * (w - 2 * self.R * v * c)
+        return [v, (moment + 3 * eta * (v * v * s * c + c * force / (2 * self.R))) / inertia, w, -a - force]
+
+    def energy(self, y: np.ndarray, side: int) -> float:
+        th, v, *top = y.tolist()
+        psi = side * self.alpha - th
+        s, c = math.sin(psi), math.cos(psi)
+        kinetic = 0.5 * (1 + self.lam + 4 * self.gamma + 4 * self.eta * s * s) * (self.R * v) ** 2
+        energy = kinetic + 2 * self.R * G * (self.eta + self.gamma + 0.5) * (c - math.cos(self.alpha))
+        if self.rigid:
+            return energy
+        u, w = top
+        stretch = u - 2 * self.R * (side * math.sin(self.alpha) - s)
+        return energy + 0.5 * self.eta * (w**2 + (self.omega * stretch) ** 2)
+
+    def well(self, peak: float) -> float:
+        """Energy that reaches this rotation."""
+        return 2 * self.R * G * (self.eta + self.gamma + 0.5) * (math.cos(self.alpha - peak) - math.cos(self.alpha))
+
+    def contact_energy(self) -> float:
+        """Energy of an elastic superstructure below which it lifts nothing by itself."""
+        force = self.omega * math.sqrt(1 + 4 * self.zeta**2) * 2 * self.eta / (1 + 2 * self.gamma)
+        return 0.5 * self.eta * (self.uplift / force) ** 2
+
+
+def _next_lift(acceleration: Callable, t: float, T_p: float, threshold: float) -> float:
+    """First time from t on at which |ü_g| exceeds the threshold; inf where none follows."""
+    if abs(acceleration(t)) > threshold:
+        return t
+    excess = lambda t: abs(acceleration(t)) - threshold
+    crest, zero = math.sqrt(1.5) * T_p / math.pi, math.sqrt(0.5) * T_p / math.pi
+    for low, high in ((-2.2 * T_p, -crest), (-zero, 0.0), (zero, crest)):  # where |ü_g| rises
+        low = max(low, t)
+        if low < high and excess(high) > 0:
+            return brentq(excess, low, high, xtol=1e-15, rtol=1e-15) if excess(low) < 0 else low
+    return math.inf
+
+
+def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> tuple[float, bool]:
+    alpha, p, omega, rigid = podium.alpha, podium.p, podium.omega, podium.rigid
+
+    def acceleration(t: float) -> float:
+        x = (math.pi * t / T_p) ** 2
+        return a_p * (1 - 2 * x) * math.exp(-x)
+
+    t, pulse_end, t_end = -2.2 * T_p, 2.2 * T_p, 2.2 * T_p + 30 / p
+    options = {"method": method, "rtol": rtol}
+    options["max_step"] = min(T_p / 4, 1 / p, math.inf if rigid else 2 / omega)
+    y = np.zeros(len(podium.units))
+    side, fresh, peak = 0, False, 0.0
+    for _ in range(MAX_PHASES):
+        if t >= t_end:
+            return peak / alpha, False
+        until, settles = (pulse_end, False) if t < pulse_end else (t_end, True)
+        if side == 0:  # ------------------------------------------------------------------ full contact
+            if rigid:
+                t = _next_lift(acceleration, t, T_p, podium.uplift)
+                if t >= pulse_end:
+                    return peak / alpha, False
+            else:
+                enough = max(podium.well(peak), podium.contact_energy())
+                if settles and podium.energy(y, 1) < enough:
+                    return peak / alpha, False
+                if abs(podium.demand(acceleration(t), y[2], y[3])) <= podium.uplift * (1 + 1e-14):
+                    lift = lambda t, z: abs(podium.demand(acceleration(t), z[0], z[1])) - podium.uplift
+                    events = [_event(lift, direction=1)]
+                    if settles:
+                        calm = lambda t, z, enough=enough: 0.5 * podium.eta * (z[1] ** 2 + (omega * z[0]) ** 2) - enough
+                        events.append(_event(calm))
+                    s = solve_ivp(
+                        lambda t, z: podium.contact(acceleration(t), *z.tolist()),
+                        (t, until),
+                        y[2:],
+                        atol=rtol / 100 * podium.units[2:],
+                        events=events,
+                        **options,
+                    )
+                    t, y[2:] = s.t[-1], s.y[:, -1]
+                    if settles and len(s.t_events[1]):
+                        return peak / alpha, False
+                    if not len(s.t_events[0]):
+                        continue
+            q = acceleration(t) if rigid else podium.demand(acceleration(t), y[2], y[3])
+            side, fresh = (-1 if q > 0 else 1), True
+            y[:2] = 0
+            continue
+        # ------------------------------------------------------------------------------------ rocking
+        enough = podium.well(peak)
+        if settles and podium.energy(y, side) < enough:
+            return peak / alpha, False
+        first = None
+        if fresh:
+            first = 1e-5 / p
+            if y[1] != 0:
+                push = podium.rocking(acceleration(t), y, side)[1]
+                first = min(0.01 / p, abs(0.2 * y[1] / push) if push else math.inf)
+            first = min(first, options["max_step"], 0.5 * (until - t))
+        events = [
+            _event(lambda t, z, side: side * z[0]),
+            _event(lambda t, z, side: side * z[0] - alpha, direction=1),
+            _event(lambda t, z, side: side * z[1], terminal=False),
+        ]
+        if settles:
+            events.append(_event(lambda t, z, side, enough=enough: podium.energy(z, side) - enough))
+        s = solve_ivp(
+            lambda t, z, side: podium.rocking(acceleration(t), z, side),
+            (t, until),
+            y,
+            atol=rtol / 100 * podium.units,
+            first_step=first,
+            events=events,
+            args=(side,),
+            **options,
+        )
+        t, y, fresh = s.t[-1], s.y[:, -1].copy(), False
+        if len(s.t_events[1]):
+            return 1.0, True
+        peak = max([peak, side * y[0]] + [side * z[0] for z in s.y_events[2]])
+        if settles and len(s.t_events[3]):
+            return peak / alpha, False
+        if len(s.t_events[0]):  # impact
+            y[0] = 0
+            y[1] *= podium.restitution
+            fresh = True
+            if abs(y[1]) > REST_VELOCITY * p * alpha:
+                side = 1 if y[1] > 0 else -1
+            else:
+                y[1] = 0
+                q = acceleration(t) if rigid else podium.demand(acceleration(t), y[2], y[3])
+                side = 0 if abs(q) <= podium.uplift else (-1 if q > 0 else 1)
+    raise RuntimeError(f"more than {MAX_PHASES} phases for a_p = {a_p}, T_p = {T_p}")
+
+
+def solve(family: Family, rtol: float, method: str = "DOP853") -> tuple[np.ndarray, np.ndarray]:
+    """The same, one scene after another; atol = rtol/100 in natural units (α, p α, 2R sin α, …).
+
+    Peak rotation max|θ|/α, capped at 1, and overturned; `method` is "DOP853" or "LSODA".
+    """
+    podium = Podium(family)
+    scenes = zip(family.a_p.tolist(), family.T_p.tolist(), strict=True)
+    peak, overturned = zip(*(_scene(podium, a_p, T_p, rtol, method) for a_p, T_p in scenes), strict=True)
+    return np.array(peak), np.array(overturned)
