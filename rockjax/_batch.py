@@ -167,8 +167,10 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
     stopped = threading.Event()
 
     def chunks() -> Iterator[tuple[int, int]]:
-        for start in range(0, scenes.total, size):
-            yield start, min(start + size, scenes.total)
+        # A small batch is shared out: not every chunk is full.
+        share = min(size, max(LANES, -(-scenes.total // workers())))
+        for start in range(0, scenes.total, share):
+            yield start, min(start + share, scenes.total)
 
     todo = chunks()
 
@@ -199,7 +201,7 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
 
     idle = _idle(scenes.part(0, 0, size), scenes.axes, scenes.structure, options, LANES)
     with _bar(scenes.total, progress) as bar, ThreadPoolExecutor(workers()) as pool:
-        wanted = min(workers(), -(-scenes.total // size))
+        wanted = min(workers(), -(-scenes.total // LANES))
         futures = [pool.submit(work) for _ in range(wanted)]
         try:
             for future in futures:
@@ -262,7 +264,7 @@ def _advance(
     The chunk's scenes are numbers `first` to `first + count` of the batch.
     """
     how = plan(jax.tree.unflatten(structure, leaves)[0], options, history=False)
-    chunk = _glided(_prepared(leaves, axes, structure, options), how, lanes)
+    chunk = _glided(_prepared(leaves, axes, structure, options), how, lanes, count)
     moves, settle = _automaton(how, options)
     size = next(y.shape[0] for y, axis in zip(leaves, axes, strict=True) if axis == 0)
 
@@ -409,7 +411,7 @@ def _prepared(leaves, axes, structure, options: Options) -> _Chunk:
 _GLIDES = ("t", "mark", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
 
 
-def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:
+def _glided(chunk: _Chunk, how: Plan, lanes: int, count) -> _Chunk:
     """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
     if not how.elastic:
         return chunk
@@ -423,7 +425,10 @@ def _glided(chunk: _Chunk, how: Plan, lanes: int) -> _Chunk:
 
     size = chunk.parts[0].shape[0]
     split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
-    blocks = jax.tree.map(split, (chunk.parts, chunk.starts(size)))
+    starts = chunk.starts(size)
+    used = jnp.arange(size) < count  # what fills up the chunk goes nowhere
+    starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
+    blocks = jax.tree.map(split, (chunk.parts, starts))
     moved = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), jax.lax.map(block, blocks))
     differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, moved))
     return chunk._replace(lane=chunk.lane._replace(**moved), lane_differs=differs)

@@ -21,7 +21,7 @@ UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and
 OVERTURNED = -2
 SUPPORT = 2.2  # the pulse is zero beyond ± SUPPORT·T_p
 STRIDE = 0.25  # longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming
-TINY, FAINT = 1e-30, 1e-20  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
+TINY, FAINT = 1e-40, 1e-20  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:
@@ -111,7 +111,7 @@ class _Podium:
         lost = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         self.restitution = max(0.0, 1 - lost)
         self.rest = rtol * self.p * alpha
-        # A flight far shorter than the step is lost to the root finder of the events: slow ones have a short first step.
+        # A flight far shorter than the step is lost to the root finder of the events: slow ones start with short steps.
         self.slow, self.hop = 1e-2 * self.p * alpha, 2 / (p2 * alpha)
         self.inertia = 0.5 * (1 + lam + 4 * gamma) * R * R
         self.lift = 2 * R * G * (eta + gamma + 0.5)
@@ -158,7 +158,7 @@ class _Podium:
             return a_p * (1 - 2 * x) * math.exp(-x) - self.ratio * (self.stiffness * u + self.damping * w)
 
         t, side, theta, v, u, w = -quiet, 0.0, 0.0, 0.0, 0.0, 0.0
-        largest = held = 0.0
+        largest, held, hop = 0.0, 0.0, math.inf
         while t < end:
             if t >= quiet and self.energy(side, theta, v, u, w) < held:
                 break
@@ -185,10 +185,7 @@ class _Podium:
                 pars[11] = 2 * self.R * side * self.sin_alpha
                 state[2], state[3] = u, w
             peaks.clear()
-            stop = quiet if t < quiet else end
-            if theta == 0 and 0 < abs(v) < self.slow:
-                stop = min(stop, t + abs(v) * self.hop)
-            outcome = int(rocking.propagate_until(stop)[0])
+            outcome = int(rocking.propagate_until(min(t + hop, quiet if t < quiet else end))[0])
             if outcome == OVERTURNED:
                 return self.alpha, True
             t, theta, v = rocking.time, float(state[0]), float(state[1])
@@ -199,11 +196,13 @@ class _Podium:
                 theta, v = 0.0, self.restitution * v
                 if abs(v) > self.rest:
                     side = -side
+                    hop = abs(v) * self.hop if abs(v) < self.slow else math.inf
                 else:
-                    v, q = 0.0, demand()
+                    v, hop, q = 0.0, math.inf, demand()
                     side = 0.0 if abs(q) <= self.q_up else -math.copysign(1.0, q)
             else:
                 highest = max(highest, abs(theta))
+                hop *= 8
             if highest > largest:
                 largest, held = highest, self.potential(highest)
         return min(largest, self.alpha), False

@@ -8,7 +8,8 @@
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
 `solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase starts at the
-zero of its own event. So the first step of a phase is sized by the flight time and the others are limited.
+zero of its own event. So the first step of a phase is sized by the flight time, the others are limited, and a phase in which
+θ was negative between two steps, which the event of its extremes tells, is repeated up to there.
 """
 
 from __future__ import annotations
@@ -163,23 +164,31 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                 push = podium.rocking(acceleration(t), y, side)[1]
                 first = min(0.01 / p, abs(0.2 * y[1] / push) if push else math.inf)
             first = min(first, options["max_step"], 0.5 * (until - t))
-        events = [
-            _event(lambda t, z, side: side * z[0]),
+        events = [  # a phase starts at zeros, which are no events
+            _event(lambda t, z, side, start=t: side * z[0] if t > start else 1.0),
             _event(lambda t, z, side: side * z[0] - alpha, direction=1),
-            _event(lambda t, z, side: side * z[1], terminal=False),
+            _event(lambda t, z, side, start=t: side * z[1] if t > start else 1.0, terminal=False, direction=0),
         ]
         if settles:
             events.append(_event(lambda t, z, side, enough=enough: podium.energy(z, side) - enough))
-        s = solve_ivp(
-            lambda t, z, side: podium.rocking(acceleration(t), z, side),
-            (t, until),
-            y,
-            atol=rtol / 100 * podium.units,
-            first_step=first,
-            events=events,
-            args=(side,),
-            **options,
-        )
+        while True:
+            s = solve_ivp(
+                lambda t, z, side: podium.rocking(acceleration(t), z, side),
+                (t, until),
+                y,
+                atol=rtol / 100 * podium.units,
+                first_step=first,
+                events=events,
+                args=(side,),
+                **options,
+            )
+            dips = [
+                dip for dip, z in zip(s.t_events[2], s.y_events[2], strict=True) if t < dip < s.t[-1] and side * z[0] < 0
+            ]
+            if not dips:
+                break
+            until = dips[0]  # it went below zero and came back inside a step: end a step there
+            first = first and min(first, 0.5 * (until - t))
         t, y, fresh = s.t[-1], s.y[:, -1].copy(), False
         if len(s.t_events[1]):
             return 1.0, True
