@@ -133,7 +133,7 @@ def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
 def main(points: int = 40, *names: str) -> None:
     began = time.perf_counter()
     rows = families(int(points), list(names) or list(peers()))
-    keep("compare", rows)
+    keep(f"compare-{points}", rows)
     show(rows, {"family": "", "error": ".0e", "peer": "", "rtol": ".1e", "us": ".2f", "ratio": ".1f"})
     whole = job()
     keep("fig6", whole)

@@ -43,7 +43,7 @@ def dimensional_axes(dataset: xarray.Dataset, ax: Axes, period: bool = True, acc
     if period:
         top = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
         top.set_xlabel(r"$T_p$ [s]")
-        top.set_xticks([T for T in (3, 2, 1.5, 1, 0.8, 0.6, 0.5, 0.4) if _inside(_period(T, p), ax.get_xlim())])
+        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if _inside(_period(T, p), ax.get_xlim())])
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
 
