@@ -40,6 +40,8 @@ CHUNK = 1024  # scenes prepared at once
 PATIENCE = 5  # lanes that may wait before they are served
 WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
 
+_REPORTING = threading.Lock()  # batches side by side may share one progress bar
+
 # The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
 _COMPILER = {"xla_cpu_prefer_vector_width": 512}
 
@@ -174,18 +176,18 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
 
     todo = chunks()
 
-    def store(done: _Done) -> int:
+    def store(done: _Done) -> None:
         nonlocal useful, possible
-        used, index = int(done.used), np.asarray(done.which)
-        index = index[:used]
+        used = int(done.used)
+        index = np.asarray(done.which)[:used]
         with lock:
             useful, possible = useful + int(done.useful), possible + int(done.trials) * LANES
             for whole, part in ((floats, done.floats), (integers, done.integers)):
                 for name, values in part.items():
                     values = np.asarray(values)
                     whole.setdefault(name, np.empty(scenes.total, values.dtype))[index] = values[:used]
+        with _REPORTING:
             bar.update(used)
-        return used
 
     def work() -> None:
         lanes = idle

@@ -46,6 +46,9 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     monkeypatch.setattr(rj._batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     same(whole, chunks, rtol=1e-6)
+    monkeypatch.setattr(rj._batch, "workers", lambda: 1)
+    alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    same(chunks, alone, rtol=1e-12)
 
 
 def test_everything_broadcasts():
@@ -95,6 +98,7 @@ def test_no_compilation_when_only_numbers_change():
         o = rj.Options(rtol=1e-7, atol=1e-9, overturn_ratio=1.1)
         rj.peak_response(changed, rj.Ricker(3.1, 1.1), options=o)
         rj.peak_responses(changed, rj.Ricker(amplitudes(20) * 1.01, 1.1), options=o)
+        rj.peak_responses(changed, rj.Ricker(amplitudes(41) * 1.01, 1.1), options=o)
 
 
 class _no_compiles:
