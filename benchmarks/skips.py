@@ -6,6 +6,7 @@ Each row runs a family with one skip taken away.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import sys
 from unittest import mock
 
@@ -13,7 +14,7 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax import _batch, _step
+from rockjax import _batch, _contact, _step
 from rockjax._pulses import _PulseOutlook
 
 from .families import PERIODS, Family, family
@@ -53,6 +54,22 @@ WITHOUT = {
 }
 
 
+def weak(points: int) -> dict:
+    """Pulses too weak to lift anything, with and without the proof of it before the first step."""
+    scenes = family("T_s = 0.5 s", points)
+    scenes = dataclasses.replace(scenes, a_p=0.1 * scenes.a_p)
+    found = peaks(scenes)
+    quick = shortest(lambda: peaks(scenes))
+    jax.clear_caches()
+    with mock.patch.object(_contact, "certificate", never), mock.patch.object(_step, "certificate", never):
+        slow = shortest(lambda: peaks(scenes), 3)
+        difference = float(np.abs(found - peaks(scenes)).max())
+    jax.clear_caches()
+    row = {"family": "T_s = 0.5 s, a tenth of it", "skip": "scenes that provably never lift"}
+    row |= {"with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6}
+    return row | {"saves": slow / quick, "difference": difference}
+
+
 def main(points: int = 60) -> None:
     rows = []
     for name in PERIODS:
@@ -80,6 +97,7 @@ def main(points: int = 60) -> None:
             row = {"family": name, "skip": "two states, and uplift as a root of the pulse"}
             row |= {"with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6, "saves": slow / quick}
             rows.append(row | {"difference": float(np.abs(found - with_all).max())})
+    rows.append(weak(points))
     keep("skips", rows)
     show(rows, {"family": "", "skip": "", "with": ".2f", "without": ".2f", "saves": ".2f", "difference": ".0e"})
 
