@@ -18,6 +18,8 @@ if "JAX_ENABLE_X64" not in _os.environ:
 from ._batch import peak_responses
 from ._excitations import AbstractExcitation, AbstractOutlook, Rest
 from ._options import Options
+from ._overturning import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
+from ._overturning_spectrum import overturning_spectrum
 from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
 from ._record import Record
 from ._results import RESULTS, Peak, State, Stats
@@ -34,6 +36,7 @@ __all__ = [
     "AbstractOutlook",
     "AbstractPulse",
     "AntisymmetricRicker",
+    "Boundary",
     "Elastic",
     "Gabor",
     "HalfSine",
@@ -51,6 +54,10 @@ __all__ = [
     "State",
     "Stats",
     "minimum_overturning",
+    "overturning_acceleration",
+    "overturning_boundary",
+    "overturning_scale",
+    "overturning_spectrum",
     "peak_response",
     "peak_responses",
     "rocking_spectra",

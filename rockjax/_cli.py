@@ -1,4 +1,4 @@
-"""The command line: `rockjax spectrum`, `rockjax response`."""
+"""The command line: `rockjax spectrum`, `overturning`, `response`, `design`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 app = typer.Typer(
-    help="Rocking podium structures: spectra, responses. SI units; ratios are dimensionless.",
+    help="Rocking podium structures: spectra, overturning boundaries, responses, design. SI units and ratios.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -75,6 +75,42 @@ def _prepare() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
+def _podiums(tan_alpha: float, R: float, gamma: float, ratios, periods, zeta: float, law: RestitutionName) -> list:
+    """One podium per mass ratio η/γ and period T_s, 0 for a rigid superstructure."""
+    import math
+
+    import rockjax as rj
+
+    podiums = []
+    for ratio in ratios:
+        for period in periods:
+            top = rj.Rigid(ratio * gamma) if period == 0 else rj.Elastic(ratio * gamma, period, zeta)
+            podiums.append(rj.Podium(math.atan(tan_alpha), R, gamma, top, restitution=law.value))
+    return podiums
+
+
+def _panels(datasets: list, ratios, periods):
+    """The datasets of `_podiums` put together, with the dims `eta_over_gamma` and `T_s`."""
+    import numpy as np
+    import xarray
+
+    each = iter(datasets)
+    # Where one has more boundaries than another.
+    join = {
+        "combine_attrs": "drop_conflicts",
+        "join": "outer",
+        "fill_value": {"impacts": -1, "boundaries": np.nan},
+        "coords": "different",
+        "compat": "equals",
+        "data_vars": "all",
+    }
+    rows = [
+        xarray.concat([next(each).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods], "T_s", **join)
+        for ratio in ratios
+    ]
+    return xarray.concat(rows, "eta_over_gamma", **join)
+
+
 @app.command()
 def spectrum(
     tan_alpha: TanAlpha = 0.15,
@@ -111,28 +147,13 @@ def spectrum(
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     x, y = np.linspace(*frequency, points), np.linspace(*acceleration, points)
     total = len(ratios) * len(periods) * points**2
-    podiums: list[rj.Podium] = []
-    for ratio in ratios:
-        for period in periods:
-            eta = ratio * gamma
-            top = rj.Rigid(eta) if period == 0 else rj.Elastic(eta, period, zeta)
-            podiums.append(rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value))
+    podiums = _podiums(tan_alpha, R, gamma, ratios, periods, zeta, restitution)
     with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
-        spectra = iter(rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar))
-    import xarray
-
+        spectra = rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar)
     from rockjax import plots
     from rockjax._files import write_whole
 
-    rows = [
-        xarray.concat(
-            [next(spectra).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
-            "T_s",
-            combine_attrs="drop_conflicts",
-        )
-        for ratio in ratios
-    ]
-    panels = xarray.concat(rows, "eta_over_gamma", combine_attrs="drop_conflicts")
+    panels = _panels(spectra, ratios, periods)
     panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     panels.attrs["zeta"] = zeta
@@ -149,6 +170,75 @@ def spectrum(
     for ratio in ratios:
         line = ", ".join(f"T_s = {T:g} s: {float(least.sel(eta_over_gamma=ratio, T_s=T)):.2f}" for T in periods)
         typer.echo(f"least overturning a_p/(g tan α) on the grid, η/γ = {ratio:g}: {line}")
+    for path in written:
+        typer.echo(f"wrote {path}")
+    typer.echo(f"{time.perf_counter() - began:.1f} s")
+
+
+@app.command()
+def overturning(
+    tan_alpha: TanAlpha = 0.15,
+    R: Radius = 1.5,
+    gamma: Gamma = 10.0,
+    eta_over_gamma: Annotated[str, typer.Option(help="Mass ratios η/γ, separated by commas.")] = "1,5,10",
+    T_s: Annotated[str, typer.Option("--T-s", help="Superstructure periods T_s [s]; 0 is rigid.")] = "0,0.1,0.5,1",
+    zeta: Zeta = 0.05,
+    pulse: Pulse = PulseName.ricker,
+    restitution: Law = RestitutionName.paper,
+    frequency: Annotated[tuple[float, float], typer.Option(help="Range of ω_p/p.")] = (1.0, 8.0),
+    max_acceleration: Annotated[float, typer.Option(help="End of the search, a_p/(g tan α).")] = 12.0,
+    points: Annotated[int, typer.Option(min=2, help="Frequencies.")] = 141,
+    sensitivities: Annotated[str, typer.Option(help="Parameters y of d a_ov/d ln y; empty for none.")] = "alpha,gamma",
+    rtol: Tolerance = 1e-11,
+    output: Output = Path("rockjax-overturning"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+) -> None:
+    """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
+
+    With no flags: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc, OUTPUT-boundaries.png and,
+    with sensitivities, OUTPUT-sensitivity.png.
+    """
+    began = time.perf_counter()
+    _prepare()
+    threading.Thread(target=lambda: importlib.import_module("rockjax.plots")).start()
+    import numpy as np
+    from tqdm import tqdm
+
+    import rockjax as rj
+
+    ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
+    names = [name.strip() for name in sensitivities.split(",") if name.strip()]
+    x = np.linspace(*frequency, points)
+    found = [
+        rj.overturning_spectrum(
+            podium,
+            _pulse(pulse),
+            x,
+            max_acceleration_ratio=max_acceleration,
+            sensitivities=names,
+            options=rj.Options(rtol=rtol, atol=0.01 * rtol),
+        )
+        for podium in tqdm(_podiums(tan_alpha, R, gamma, ratios, periods, zeta, restitution), unit=" podiums", disable=quiet)
+    ]
+    from rockjax import plots
+    from rockjax._files import write_whole
+
+    panels = _panels(found, ratios, periods)
+    panels.attrs["zeta"] = zeta
+    written = [write_whole(f"{output}.nc", lambda name: panels.to_netcdf(name, engine="netcdf4"))]
+    pictures = {"boundaries": plots.overturning_boundaries(panels)}
+    if names:
+        pictures["sensitivity"] = plots.sensitivities(panels)
+    for suffix, figure in pictures.items():
+        written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+    if quiet:
+        return
+    least = panels["minimum"].min("frequency_ratio")
+    for ratio in ratios:
+        line = ", ".join(f"T_s = {T:g} s: {float(least.sel(eta_over_gamma=ratio, T_s=T)):.4f}" for T in periods)
+        typer.echo(f"least overturning a_p/(g tan α), η/γ = {ratio:g}: {line}")
+    windows = int((panels["boundaries"].count("boundary") > 1).sum())
+    typer.echo(f"{sum(data.attrs['scenes'] for data in found)} scenes; windows of survival at {windows} frequencies")
     for path in written:
         typer.echo(f"wrote {path}")
     typer.echo(f"{time.perf_counter() - began:.1f} s")
@@ -208,6 +298,28 @@ def response(
     typer.echo(f"wrote {write_whole(f'{output}.nc', lambda name: data.to_netcdf(name, engine='netcdf4'))}")
     figure = plots.response(history)
     typer.echo(f"wrote {write_whole(f'{output}.png', lambda name: figure.savefig(name, dpi=150))}")
+
+
+@app.command()
+def design(
+    problem: Annotated[
+        Path, typer.Argument(help="The problem: structure, variables, targets, motions (TOML).", exists=True)
+    ],
+    starts: Annotated[int | None, typer.Option(min=1, help="Starting points; replaces those of the file.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the starting points; replaces that of the file.")] = None,
+    output: Output = Path("rockjax-design"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+) -> None:
+    """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to minimise.
+
+    Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and, before and
+    after, OUTPUT-response.png. Ends with 1 where no design satisfies the targets.
+    """
+    _prepare()
+    from optimise._cli import design_command
+
+    if not design_command(problem, output, starts, seed, quiet):
+        raise typer.Exit(1)
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import _results as results
+from ._hermite import derivative
 from ._model import Value
 from ._scene import Flag, Index, Lane, Plan, Scene, restart
 from ._settled import certificate
@@ -51,7 +52,7 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
         values = jax.lax.optimization_barrier(jax.vmap(ground)(lane.t + half * (1 + jnp.asarray(nodes))))
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
-        rates = [*[k * y for k, y in enumerate(path)][1:], jnp.zeros_like(half)]
+        rates = [*derivative(path), jnp.zeros_like(half)]
         before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
         # The free vibration is what the state at the start has besides the particular solution.
         offset = lane.x[1] - sum(y * s for y, s in zip(path, before, strict=True))

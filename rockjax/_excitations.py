@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -72,6 +73,10 @@ class AbstractExcitation(eqx.Module):
         start, end = self.support
         return 16, ((end - start) / 20, (end - start) / 80)
 
+    def scaled(self, factor) -> Self:
+        """The same motion times a factor."""
+        raise NotImplementedError(f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`")
+
     def breakpoint(self, index: Index) -> Value:
         """Time of breakpoint `index`, inf past the last one [s]."""
         times = self.breakpoints
@@ -126,3 +131,7 @@ class Rest(AbstractExcitation):
 
     def outlook(self, threshold: Value | None) -> AbstractOutlook:
         return _Silence()
+
+    def scaled(self, factor) -> Self:
+        del factor
+        return self

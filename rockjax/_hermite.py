@@ -63,7 +63,8 @@ def _horner(coefficients: Sequence[Value], z: Value) -> Value:
     return total
 
 
-def _derivative(coefficients: Sequence[Value]) -> list[Value]:
+def derivative(coefficients: Sequence[Value]) -> list[Value]:
+    """Coefficients of the derivative of a polynomial, from those of the polynomial, lowest power first."""
     return [k * c for k, c in enumerate(coefficients) if k]
 
 
@@ -74,7 +75,7 @@ def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, 
     """
     fall = above - below
     z = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
-    f, df, z = jax.lax.optimization_barrier((list(f), _derivative(f), z))
+    f, df, z = jax.lax.optimization_barrier((list(f), derivative(f), z))
     for _ in range(iterations):
         value, slope = _horner(f, z), _horner(df, z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
@@ -88,7 +89,7 @@ def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, 
 def turning_point(polynomial, rising: Bool[Array, ""]) -> Value:
     """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z = 1."""
     sign = jnp.where(rising, 1.0, -1.0)
-    slope = [sign * c for c in _derivative(polynomial)]
+    slope = [sign * c for c in derivative(polynomial)]
     lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
     return _safeguarded_newton(slope, lo, hi, slope[0], sum(slope[1:], slope[0]), _TO_TURN)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._guard import safe_ratio
-from ._hermite import Quintic, turning_point
+from ._hermite import Quintic, derivative, turning_point
 
 Value = Float[Array, ""]
 
@@ -67,8 +67,7 @@ def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], insid
 
 def spring(deformation: Quintic, omega2: Value, damping: Value, h: Value) -> Quintic:
     """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length h."""
-    rates = [k * c for k, c in enumerate(deformation)][1:]
-    rates.append(jnp.zeros_like(h))
+    rates = [*derivative(deformation), jnp.zeros_like(h)]
     return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 
 

@@ -18,7 +18,7 @@ METHODS: dict[str, type[diffrax.AbstractSolver]] = {
     "bosh3": diffrax.Bosh3,
     "kvaerno5": diffrax.Kvaerno5,
 }
-OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts")
+OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin")
 
 
 class Options(eqx.Module):
@@ -33,9 +33,9 @@ class Options(eqx.Module):
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2
     - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By default `rtol`
     - `max_steps`: bound on trial steps of a scene
-    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"` are wanted. The scene ends
-      as soon as none of these can change; a peak that is not wanted is not computed (NaN). Impacts are counted until
-      the scene ends; ask for `"impacts"` to count on until rest or `t_end`
+    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"` are wanted.
+      The scene ends as soon as none of these can change; what is not wanted is not computed (NaN). Impacts are counted
+      until the scene ends; ask for `"impacts"` to count on until rest or `t_end`
     - `history`: steps a history can hold under `jit`; outside it grows by itself
     - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
 
@@ -70,6 +70,16 @@ class Options(eqx.Module):
         unknown = [name for name in self.outputs if name not in OUTPUTS]
         if unknown or not self.outputs:
             raise ValueError(f"Options: outputs must be some of {OUTPUTS}, got {self.outputs!r}")
+        if "margin" in self.outputs:
+            if self.engine != "flat":
+                raise ValueError("Options: the margin needs engine='flat'")
+            require(
+                "Options",
+                "overturn_ratio",
+                self.overturn_ratio,
+                lambda v: v <= 1,
+                "<= 1 for the margin: past α a column may still come back, and no one moment decides",
+            )
         solver = self.solver  # raises for an unknown name
         if self.engine == "flat" and not isinstance(solver, diffrax.AbstractERK):
             raise ValueError(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -127,6 +128,9 @@ class AbstractPulse(AbstractExcitation):
     def breakpoints(self) -> Float[Array, "*batch n"]:
         ends = self.span if self.compact else ()
         return jnp.stack([z * self.T_p for z in ends], axis=-1) if ends else jnp.zeros((*self.T_p.shape, 0))
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, a_p=factor * self.a_p)
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         def formula(t):

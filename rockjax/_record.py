@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -101,6 +103,9 @@ class Record(AbstractExcitation):
     @property
     def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
         return 1, (self.dt,)
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, scale=factor * self.scale)
 
     def breakpoint(self, index: Index) -> Value:
         return jnp.where(index < self.acceleration.shape[0], self.t_start + index * self.dt, jnp.inf)

@@ -66,6 +66,8 @@ class AbstractPeak(eqx.Module):
     - `impacts`: their number until the scene ended
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
+    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
+      the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
       of what follows an impact grow like its inverse
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
@@ -81,6 +83,7 @@ class AbstractPeak(eqx.Module):
     impacts: Int[Array, "*batch"]
     peak_deformation: Float[Array, "*batch"]
     peak_shear: Float[Array, "*batch"]
+    margin: Float[Array, "*batch"]
     smallest_impact_speed: Float[Array, "*batch"]
     result: RESULTS
     stats: Stats

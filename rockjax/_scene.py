@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from . import _margin as margin
 from . import _results as results
 from ._excitations import AbstractExcitation, AbstractOutlook
 from ._model import Coefficients, Value, Vector, acceleration, coefficients, impact, uplift_demand
@@ -31,6 +32,7 @@ class Plan:
     deformation: bool
     shear: bool
     impacts: bool
+    margin: bool
     to_the_end: bool  # a history goes on until t_end, or rest for good
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     tableau: Tableau
@@ -46,6 +48,7 @@ def plan(podium: Podium, options: Options, history: bool) -> Plan:
         deformation=elastic and "peak_deformation" in options.outputs,
         shear=podium.superstructure is not None and "peak_shear" in options.outputs,
         impacts="impacts" in options.outputs,
+        margin="margin" in options.outputs,
         to_the_end=history,
         refine=tab.order > 5,
         tableau=tab,
@@ -85,6 +88,7 @@ class Lane(NamedTuple):
     peak_time: Value
     deformation: Value  # None where not wanted
     shear: Value  # likewise
+    margin: Value  # likewise
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
@@ -166,6 +170,7 @@ def prepare(
         peak_time=start,
         deformation=jnp.zeros_like(t) if how.deformation else absent,
         shear=jnp.zeros_like(t) if how.shear else absent,
+        margin=margin.at_rest(c, scene.topple, jnp.abs(initial.theta)) if how.margin else absent,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),

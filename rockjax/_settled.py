@@ -29,6 +29,8 @@ def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value
     stays_under = stays_inside
     if how.rotation:
         stays_under &= most < potential(c, one, jnp.minimum(lane.peak, c.alpha))
+    if how.margin:
+        stays_under &= most < (1 - lane.margin) * potential(c, one, scene.topple)
     if not how.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
         if how.shear:
             # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.

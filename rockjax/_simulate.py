@@ -177,6 +177,7 @@ def fields(floats, integers, throw: bool = False) -> dict:
         "uplift_time",
         "peak_deformation",
         "peak_shear",
+        "margin",
         "smallest_impact_speed",
     )
     flags = ("exceeded_alpha", "overturned", "uplifted", "impacts")

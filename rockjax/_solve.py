@@ -82,6 +82,7 @@ def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict
         "uplift_time": lane.uplift_time,
         "peak_deformation": lane.deformation if how.deformation else (nan if how.elastic else absent),
         "peak_shear": lane.shear if how.shear else (nan if how.superstructure else absent),
+        "margin": lane.margin if how.margin else nan,
         "smallest_impact_speed": lane.slowest_before_peak,
         "end_time": lane.t,
     }

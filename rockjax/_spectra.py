@@ -34,6 +34,7 @@ _VARIABLES = {
     "impacts": ("1", "impacts until the scene ended", None),
     "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
     "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
+    "margin": ("1", "overturning margin", "margin"),
     "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
 }
 
@@ -90,7 +91,7 @@ def rocking_spectra(
     kinds: dict[Any, list[int]] = {}
     for k, podium in enumerate(podiums):
         kinds.setdefault(jax.tree.structure(podium), []).append(k)
-    derived = [_derived(podium) for podium in podiums]
+    derived = [derived_numbers(podium) for podium in podiums]
 
     def solve(members: list[int]) -> list[xarray.Dataset]:
         group = [podiums[k] for k in members]
@@ -105,7 +106,7 @@ def rocking_spectra(
         return [_dataset(podium, pulse, axes, a_p[j], T_p[j], each[j], options) for j, podium in enumerate(group)]
 
     # Side by side, so that one kind is compiled while another one runs.
-    with ThreadPoolExecutor(len(kinds)) as pool:
+    with ThreadPoolExecutor(max(1, len(kinds))) as pool:
         solved = list(pool.map(solve, kinds.values()))
     spectra = {
         k: spectrum
@@ -125,7 +126,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
     }
 
 
-def _derived(podium: Podium) -> dict[str, float]:
+def derived_numbers(podium: Podium) -> dict[str, float]:
     """Derived numbers of a podium, in one small program."""
     return {name: float(value) for name, value in _derive(podium).items()}
 
@@ -165,7 +166,7 @@ def _variables(peaks: Peak, options: Options):
 def describe_podium(podium: Podium) -> dict[str, Any]:
     """The parameters of a podium, for the attributes of a file."""
     top = podium.superstructure
-    law, derived = podium.restitution, _derived(podium)
+    law, derived = podium.restitution, derived_numbers(podium)
     return {
         "alpha_rad": float(podium.alpha),
         "R_m": float(podium.R),

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from . import _margin as margin
 from . import _results as results
 from ._guard import Guard, safe_ratio, watch
 from ._hermite import quintic
@@ -120,6 +121,7 @@ class _Verdict(NamedTuple):
     peaks: Flag  # |θ| has a maximum at the guard's turning point
     deformation: Value
     force: Value
+    margin: Value  # of that maximum
 
 
 def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Guard, told: Decision | None) -> _Verdict:
@@ -141,7 +143,11 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     # Maxima inside the step; where the polynomial is not good enough for them, they are landed on as well.
     well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     peaks = rocking & guard.rising & guard.turned
-    wanted = how.refine & peaks & (guard.top > lane.peak * (1 - NEAR_RECORD))
+    record = guard.top > lane.peak * (1 - NEAR_RECORD)
+    spare = _spare(scene, how, lane, ground, trial, guard, peaks) if how.margin else jnp.ones_like(h)
+    if how.margin:
+        record |= constant(spare) < lane.margin + NEAR_RECORD * (1 - lane.margin)
+    wanted = how.refine & peaks & record
     # A demand that turns close under the threshold is looked at where it turns.
     doubtful = ~rocking & guard.turned & ~guard.early & (jnp.abs(guard.top) > NEARLY * c.uplift)
     turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
@@ -156,7 +162,7 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     if told is not None:
         accepted, lands, fizzles = jnp.ones_like(accepted), told.lands, told.fizzles
     return jax.lax.optimization_barrier(
-        _Verdict(accepted, cut, lands, after, fizzles, peaks, deformation.value, force.value)
+        _Verdict(accepted, cut, lands, after, fizzles, peaks, deformation.value, force.value, spare)
     )
 
 
@@ -206,6 +212,7 @@ def _advance(
         peak_time=jnp.where(raises, tip_time, lane.peak_time),
         deformation=_larger(verdict.deformation, lane.deformation) if how.deformation else lane.deformation,
         shear=_larger(verdict.force, lane.shear) if how.shear else lane.shear,
+        margin=_least_margin(scene, lane, verdict, x, v, toppled, stamp) if how.margin else lane.margin,
         uplifted=lane.uplifted | starts,
         uplift_time=jnp.where(first, now, lane.uplift_time),
         overturn_time=jnp.where(toppled, now, lane.overturn_time),
@@ -248,6 +255,30 @@ def _tip(
     off = safe_ratio(guard.path.slope(crest), guard.path.curvature(crest), on_crest)
     time = jnp.where(on_crest, lane.t + trial.h * (crest - jnp.clip(off, -1.0, 1.0)), now)
     return jnp.where(at_turn, peak, end_angle), time
+
+
+def _spare(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Guard, peaks: Flag) -> Value:
+    """The overturning margin of a maximum of |θ| at the guard's turning point."""
+    h, sigma, path = trial.h, lane.sigma, guard.path
+    off = safe_ratio(path.slope(guard.turn), path.curvature(guard.turn), peaks)
+    z = guard.turn - jnp.clip(off, -1.0, 1.0)  # moves with the parameters
+    theta = path.value(z)
+    x, v = (sigma * theta,), (jnp.zeros_like(h),)
+    if how.elastic:
+        sway = quintic(lane.x[1], lane.v[1], trial.a0[1], trial.end.x[1], trial.end.v[1], trial.end.a[1], h)
+        x, v = (*x, sway.value(z)), (*v, safe_ratio(sway.slope(z), h, h > 0))
+    slowing = -sigma * acceleration(scene.c, sigma, ground(lane.t + z * h), x, v)[0]
+    return jnp.where(peaks, margin.at_turn(scene.c, scene.topple, theta, slowing), jnp.inf)
+
+
+def _least_margin(scene: Scene, lane: Lane, verdict: _Verdict, x: Vector, v: Vector, toppled: Flag, stamp: Value) -> Value:
+    """The overturning margin so far, after an accepted step to the state (x, v)."""
+    least = jnp.where(verdict.peaks & (verdict.margin < lane.margin), verdict.margin, lane.margin)
+    # Out of time on the way up: what is left from there.
+    rises = (stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
+    here = margin.at_rest(scene.c, scene.topple, jnp.abs(x[0]))
+    least = jnp.where(rises & (here < least), here, least)
+    return jnp.where(toppled, margin.at_fall(scene.c, scene.topple, v[0]), least)
 
 
 def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -104,6 +106,9 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return jnp.stack(jnp.broadcast_arrays(*self.support), axis=-1)
 
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, A=factor * self.A)
+
     def piece(self, index: Index) -> Callable[[Value], Value]:
         omega = 2 * math.pi * self.f_p
 
@@ -151,6 +156,9 @@ class Gabor(AbstractExcitation):
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return jnp.zeros((*jnp.broadcast_shapes(self.T_p.shape, self.gamma.shape), 0))
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, a_p=factor * self.a_p)
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         del index

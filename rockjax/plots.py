@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -103,6 +103,11 @@ def spectra(panels: xarray.Dataset) -> Figure:
 
 def overturning_curves(panels: xarray.Dataset) -> Figure:
     """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
+    return _curves(panels, overturning_curve, "Minimum overturning acceleration")
+
+
+def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
+    """One panel per η/γ, one curve per T_s."""
     count = panels.sizes["eta_over_gamma"]
     figure, grid, _ = _panels(1, count, width=3.9, height=3.1, right=0.75)
     axes = grid[0]
@@ -110,19 +115,101 @@ def overturning_curves(panels: xarray.Dataset) -> Figure:
         for j in range(panels.sizes["T_s"]):
             panel = panels.isel(eta_over_gamma=i, T_s=j)
             look = {"color": COLOURS[j % len(COLOURS)], "linestyle": STYLES[j % len(STYLES)]}
-            overturning_curve(panel, ax, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
-        x, y = panels["frequency_ratio"].values, panels["acceleration_ratio"].values
-        ax.set(xlim=(x[0], x[-1]), ylim=(0, y[-1]), title=rf"$\eta/\gamma = {float(panels.eta_over_gamma[i]):g}$")
+            draw(panel, ax, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
+        x = panels["frequency_ratio"].values
+        top = panels.attrs.get("max_acceleration_ratio") or float(panels["acceleration_ratio"].values[-1])
+        ax.set(xlim=(x[0], x[-1]), ylim=(0, top), title=rf"$\eta/\gamma = {float(panels.eta_over_gamma[i]):g}$")
         ax.grid(alpha=0.3)
         dimensional_axes(panels, ax, acceleration=i == count - 1)
         if i:
             ax.set_ylabel("")
     axes[0].legend(title="superstructure", loc="upper left")
-    figure.suptitle("Minimum overturning acceleration, " + _title(panels))
+    figure.suptitle(f"{title}, " + _title(panels))
     return figure
 
 
-def _panels(rows: int, columns: int, width: float, height: float, right: float) -> tuple[Figure, np.ndarray, float]:
+def overturning_boundaries(panels: xarray.Dataset) -> Figure:
+    """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them shaded.
+
+    `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
+    """
+    return _curves(panels, overturning_spectrum, "Overturning boundaries, windows of survival above them shaded")
+
+
+def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
+    """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour, shaded."""
+    ax = ax or plt.figure(layout="constrained").add_subplot()
+    x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
+    (curve,) = ax.plot(x, _broken(minimum), **line)
+    boundaries = dataset["boundaries"].values
+    # Overturn, survive, overturn …: a window of survival begins at every second boundary.
+    edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
+    for start, stop in zip(boundaries[:, 1::2].T, boundaries[:, 2::2].T, strict=False):
+        at = np.flatnonzero(np.isfinite(start))
+        top = np.where(np.isfinite(stop), stop, dataset.attrs["max_acceleration_ratio"])
+        ax.bar(
+            edges[at],
+            (top - start)[at],
+            np.diff(edges)[at],
+            start[at],
+            align="edge",
+            color=curve.get_color(),
+            alpha=0.45,
+            lw=0,
+        )
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
+    return ax
+
+
+def _broken(curve: np.ndarray) -> np.ndarray:
+    """A curve with a gap where it jumps."""
+    jump = np.zeros(curve.shape, bool)
+    step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
+    around = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
+    jump[1:] = (step > 0.05) & (step > 2.5 * around)
+    return np.where(jump, np.nan, curve)
+
+
+def sensitivities(panels: xarray.Dataset) -> Figure:
+    """d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per T_s.
+
+    `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
+    """
+    rows, columns = panels.sizes["parameter"], panels.sizes["eta_over_gamma"]
+    figure, axes, _ = _panels(rows, columns, width=3.9, height=2.4, right=0.3, sharey="row")
+    for i, parameter in enumerate(panels["parameter"].values):
+        for j in range(columns):
+            ax = axes[i, j]
+            for k in range(panels.sizes["T_s"]):
+                panel = panels.isel(eta_over_gamma=j, T_s=k)
+                look = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
+                slope = panel["sensitivity"].sel(parameter=parameter).values
+                slope = np.where(np.isnan(_broken(panel["minimum"].values)), np.nan, slope)
+                ax.plot(panel["frequency_ratio"], slope, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
+            ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+            ax.set(xlim=(panels["frequency_ratio"].values[0], panels["frequency_ratio"].values[-1]))
+            ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
+            ax.grid(alpha=0.3)
+            if i == 0:
+                ax.set_title(rf"$\eta/\gamma = {float(panels.eta_over_gamma[j]):g}$", fontsize=10)
+        finite = panels["sensitivity"].sel(parameter=parameter).values
+        finite = finite[np.isfinite(finite)]
+        if finite.size:
+            lo, hi = np.percentile(finite, [2, 96])
+            axes[i, 0].set_ylim(min(0, lo) - 0.05 * (hi - lo), max(0, hi) + 0.1 * (hi - lo))
+        symbol = _SYMBOLS.get(str(parameter), str(parameter))
+        axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\tan\alpha)$")
+    axes[0, 0].legend(title="superstructure", loc="upper left", fontsize=8)
+    figure.suptitle("Sensitivity of the least overturning acceleration, " + _title(panels))
+    return figure
+
+
+_SYMBOLS = {"alpha": r"\alpha", "gamma": r"\gamma", "eta": r"\eta", "lam": r"\lambda", "zeta": r"\zeta", "restitution": "e"}
+
+
+def _panels(
+    rows: int, columns: int, width: float, height: float, right: float, sharey: Literal["all", "row"] = "all"
+) -> tuple[Figure, np.ndarray, float]:
     """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
 
     Laid out by hand: solving for the layout takes longer than the drawing.
@@ -133,7 +220,7 @@ def _panels(rows: int, columns: int, width: float, height: float, right: float) 
     figure = plt.figure(figsize=(w, h))
     spacing = {"wspace": apart / width, "hspace": stacked / height}
     sides = {"left": left / w, "right": 1 - right / w, "bottom": below / h, "top": 1 - above / h}
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=sides | spacing)
+    axes = figure.subplots(rows, columns, sharex=True, sharey=sharey, squeeze=False, gridspec_kw=sides | spacing)
     return figure, axes, sides["right"]
 
 

@@ -147,3 +147,7 @@ def test_help_and_imports(tmp_path):
         "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_no_podiums_have_no_spectra():
+    assert rj.rocking_spectra([], rj.Ricker, [2.0], [3.0]) == []

@@ -1,0 +1,48 @@
+"""Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is least."""
+
+from ._chart import design_chart, plot_chart
+from ._design import Design, design
+from ._fit import Fit, fit
+from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
+from ._problem import Problem, load
+from ._report import before_after, convergence, table
+from ._results import RESULTS
+from ._targets import (
+    AbstractTarget,
+    NoOverturning,
+    OverturningAcceleration,
+    OverturningProbability,
+    OverturningScale,
+    PeakDeformation,
+    PeakRotation,
+    PeakShear,
+)
+from ._variables import Dimensions
+
+__all__ = [
+    "RESULTS",
+    "AbstractObjective",
+    "AbstractTarget",
+    "Design",
+    "Dimensions",
+    "Fit",
+    "NoOverturning",
+    "OverturningAcceleration",
+    "OverturningProbability",
+    "OverturningScale",
+    "PeakDeformation",
+    "PeakRotation",
+    "PeakShear",
+    "Problem",
+    "WorstDeformation",
+    "WorstRotation",
+    "WorstShear",
+    "before_after",
+    "convergence",
+    "design",
+    "design_chart",
+    "fit",
+    "load",
+    "plot_chart",
+    "table",
+]

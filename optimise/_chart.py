@@ -1,0 +1,134 @@
+"""Design charts: which values of a design variable survive a pulse, over the period of the pulse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+import rockjax as rj
+from rockjax._boundaries import boundaries
+from rockjax._checks import require
+from rockjax._overturning import BOUNDARY, has_margin
+from rockjax._spectra import describe_options
+
+from ._variables import DIMENSIONS, FIELDS, Structure, _with, variables
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+
+def design_chart(
+    podium: Structure,
+    vary: tuple[str, tuple[float, float]],
+    pulse: Callable[[Any, Any], rj.AbstractExcitation],
+    a_p: float | Sequence[float],
+    T_p,
+    *,
+    method: Literal["scan", "trace"] = "scan",
+    scans: int = 9,
+    resolution: int = 128,
+    options: rj.Options = BOUNDARY,
+    progress: Any = False,
+) -> xarray.Dataset:
+    """The slimmest safe α (or any other design variable) against the period of a pulse of given amplitude (host).
+
+    - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; what is not varied stays
+    - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
+    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`: periods, shape
+      (n,), > 0, ascending [s]
+    - `method`, `scans`, `resolution`: as in [`rockjax.overturning_spectrum`][]: full scans of the variable at every
+      period, or scans at some of them and continuation between them
+
+    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value from which on every larger one up to the upper
+    bound survives (NaN where the upper bound overturns), and `boundaries` (further dim `boundary`, ascending, padded with
+    NaN): every change between survival and overturning. Raises `ValueError` for inputs that make no sense.
+    """
+    import xarray
+
+    owner = "design_chart"
+    try:
+        name, bounds = vary
+        low, high = (float(bound) for bound in bounds)
+    except (TypeError, ValueError):
+        raise ValueError(f'{owner}: vary must be like ("alpha", (0.1, 0.3)), got {vary!r}') from None
+    variables(podium, {name: (low, high)}, owner)
+    periods = np.asarray(T_p, float)
+    if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
+        raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
+    amplitudes = np.atleast_1d(np.asarray(a_p, float))
+    require(owner, "T_p", periods, lambda v: v > 0, "finite and > 0")
+    require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
+    if method not in ("scan", "trace"):
+        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
+    if method == "trace" and (periods.size < 2 or not has_margin(options)):
+        raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ 1")
+    if not isinstance(resolution, int) or resolution < 4:
+        raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
+    rows, least, cost = [], [], []
+    for amplitude in amplitudes:
+
+        def plane(x, y, amplitude=amplitude):
+            varied = _with(podium, {name: y})
+            return varied if isinstance(varied, rj.Podium) else varied.podium(), pulse(amplitude, x)
+
+        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)
+        crossings = found.crossings
+        counts = np.bincount(crossings.line, minlength=periods.size)
+        order = np.concatenate([np.arange(n) for n in counts])
+        places = np.full((periods.size, max(1, int(counts.max()))), np.nan)
+        places[crossings.line, order.astype(int)] = crossings.y
+        rows.append(places)
+        # Survival at the upper end, from that at the lower one and the number of changes.
+        at_last = found.survives_at_once ^ (counts % 2 == 1)
+        last = np.where(counts > 0, places[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
+        least.append(np.where(at_last, last, np.nan))
+        cost.append(found.cost["scenes"])
+    width = max(part.shape[1] for part in rows)
+    whole = np.stack([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows])
+    unit = {"units": (FIELDS if isinstance(podium, rj.Podium) else DIMENSIONS)[name].replace("–", "1")}
+    data = xarray.Dataset(
+        {
+            "least_safe": (("a_p", "T_p"), np.stack(least), unit | {"long_name": f"least {name} above which all survive"}),
+            "boundaries": (("a_p", "T_p", "boundary"), whole, unit | {"long_name": f"{name} where survival changes"}),
+        },
+        coords={
+            "a_p": ("a_p", amplitudes, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
+            "T_p": ("T_p", periods, {"units": "s", "long_name": "pulse period T_p"}),
+        },
+    )
+    data.attrs = {
+        "title": "Design chart",
+        "pulse": getattr(pulse, "__name__", repr(pulse)),
+        "varied": name,
+        "lowest": low,
+        "highest": high,
+        "method_of_search": method,
+        "scenes": int(sum(cost)),
+        **describe_options(options),
+    }
+    return data
+
+
+def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """The least safe value over the period of the pulse, one curve for each amplitude; other boundaries as dots."""
+    import matplotlib.pyplot as plt
+
+    from rockjax.plots import COLOURS, STYLES
+
+    ax = ax or plt.figure(figsize=(6, 4), layout="constrained").add_subplot()
+    T_p = chart["T_p"].values
+    for k, amplitude in enumerate(chart["a_p"].values):
+        colour, style = COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]
+        one = chart.sel(a_p=amplitude)
+        ax.plot(T_p, one["least_safe"], color=colour, ls=style, label=rf"$a_p = {amplitude:g}$ m/s$^2$")
+        for edge in one["boundaries"].values.T:
+            ax.plot(T_p, np.where(edge == one["least_safe"].values, np.nan, edge), ".", ms=2, color=colour)
+    unit = chart["least_safe"].attrs["units"]
+    label = chart.attrs["varied"] if unit == "1" else f"{chart.attrs['varied']} [{unit}]"
+    ax.set(xlabel=r"$T_p$ [s]", ylabel=f"least safe {label}", xlim=(T_p[0], T_p[-1]))
+    ax.grid(alpha=0.3)
+    ax.legend()
+    return ax

@@ -1,0 +1,228 @@
+"""`fit`: the numbers of a podium from a measured rotation, by least squares through the simulator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, ArrayLike, Float
+
+import rockjax as rj
+
+from ._variables import Structure, Variables, variables
+
+WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong motion fitted one after the other
+STRONG = 0.1  # of the largest rotation
+EDGE = 1e-3  # starts keep this distance from the bounds, where the transform is flat
+STEPS = 40  # of the solver in each window
+WALK = 16  # random numbers tried, for every start, on the first window
+
+
+class Fit(eqx.Module):
+    """A fitted podium and how well it is known.
+
+    - `podium`: the structure; `structure`: the same in the form it was given
+    - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the residuals (inf
+      where the history says nothing of it, and at a bound no more than a hint)
+    - `covariance`: of the variables, in user units, in their order
+    - `rms`: root mean square of the residual [rad]; `residuals`: measured minus fitted θ at the times [rad]
+    - `starts`: rms of every start [rad]; `best`: which of them this is; `converged`: whether its solver said so
+    - `seconds`: wall time, with compilation
+    """
+
+    podium: rj.Podium
+    structure: Structure
+    variables: dict[str, float]
+    errors: dict[str, float]
+    covariance: np.ndarray
+    rms: float
+    residuals: np.ndarray
+    starts: np.ndarray
+    best: int
+    converged: bool
+    units: dict[str, str]
+    seconds: float
+
+    def __repr__(self):
+        lines = [f"Fit: rms {self.rms:.3g} rad, {'converged' if self.converged else 'not converged'}"]
+        width = max(len(name) for name in self.variables)
+        lines += [
+            f"  {name.ljust(width)}  {value:.8g} ± {self.errors[name]:.2g} {self.units[name]}"
+            for name, value in self.variables.items()
+        ]
+        near = int(np.sum(self.starts <= 1.01 * self.rms))
+        lines.append(f"  {near} of {len(self.starts)} starts came to this fit; {self.seconds:.1f} s")
+        return "\n".join(lines)
+
+
+def fit(
+    podium: Structure,
+    vary: Mapping[str, tuple[float, float]],
+    excitation: rj.AbstractExcitation,
+    times: Float[ArrayLike, " n"],
+    theta: Float[ArrayLike, " n"],
+    *,
+    initial: rj.State = rj.State(),
+    starts: int = 1,
+    seed: int = 0,
+    options: rj.Options = rj.Options(rtol=1e-9, atol=1e-11, history=1024, throw=False),
+    tolerance: float = 1e-8,
+) -> Fit:
+    """The numbers `vary` of a podium with which its rotation comes closest to a measured θ(t) (host).
+
+    - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
+    - `times`: of the measurement, ascending, n ≥ 2 [s]; `theta`: measured rotation there [rad]
+    - `initial`: the state at the start of the excitation's support
+    - `starts`: so many starting points, drawn by `seed`
+    - `options`: of the simulations; `history` bounds the steps that a history may have
+    - `tolerance`: of the least squares, relative
+
+    Rotations that have lost their phase say little of where to go, so windows are fitted one after the other, the first
+    with the first impacts only. Levenberg–Marquardt in variables that the bounds cannot be left in.
+    Raises `ValueError` for inputs that make no sense.
+    """
+    began = time.perf_counter()
+    varied = variables(podium, vary, "fit")
+    times, theta = np.asarray(times, float), np.asarray(theta, float)
+    if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
+        raise ValueError(f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}")
+    if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
+        raise ValueError("fit: times and theta must be finite, and times ascending")
+    if not isinstance(starts, int) or starts < 1:
+        raise ValueError(f"fit: starts must be a whole number ≥ 1, got starts = {starts!r}")
+    if len(times) < len(vary):
+        raise ValueError(f"fit: {len(times)} measurements cannot tell {len(vary)} variables apart")
+    begin = float(excitation.support[0])
+    if times[0] < begin:
+        raise ValueError(f"fit: times must begin at or after the scene does, at {begin:g} s; got {times[0]:g} s")
+    scene = _Scene(varied, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False))
+    # In units of the signal, so that tolerances mean the same for all.
+    unit = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
+    rng = np.random.default_rng(seed)
+    n = len(varied.names)
+    first = np.asarray(varied.start())
+    drawn = rng.uniform(size=(starts * WALK, n))
+    drawn[0] = first
+    spans = [_window(times, theta, part) for part in WINDOWS]
+    tried = np.asarray(_costs(scene, jnp.asarray(drawn), jnp.asarray(spans[0]), unit))
+    # Of each start's own draws the best on the first window; the given structure has a start to itself.
+    chosen = [k * WALK + int(np.argmin(tried[k * WALK : (k + 1) * WALK])) for k in range(starts)]
+    z = _open(jnp.clip(jnp.asarray(drawn[chosen]).at[0].set(first), EDGE, 1 - EDGE))
+    done = None
+    for span in spans:
+        z, done = _solved(scene, z, jnp.asarray(span), unit, jnp.asarray(tolerance))
+    assert done is not None
+    ends = np.asarray(_box(z))
+    costs, slopes = (np.asarray(y) for y in _assessed(scene, jnp.asarray(ends)))
+    rms = np.sqrt(np.mean(costs**2, axis=1))
+    best = int(np.nanargmin(np.where(np.isfinite(rms), rms, np.inf)))
+    scale = np.asarray(jax.jacfwd(varied.values)(jnp.asarray(ends[best])))
+    covariance = _covariance(costs[best], slopes[best] @ np.linalg.inv(scale))
+    values = np.asarray(varied.values(jnp.asarray(ends[best])))
+    numbers = dict(zip(varied.names, map(float, values), strict=True))
+    bounds = zip(np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist(), strict=True)
+    structure = variables(podium, dict(zip(varied.names, bounds, strict=True))).structure(jnp.asarray(ends[best]))
+    return Fit(
+        podium=structure if isinstance(structure, rj.Podium) else structure.podium(),
+        structure=structure,
+        variables=numbers,
+        errors=dict(zip(varied.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=covariance,
+        rms=float(rms[best]),
+        residuals=costs[best],
+        starts=rms,
+        best=best,
+        converged=bool(np.asarray(done)[best]),
+        units=dict(zip(varied.names, varied.units, strict=True)),
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Scene(eqx.Module):
+    variables: Variables
+    excitation: rj.AbstractExcitation
+    times: Float[Array, " n"]
+    theta: Float[Array, " n"]
+    initial: rj.State
+    options: rj.Options
+
+    def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
+        """Measured minus simulated rotation [rad]; after a fall the columns lie at α."""
+        podium = self.variables.podium(x)
+        response = rj.simulate(podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options)
+        theta = response(self.times).theta
+        last = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
+        side = jnp.sign(response(jnp.minimum(last, response.stats.end_time), left=True).theta)
+        fallen = self.times > last
+        theta = jnp.where(fallen, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
+        answered = (
+            (response.result == rj.RESULTS.settled) | (response.result == rj.RESULTS.end_of_time) | response.overturned
+        )
+        return jnp.where(answered, self.theta - theta, jnp.inf)
+
+
+def _window(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:
+    """1 for the times up to a part of the strong rotation, 0 after; the whole history for the whole part."""
+    strong = times[np.abs(theta) >= STRONG * np.max(np.abs(theta))]
+    return (times <= (strong[0] + part * (strong[-1] - strong[0]) if part < 1 else np.inf)).astype(float)
+
+
+def _box(z):
+    """From all numbers to (0, 1)."""
+    return 0.5 * (1 + jnp.sin(z))
+
+
+def _open(x):
+    return jnp.arcsin(2 * x - 1)
+
+
+@eqx.filter_jit
+def _costs(scene: _Scene, points, weights, unit):
+    def cost(x):
+        residuals = weights * scene.residuals(x) / unit
+        return jnp.where(jnp.isfinite(residuals).all(), jnp.mean(residuals**2), jnp.inf)
+
+    return jax.lax.map(cost, points, batch_size=8)
+
+
+@eqx.filter_jit
+def _solved(scene: _Scene, z, weights, unit, tolerance):
+    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+
+    def one(z):
+        answer = optx.least_squares(
+            lambda z, _: weights * scene.residuals(_box(z)) / unit, solver, z, max_steps=STEPS, throw=False
+        )
+        good = jnp.isfinite(answer.value).all()
+        return jnp.where(good, answer.value, z), answer.result == optx.RESULTS.successful
+
+    return jax.vmap(one)(z)
+
+
+@eqx.filter_jit
+def _assessed(scene: _Scene, points):
+    def one(x):
+        def twice(x):
+            residuals = scene.residuals(x)
+            return residuals, residuals
+
+        slope, value = jax.jacfwd(twice, has_aux=True)(x)
+        return value, slope
+
+    return jax.vmap(one)(points)
+
+
+def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """s²(JᵀJ)⁻¹; infinite where the Jacobian has a direction that changes nothing."""
+    count, n = slope.shape
+    variance = float(residuals @ residuals) / max(count - n, 1)
+    information = slope.T @ slope
+    size = np.sqrt(np.diag(information))
+    if not (size > 0).all() or np.linalg.cond(information / np.outer(size, size)) > 1e14:
+        return np.full((n, n), np.inf)
+    return variance * np.linalg.inv(information)

@@ -1,0 +1,107 @@
+"""What a design minimises: the largest of one or many values."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+import rockjax as rj
+
+from ._suite import Margins, Suite
+from ._targets import AbstractResponses, severity
+
+
+class AbstractObjective(eqx.Module):
+    """Base class of objectives: the largest entry of `values` is minimised. To write one, give what is abstract here."""
+
+    @abc.abstractmethod
+    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        """Values at a podium; traceable and differentiable."""
+
+    @abc.abstractmethod
+    def describe(self) -> str:
+        """The objective in words."""
+
+    @property
+    def scenes(self) -> int:
+        """Scenes simulated for one evaluation."""
+        return 0
+
+
+class AbstractWorst(AbstractObjective, AbstractResponses):
+    """The worst of the responses to a suite."""
+
+    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        return self.read(self.suite.responses(podium, options, self.outputs), options)
+
+    @property
+    def scenes(self) -> int:
+        return len(self.suite)
+
+
+class WorstRotation(AbstractWorst):
+    """The largest peak rotation max|θ|/α under a motion or a list of them [–]; beyond 1 by the overturning margin."""
+
+    suite: Suite
+    outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
+
+    def __init__(self, excitations):
+        self.suite = Suite(excitations)
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return severity(peaks, options)
+
+    def describe(self) -> str:
+        return "worst peak rotation / α"
+
+
+class WorstShear(AbstractWorst):
+    """The largest shear of the superstructure over its weight under a motion or a list of them [–]."""
+
+    suite: Suite
+    outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
+
+    def __init__(self, excitations):
+        self.suite = Suite(excitations)
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return peaks.peak_shear
+
+    def describe(self) -> str:
+        return "worst peak shear / m_t g"
+
+
+class WorstDeformation(AbstractWorst):
+    """The largest deformation of the superstructure under a motion or a list of them [m]."""
+
+    suite: Suite
+    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+
+    def __init__(self, excitations):
+        self.suite = Suite(excitations)
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return peaks.peak_deformation
+
+    def describe(self) -> str:
+        return "worst peak deformation [m]"
+
+
+class OfPodium(AbstractObjective):
+    """A function of the podium: podium → number, or vector of which the largest entry counts."""
+
+    function: Callable[[rj.Podium], Any] = eqx.field(static=True)
+
+    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        value = jnp.asarray(self.function(podium), float)
+        if value.ndim > 1:
+            raise ValueError(f"design: minimise must give a number or a vector, got an array of shape {value.shape}")
+        return jnp.atleast_1d(value)
+
+    def describe(self) -> str:
+        name = getattr(self.function, "__name__", "")
+        return "objective" if name in ("", "<lambda>") else name

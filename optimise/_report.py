@@ -1,0 +1,134 @@
+"""What a design says of itself: a table, and pictures. Nothing is shown or saved here."""
+
+from __future__ import annotations
+
+import html as _html
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rockjax as rj
+
+from ._results import NAMES, RESULTS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ._design import Design
+
+
+def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
+    """Headline, rows of the variables, rows of the targets; the first row of each is its heading."""
+    state = "satisfied" if design.satisfied else "not satisfied"
+    headline = f"{NAMES[int(design.result._value)]}, targets {state}; {design.minimised} = {design.objective:.6g}"
+    variables = [["variable", "value", "unit", "bounds"]]
+    for name, value in design.variables.items():
+        low, high = design.bounds[name]
+        at = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
+        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{at}"])
+    targets = [["target", "worst margin", "of", "price"]]
+    for name, margins in design.margins.items():
+        price = float(np.sum(design.multipliers[name]))
+        shown = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
+        targets.append([name, f"{float(np.min(margins)):+.3g}", str(len(margins)), shown])
+    return headline, variables, targets
+
+
+def table(design: Design) -> str:
+    """The design in lines: variables, targets with their worst margins and prices, what it took."""
+    headline, variables, targets = _account(design)
+    lines = [f"Design: {headline}"]
+    for rows in (variables, targets):
+        if len(rows) > 1:
+            widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+            lines += ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += [f"  {sentence}" for sentence in _remarks(design)]
+    return "\n".join(lines)
+
+
+def _remarks(design: Design) -> list[str]:
+    remarks = [RESULTS[design.result]]
+    remarks += [f"not satisfied: {name}, short by {-value:.3g}" for name, value in design.failing.items()]
+    good = sum(outcome.satisfied for outcome in design.starts)
+    if len(design.starts) > 1:
+        remarks.append(f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}")
+    cost = design.stats
+    remarks.append(
+        f"{cost.iterations} iterations, {cost.evaluations} evaluations, {cost.scenes} scenes, {cost.seconds:.1f} s"
+    )
+    return remarks
+
+
+def html(design: Design) -> str:
+    """The same as a table of a notebook."""
+    headline, *tables = _account(design)
+    parts = [f"<p><b>Design</b>: {_html.escape(headline)}</p>"]
+    for rows in tables:
+        if len(rows) > 1:
+            cells = ["".join(f"<t{kind}>{_html.escape(cell)}</t{kind}>" for cell in row) for kind, row in _kinds(rows)]
+            parts.append("<table>" + "".join(f"<tr>{row}</tr>" for row in cells) + "</table>")
+    parts += [f"<p>{_html.escape(sentence)}</p>" for sentence in _remarks(design)]
+    return "".join(parts)
+
+
+def _kinds(rows: list[list[str]]):
+    return [("h" if k == 0 else "d", row) for k, row in enumerate(rows)]
+
+
+def convergence(design: Design, ax: Axes | None = None) -> Axes:
+    """Objective over iterations, a line for every start, filled dots where the targets held; the chosen start is black."""
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
+
+    from rockjax.plots import COLOURS
+
+    ax = ax or plt.figure(figsize=(6, 4), layout="constrained").add_subplot()
+    for start in reversed(range(len(design.starts))):
+        rows = [row for row in design.history if row.start == start]
+        if not rows:
+            continue
+        best = start == design.best
+        colour = COLOURS[0] if best else "0.7"
+        numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
+        ax.plot(numbers[:, 0], numbers[:, 1], color=colour, lw=1.4 if best else 0.8, zorder=2 if best else 1)
+        held = numbers[:, 2] >= 0
+        for rows_, face in ((numbers[held], colour), (numbers[~held], "white")):
+            ax.plot(rows_[:, 0], rows_[:, 1], "o", ms=4, color=colour, mfc=face, zorder=2 if best else 1)
+    ax.plot([], [], "o", color=COLOURS[0], ms=4, label="targets hold")
+    ax.plot([], [], "o", color=COLOURS[0], mfc="white", ms=4, label="not yet")
+    ax.axhline(design.objective, color=COLOURS[2], lw=0.8, ls="--", label=f"design: {design.objective:.4g}")
+    ax.set(xlabel="iteration", ylabel=design.minimised)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.grid(alpha=0.3)
+    ax.legend()
+    return ax
+
+
+def before_after(before: rj.Podium, design: Design, excitation: rj.AbstractExcitation) -> Figure:
+    """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    import matplotlib.pyplot as plt
+
+    from rockjax.plots import COLOURS, ROTATION
+
+    figure = plt.figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    ends = []
+    for podium, label, colour, style in ((before, "before", COLOURS[1], "--"), (design.podium, "after", COLOURS[2], "-")):
+        response = rj.simulate(podium, excitation)
+        t = np.linspace(float(response.times[0]), float(response.stats.end_time), 4000)
+        fate = "overturns" if bool(response.overturned) else rf"peak {float(response.peak_rotation):.3g} $\alpha$"
+        ratio = np.asarray(response(t).theta) / float(podium.alpha)
+        axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {fate}")
+        moving = t[np.abs(ratio) > 1e-3]
+        ends.append(moving[-1] if len(moving) else t[0])
+    start, support_end = (float(t) for t in excitation.support)
+    end = min(max(*ends, min(support_end, start + 60.0)), start + 60.0)
+    t = np.linspace(start, end, 4000)
+    axes[1].plot(t, np.asarray(excitation(t)) / float(before.g), color=COLOURS[0], lw=1.2)
+    for ax in axes:
+        ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    axes[0].set_ylabel(ROTATION)
+    axes[0].legend(loc="best")
+    axes[1].set(ylabel=r"$\ddot u_g$ [g]", xlabel="time [s]", xlim=(start, end))
+    return figure

@@ -1,0 +1,23 @@
+"""How a design ended."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+
+class RESULTS(eqx.Enumeration):
+    """How a design ended."""
+
+    converged = "The optimality conditions hold, and all targets are satisfied."
+    stalled = "The targets are satisfied; the design stopped at a kink or a jump of a response, where no step improves it."
+    infeasible = "No design in the bounds was found that satisfies the targets; the closest one is returned."
+    out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
+    not_finite = "A response at the start is not finite, or has no answer; start from another design."
+
+
+NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite")
+CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE = range(5)
+
+
+def named(code: int) -> RESULTS:
+    return getattr(RESULTS, NAMES[code])

@@ -1,0 +1,81 @@
+"""Sets of ground motions, and the responses of one podium to all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import rockjax as rj
+
+Margins = Float[Array, " k"]
+
+
+class Suite(eqx.Module):
+    """Ground motions of any kinds, those of one kind and size stacked, so that one compiled loop serves them all."""
+
+    groups: tuple[rj.AbstractExcitation, ...]
+    order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
+
+    def __init__(self, excitations: rj.AbstractExcitation | Sequence[rj.AbstractExcitation]):
+        """Raises `ValueError` for an empty set and for members that are no ground motions."""
+        motions = [excitations] if isinstance(excitations, rj.AbstractExcitation) else list(excitations)
+        if not motions:
+            raise ValueError("excitations: at least one ground motion is needed, got none")
+        kinds: dict[Any, list[int]] = {}
+        for k, motion in enumerate(motions):
+            if not isinstance(motion, rj.AbstractExcitation):
+                raise ValueError(f"excitations: entry {k} must be a rockjax excitation, got {motion!r}")
+            if any(np.ndim(t) for t in motion.support):
+                raise ValueError(f"excitations: entry {k} must be a single motion, got a batch; give a list of motions")
+            leaves, structure = jax.tree.flatten(motion)
+            kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
+        members = [[motions[k] for k in places] for places in kinds.values()]
+        self.groups = tuple(jax.tree.map(lambda *ys: jnp.stack(ys), *group) for group in members)
+        placed = [k for places in kinds.values() for k in places]
+        self.order = tuple(placed.index(k) for k in range(len(motions)))
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def each(self, function) -> Any:
+        """`function(motion)` of every motion, its outputs stacked in the order in which the motions were given."""
+        parts = [jax.vmap(function)(group) for group in self.groups]
+        order = np.asarray(self.order)
+        return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
+
+    def scaled(self, factor) -> Suite:
+        """All motions times a factor."""
+        return eqx.tree_at(lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups))
+
+    def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[str, ...]) -> rj.Peak:
+        """The peak responses to all motions; NaN where a scene ended without an answer."""
+        options = options.replace(outputs=outputs, throw=False)
+        peaks = self.each(lambda motion: rj.peak_response(podium, motion, options=options))
+        answered = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time) | peaks.overturned
+
+        def known(y):
+            return jnp.where(answered, y, jnp.nan)
+
+        fields = ("peak_rotation", "peak_deformation", "peak_shear", "margin")
+        return dataclasses.replace(peaks, **{name: known(getattr(peaks, name)) for name in fields})
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
+        """Overturning margins of all motions on all cores (host, without derivatives)."""
+        options = options.replace(outputs=("margin",), throw=False)
+        parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
+        return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
+
+
+def same(a: Suite, b: Suite) -> bool:
+    """Whether two suites hold the same motions."""
+    if a.order != b.order or jax.tree.structure(a) != jax.tree.structure(b):
+        return False
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(x is y or (x.shape == y.shape and bool(np.array_equal(x, y))) for x, y in pairs)

@@ -1,0 +1,324 @@
+"""What a design must keep: targets with margins, ≥ 0 where they hold.
+
+A margin is dimensionless and differentiable, and near 0 it is the relative distance to the limit.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.stats import norm
+from jaxtyping import Array, Float
+
+import rockjax as rj
+
+from ._suite import Margins, Suite
+
+Name = str | None
+
+
+class AbstractTarget(eqx.Module):
+    """Base class of targets. To write one, give what is abstract here."""
+
+    name: eqx.AbstractVar[Name]
+
+    @abc.abstractmethod
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        """Margins of the target at a podium, ≥ 0 where it holds [–]; traceable and differentiable."""
+
+    @abc.abstractmethod
+    def describe(self) -> str:
+        """The target in words; also its name where none is given."""
+
+    @property
+    def scenes(self) -> int:
+        """Scenes simulated for one evaluation; the search of an overturning acceleration counts as one."""
+        return 0
+
+
+class AbstractResponses(eqx.Module):
+    """What is read off the peak responses to a suite. Those that share a suite share the simulations."""
+
+    suite: eqx.AbstractVar[Suite]
+    outputs: ClassVar[tuple[str, ...]]  # of `rockjax.Options`
+
+    @abc.abstractmethod
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        """What is wanted, from the responses with these `outputs`."""
+
+
+class AbstractResponseTarget(AbstractTarget, AbstractResponses):
+    """A target on the peak responses to a suite."""
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        return self.read(self.suite.responses(podium, options, self.outputs), options)
+
+    @property
+    def scenes(self) -> int:
+        return len(self.suite)
+
+
+def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
+    """Peak rotation over α where the columns survive; where they fall it goes on growing, by the overturning margin."""
+    return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
+
+
+def _limit(owner: str, name: str, value, below: float = np.inf) -> None:
+    number = np.asarray(value, float)
+    if not np.all(np.isfinite(number) & (number > 0) & (number < below)):
+        accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
+        raise ValueError(f"{owner}: {name} must be finite and {accepted}, got {name} = {value!r}")
+
+
+class PeakRotation(AbstractResponseTarget):
+    """The columns rotate by at most `limit`·α under every motion: max|θ|/α ≤ limit.
+
+    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: in reports
+
+    The margin is (limit − s)/limit. s is max|θ|/α, and goes on above 1 by the overturning margin where a column falls.
+    Raises `ValueError` for other limits: what may overturn is asked of [`optimise.NoOverturning`][].
+    """
+
+    limit: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
+
+    def __init__(self, limit, excitations, name: Name = None):
+        _limit("PeakRotation", "limit", limit, below=1)
+        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return (self.limit - severity(peaks, options)) / self.limit
+
+    def describe(self) -> str:
+        return f"peak rotation ≤ {self.limit:g} α"
+
+
+class PeakShear(AbstractResponseTarget):
+    """The shear of the superstructure over its weight stays at most `limit`: max|V_s|/(m_t g) ≤ limit.
+
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
+    """
+
+    limit: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
+
+    def __init__(self, limit, excitations, name: Name = None):
+        _limit("PeakShear", "limit", limit)
+        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return (self.limit - peaks.peak_shear) / self.limit
+
+    def describe(self) -> str:
+        return f"peak shear ≤ {self.limit:g} m_t g"
+
+
+class PeakDeformation(AbstractResponseTarget):
+    """The deformation of the superstructure stays at most `limit`: max|u_t − u_b| ≤ limit.
+
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
+    """
+
+    limit: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+
+    def __init__(self, limit, excitations, name: Name = None):
+        _limit("PeakDeformation", "limit", limit)
+        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return (self.limit - peaks.peak_deformation) / self.limit
+
+    def describe(self) -> str:
+        return f"peak deformation ≤ {self.limit:g} m"
+
+
+class NoOverturning(AbstractResponseTarget):
+    """No motion overturns the columns. The margin is the overturning margin M itself.
+
+    - `excitations`: a motion or a list of them; `name`: in reports
+    """
+
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str, ...]] = ("margin",)
+
+    def __init__(self, excitations, name: Name = None):
+        self.suite, self.name = Suite(excitations), name
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return peaks.margin
+
+    def describe(self) -> str:
+        return "no overturning"
+
+
+class OverturningAcceleration(AbstractTarget):
+    """Pulses need at least the amplitude `at_least` to overturn the columns.
+
+    - `at_least`: in m/s², or with `ratio=True` in multiples of g tan α, > 0
+    - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: its period, or many at once [s]
+    - `max_acceleration_ratio`: amplitudes up to so many g tan α are looked at [–]; where none of them overturns, the
+      margin is that of the last one, with zero derivative
+
+    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits that the range does not hold.
+    """
+
+    at_least: Any
+    T_p: Float[Array, " n"]
+    pulse: type[rj.AbstractPulse] = eqx.field(static=True)
+    ratio: bool = eqx.field(static=True)
+    max_acceleration_ratio: float = eqx.field(static=True)
+    name: Name = eqx.field(static=True)
+
+    def __init__(
+        self,
+        at_least,
+        pulse: type[rj.AbstractPulse],
+        T_p,
+        *,
+        ratio: bool = False,
+        max_acceleration_ratio: float = 12.0,
+        name: Name = None,
+    ):
+        _limit("OverturningAcceleration", "at_least", at_least)
+        _limit("OverturningAcceleration", "T_p", T_p)
+        if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
+            raise ValueError(f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}")
+        if ratio and not at_least < max_acceleration_ratio:
+            raise ValueError(
+                f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
+                f"{max_acceleration_ratio}; raise the latter"
+            )
+        self.at_least, self.pulse, self.ratio, self.name = float(at_least), pulse, ratio, name
+        self.T_p = jnp.atleast_1d(jnp.asarray(T_p, float)).ravel()
+        self.max_acceleration_ratio = float(max_acceleration_ratio)
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        unit = podium.g * jnp.tan(podium.alpha)
+
+        def least(T_p):
+            return rj.overturning_acceleration(
+                podium, self.pulse, T_p, max_acceleration_ratio=self.max_acceleration_ratio, options=options
+            )
+
+        found = jax.vmap(least)(self.T_p)
+        end = jax.lax.stop_gradient(self.max_acceleration_ratio * unit)
+        found = jnp.where(found < jnp.inf, found, end)
+        level = self.at_least * (jnp.where(found < end, unit, jax.lax.stop_gradient(unit)) if self.ratio else 1.0)
+        return found / level - 1
+
+    def describe(self) -> str:
+        unit = "g tan α" if self.ratio else "m/s²"
+        return f"overturning a_p ≥ {self.at_least:g} {unit}"
+
+    @property
+    def scenes(self) -> int:
+        return len(self.T_p)
+
+
+class OverturningScale(AbstractTarget):
+    """Every motion must be scaled by at least `at_least` to overturn the columns.
+
+    - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
+    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; where none of them overturns, the
+      margin is that of the last one, with zero derivative
+
+    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits that the range does not hold.
+    """
+
+    at_least: Any
+    max_scale: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+
+    def __init__(self, at_least, excitations, *, max_scale=None, name: Name = None):
+        _limit("OverturningScale", "at_least", at_least)
+        max_scale = 3.0 * at_least if max_scale is None else max_scale
+        _limit("OverturningScale", "max_scale", max_scale)
+        if not at_least < max_scale:
+            raise ValueError(f"OverturningScale: max_scale = {max_scale} must exceed at_least = {at_least}")
+        self.at_least, self.max_scale, self.name = float(at_least), float(max_scale), name
+        self.suite = Suite(excitations)
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        def least(motion):
+            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
+
+        found = self.suite.each(least)
+        return jnp.where(found < jnp.inf, found, self.max_scale) / self.at_least - 1
+
+    def describe(self) -> str:
+        return f"overturning scale ≥ {self.at_least:g}"
+
+    @property
+    def scenes(self) -> int:
+        return len(self.suite)
+
+
+class OverturningProbability(AbstractResponseTarget):
+    """At most the share `at_most` of a suite overturns the columns, at an intensity.
+
+    - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all of them [–]
+    - `smoothing`: bandwidth h of the smoothed probability P = mean Φ(−M/h) over the overturning margins M [–]
+
+    A share jumps by 1/n and has no derivative, P has one. The margin is the `at_most`-quantile m of the smoothed margins,
+    mean Φ((m − M)/h) = at_most: it has the sign of at_most − P, but goes on where P is flat at 0 or 1. A smoothed
+    probability is biased by the motions within h of overturning; `exact` counts.
+    """
+
+    at_most: Any
+    smoothing: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str, ...]] = ("margin",)
+
+    def __init__(self, at_most, suite, intensity=1.0, smoothing=0.05, *, name: Name = None):
+        _limit("OverturningProbability", "at_most", at_most, below=1)
+        _limit("OverturningProbability", "intensity", intensity)
+        _limit("OverturningProbability", "smoothing", smoothing)
+        self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
+        self.suite = Suite(suite).scaled(float(intensity))
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
+
+    def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
+        """P = mean Φ(−M/h) at a podium (host) [–]."""
+        return float(jnp.mean(norm.cdf(-self.suite.margins(podium, options) / self.smoothing)))
+
+    def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
+        """The share of the suite that overturns a podium (host) [–]."""
+        return float(np.mean(self.suite.margins(podium, options) < 0))
+
+    def describe(self) -> str:
+        return f"overturning probability ≤ {self.at_most:g} (h = {self.smoothing:g})"
+
+
+def _smoothed_quantile(values: Margins, share, width) -> Float[Array, ""]:
+    """Where mean Φ((m − values)/width) = share; derivatives by the implicit function theorem."""
+    constant = jax.lax.stop_gradient(values)
+
+    def halve(_, bracket):
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        below = jnp.mean(norm.cdf((middle - constant) / width)) < share
+        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+
+    reach = -width * norm.ppf(jnp.minimum(share, 1 - share))
+    bracket = (jnp.min(constant) - reach, jnp.max(constant) + reach)
+    root = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, halve, bracket)[1])
+    weights = norm.pdf((root - constant) / width)
+    weights = weights / jnp.sum(weights)
+    return root + jnp.sum(jax.lax.stop_gradient(weights) * (values - constant))

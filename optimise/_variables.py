@@ -1,0 +1,228 @@
+"""What may vary: fields of a podium or dimensions of a drawing, and their box scaled to [0, 1]."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import rockjax as rj
+
+FIELDS = {
+    "alpha": "rad",
+    "R": "m",
+    "gamma": "–",
+    "lam": "–",
+    "restitution": "–",
+    "superstructure.eta": "–",
+    "superstructure.T_s": "s",
+    "superstructure.zeta": "–",
+    "width": "m",
+    "height": "m",
+}
+DIMENSIONS = {
+    "width": "m",
+    "height": "m",
+    "column_mass": "kg",
+    "beam_mass": "kg",
+    "top_mass": "kg",
+    "period": "s",
+    "damping": "–",
+    "lam": "–",
+    "restitution": "–",
+    "g": "m/s²",
+}
+LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
+
+
+class Dimensions(eqx.Module):
+    """A podium as it stands on a drawing: the arguments of `rockjax.Podium.from_dimensions`, so that masses can vary.
+
+    - `width`, `height`: full column width 2B and height 2H [m]
+    - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
+    - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
+    - `lam`, `restitution`, `g`: as in `rockjax.Podium`
+
+    Raises `ValueError` for numbers that are no podium.
+    """
+
+    width: Any
+    height: Any
+    column_mass: Any
+    beam_mass: Any = 0.0
+    columns: int = eqx.field(static=True, default=2)
+    top_mass: Any = 0.0
+    period: Any = None
+    damping: Any = 0.05
+    lam: Any = 1 / 3
+    restitution: Any = "paper"
+    g: Any = 9.80665
+
+    def __check_init__(self):
+        self.podium()
+
+    def podium(self) -> rj.Podium:
+        """The podium of these dimensions."""
+        return rj.Podium.from_dimensions(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)})
+
+    def replace(self, **changes) -> Dimensions:
+        """A variant with some fields changed, as `dataclasses.replace`."""
+        return dataclasses.replace(self, **changes)
+
+
+Structure = rj.Podium | Dimensions
+
+
+class Variables(eqx.Module):
+    """The varied numbers of a structure, x in [0, 1]ⁿ in the order of `names`.
+
+    - `base`: the structure that the others are kept from; `lower`, `upper`: bounds in user units
+    - `logarithmic`: whether a variable is scaled by its logarithm
+    """
+
+    base: Structure
+    lower: Float[Array, " n"]
+    upper: Float[Array, " n"]
+    names: tuple[str, ...] = eqx.field(static=True)
+    logarithmic: tuple[bool, ...] = eqx.field(static=True)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        table = FIELDS if isinstance(self.base, rj.Podium) else DIMENSIONS
+        return tuple(table[name] for name in self.names)
+
+    def values(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
+        """User units from scaled variables; the ends of the range are met exactly."""
+        log = np.asarray(self.logarithmic)
+        low, high = (jnp.log(jnp.where(log, bound, 1.0)) for bound in (self.lower, self.upper))
+        straight = self.lower * (1 - x) + self.upper * x
+        values = jnp.where(log, jnp.exp(low * (1 - x) + high * x), straight)
+        # To rounding it is inside already; a clip would halve the derivative at a bound.
+        return values + jax.lax.stop_gradient(jnp.clip(values, self.lower, self.upper) - values)
+
+    def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Scaled variables from user units, clipped into the box."""
+        log = np.asarray(self.logarithmic)
+        values = jnp.clip(values, self.lower, self.upper)
+        low, high, value = (jnp.log(jnp.where(log, v, 1.0)) for v in (self.lower, self.upper, values))
+        width = jnp.where(log, high - low, self.upper - self.lower)
+        return jnp.where(log, value - low, values - self.lower) / width
+
+    def structure(self, x: Float[Array, " n"]) -> Structure:
+        """The structure at scaled variables, in the user's form."""
+        values = self.values(x)
+        return _with(self.base, {name: values[k] for k, name in enumerate(self.names)})
+
+    def podium(self, x: Float[Array, " n"]) -> rj.Podium:
+        """The podium at scaled variables."""
+        structure = self.structure(x)
+        return structure if isinstance(structure, rj.Podium) else structure.podium()
+
+    def start(self) -> Float[Array, " n"]:
+        """The base structure in scaled variables, clipped into the box."""
+        return self.scaled(jnp.stack([jnp.asarray(_value(self.base, name), float) for name in self.names]))
+
+
+def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
+    """The variables of `vary`, checked.
+
+    Raises `ValueError` for names that are not there or contradict each other, and for bounds that are no range or no podium.
+    """
+    if not isinstance(base, Structure):
+        raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
+    if not isinstance(vary, Mapping) or not vary:
+        raise ValueError(f'{owner}: vary must name at least one variable with its bounds, e.g. {{"alpha": (0.1, 0.2)}}')
+    shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(base) if not isinstance(leaf, str)} - {()}
+    if shapes:
+        raise ValueError(f"{owner}: podium must hold single numbers, got arrays of shape {shapes}")
+    for name in vary:
+        _check_name(owner, base, name)
+    names = tuple(vary)
+    both = {"alpha", "R"} & set(names), {"width", "height"} & set(names)
+    if isinstance(base, rj.Podium) and all(both):
+        raise ValueError(
+            f"{owner}: vary names {sorted(both[0])} and {sorted(both[1])}, which are the same two numbers of a column; "
+            "vary alpha and R, or width and height"
+        )
+    bounds = []
+    for name, pair in vary.items():
+        try:
+            low, high = (float(bound) for bound in pair)
+        except (TypeError, ValueError):
+            raise ValueError(f"{owner}: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}") from None
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ValueError(f"{owner}: vary[{name!r}] must be finite with lowest < highest, got ({low}, {high})")
+        for bound in (low, high):
+            try:
+                _with(base, {name: bound})
+            except ValueError as error:
+                raise ValueError(f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}") from None
+        bounds.append((low, high))
+    lower, upper = (jnp.asarray(side, float) for side in zip(*bounds, strict=True))
+    logarithmic = tuple(low > 0 and high / low > LOG_FROM for low, high in bounds)
+    return Variables(_numbers_as_arrays(base), lower, upper, names, logarithmic)
+
+
+def _numbers_as_arrays(base: Structure) -> Structure:
+    """Python numbers would each be compiled in. A top mass of exactly 0 says that there is no superstructure: it stays."""
+    if isinstance(base, rj.Podium):
+        return base
+    return jax.tree.map(lambda y: y if isinstance(y, str) or jnp.all(y == 0) else jnp.asarray(y, float), base)
+
+
+def _check_name(owner: str, base: Structure, name: str) -> None:
+    if isinstance(base, Dimensions):
+        if name not in DIMENSIONS:
+            raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(DIMENSIONS)}")
+        if name == "restitution" and isinstance(base.restitution, str):
+            raise ValueError(_no_factor(owner, base.restitution))
+        if name == "period" and base.period is None:
+            raise ValueError(f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period")
+        if name == "top_mass" and jnp.all(jnp.asarray(base.top_mass) == 0):
+            raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
+        if name == "damping" and base.period is None:
+            raise ValueError(f"{owner}: vary names 'damping', but nothing elastic stands on the podium")
+        return
+    if name not in FIELDS:
+        hint = " (masses vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
+        raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of a Podium is {', '.join(FIELDS)}")
+    top = base.superstructure
+    if name.startswith("superstructure.") and not hasattr(top, name.split(".")[1]):
+        kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
+        raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")
+    if name == "restitution" and not hasattr(base.restitution, "e"):
+        raise ValueError(_no_factor(owner, base.restitution))
+
+
+def _no_factor(owner: str, law) -> str:
+    return f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
+
+
+def _value(base: Structure, name: str):
+    if name == "restitution" and isinstance(base, rj.Podium):
+        return base.restitution.e  # pyright: ignore[reportAttributeAccessIssue]
+    value = base
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def _with(base: Structure, values: Mapping[str, Any]) -> Structure:
+    if isinstance(base, Dimensions):
+        return base.replace(**values)
+    own = {name: value for name, value in values.items() if name not in ("width", "height") and "." not in name}
+    top = {name.split(".")[1]: value for name, value in values.items() if "." in name}
+    if top:
+        assert base.superstructure is not None
+        own["superstructure"] = dataclasses.replace(base.superstructure, **top)
+    if "width" in values or "height" in values:
+        width, height = values.get("width", base.width), values.get("height", base.height)
+        own["alpha"], own["R"] = jnp.arctan2(width, height), 0.5 * jnp.hypot(width, height)
+    return base.replace(**own)
