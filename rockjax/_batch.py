@@ -22,8 +22,9 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 
 from . import _results as results
-from ._checks import as_float
+from ._checks import as_float, concrete
 from ._contact import glide
+from ._estimate import companion, errors
 from ._excitations import AbstractExcitation
 from ._flat import closed, runs
 from ._options import Options
@@ -76,15 +77,19 @@ def peak_responses(
     initial = jax.tree.map(as_float, initial)
     t_end = None if t_end is None else as_float(t_end)
     scenes, shape = _broadcast(podiums, excitations, initial, t_end)
-    floats, integers, _ = drive(scenes, options, progress)
-    for answer in (floats, integers):
+    solutions = [drive(scenes, options, progress)[:2]]
+    if "errors" in options.outputs:
+        solutions.append(drive(scenes, companion(options), False)[:2])
+    for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
             answer[name] = values.reshape(shape)
+    floats, integers = solutions[0]
+    doubt = errors(*solutions, concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
     failed = int(np.sum(integers["code"] > results.OVERTURNED))
     if failed:
         kinds = {results.NAMES[k] for k in np.unique(integers["code"]) if k > results.OVERTURNED}
         warnings.warn(f"{failed} of {scenes.total} scenes ended without an answer: {kinds}", RuntimeWarning, stacklevel=2)
-    return Peak(**fields(floats, integers))
+    return Peak(**fields(floats, integers), errors=doubt)
 
 
 class Scenes(NamedTuple):

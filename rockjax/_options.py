@@ -18,7 +18,8 @@ METHODS: dict[str, type[diffrax.AbstractSolver]] = {
     "bosh3": diffrax.Bosh3,
     "kvaerno5": diffrax.Kvaerno5,
 }
-OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin")
+OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin", "errors")
+LEAST_ATOL = 1e-17
 
 
 class Options(eqx.Module):
@@ -33,10 +34,12 @@ class Options(eqx.Module):
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2
     - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By default `rtol`
     - `max_steps`: bound on trial steps of a scene
-    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"` are wanted.
-      The scene ends as soon as none of these can change; what is not wanted is not computed (NaN). Impacts are counted
-      until the scene ends; ask for `"impacts"` to count on until rest or `t_end`
+    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
+      `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not computed
+      (NaN). Impacts are counted until the scene ends; ask for `"impacts"` to count on until rest or `t_end`. `"errors"`
+      estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
+    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]
     - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
@@ -54,11 +57,13 @@ class Options(eqx.Module):
     )
     history: int = eqx.field(static=True, default=4096)
     throw: bool = eqx.field(static=True, default=True)
+    stride: float = 1.0
 
     def __check_init__(self):
         require("Options", "rtol", self.rtol, lambda v: (v >= 1e-14) & (v <= 0.1), "in [1e-14, 0.1]")
-        require("Options", "atol", self.atol, lambda v: (v >= 1e-17) & (v <= 0.1), "in [1e-17, 0.1]")
+        require("Options", "atol", self.atol, lambda v: (v >= LEAST_ATOL) & (v <= 0.1), "in [1e-17, 0.1]")
         require("Options", "overturn_ratio", self.overturn_ratio, lambda v: v > 0, "finite and > 0")
+        require("Options", "stride", self.stride, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
         if self.rest_velocity is not None:
             require("Options", "rest_velocity", self.rest_velocity, lambda v: v > 0, "finite and > 0, or None")
         for name in ("max_steps", "history"):
@@ -70,9 +75,12 @@ class Options(eqx.Module):
         unknown = [name for name in self.outputs if name not in OUTPUTS]
         if unknown or not self.outputs:
             raise ValueError(f"Options: outputs must be some of {OUTPUTS}, got {self.outputs!r}")
+        for name in ("margin", "errors"):
+            if name in self.outputs and self.engine != "flat":
+                raise ValueError(f"Options: the output {name!r} needs engine='flat', got {self.engine!r}")
+        if "errors" in self.outputs and "peak_rotation" not in self.outputs:
+            raise ValueError("Options: the output 'errors' needs 'peak_rotation' beside it")
         if "margin" in self.outputs:
-            if self.engine != "flat":
-                raise ValueError("Options: the margin needs engine='flat'")
             require(
                 "Options",
                 "overturn_ratio",

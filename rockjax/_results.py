@@ -57,6 +57,20 @@ class Stats(eqx.Module):
     end_time: Float[Array, "*batch"]
 
 
+class Errors(eqx.Module):
+    """Estimated errors of a scene's answers, and whether they leave its class open.
+
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these answers; inf where
+      a scene has none, NaN where it was not asked for
+    - `undecided`: ten times the estimate would make the columns overturn, or keep them from it
+    """
+
+    peak_rotation: Float[Array, "*batch"]
+    peak_deformation: Float[Array, "*batch"]
+    peak_shear: Float[Array, "*batch"]
+    undecided: Bool[Array, "*batch"]
+
+
 class AbstractPeak(eqx.Module):
     """What every scene answers.
 
@@ -70,6 +84,7 @@ class AbstractPeak(eqx.Module):
       the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
       of what follows an impact grow like its inverse
+    - `errors`: estimated errors, an [`rockjax.Errors`][], if asked for (else None)
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
 
@@ -85,6 +100,7 @@ class AbstractPeak(eqx.Module):
     peak_shear: Float[Array, "*batch"]
     margin: Float[Array, "*batch"]
     smallest_impact_speed: Float[Array, "*batch"]
+    errors: Errors | None
     result: RESULTS
     stats: Stats
 
@@ -105,7 +121,12 @@ def describe(peak: AbstractPeak) -> str:
         overturned = int(jnp.sum(peak.overturned))
         return f"{kind}({peak.peak_rotation.size} scenes, shape {peak.peak_rotation.shape}, {overturned} overturned)"
     lines = [f"{kind}: {NAMES[int(code_of(peak.result))]}"]
-    lines.append(f"  peak rotation    {float(peak.peak_rotation):.6g} α at t = {float(peak.peak_rotation_time):.6g} s")
+    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
+    lines.append(
+        f"  peak rotation    {float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
+    )
+    if peak.errors is not None and peak.errors.undecided:
+        lines.append("  undecided: within the estimated error the columns may overturn or not; tighten rtol and atol")
     if peak.overturned:
         lines.append(f"  overturned at    {float(peak.overturn_time):.6g} s")
     lines.append(f"  uplift at        {float(peak.uplift_time):.6g} s" if peak.uplifted else "  never uplifted")

@@ -33,6 +33,7 @@ class Plan:
     shear: bool
     impacts: bool
     margin: bool
+    errors: bool
     to_the_end: bool  # a history goes on until t_end, or rest for good
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     tableau: Tableau
@@ -49,6 +50,7 @@ def plan(podium: Podium, options: Options, history: bool) -> Plan:
         shear=podium.superstructure is not None and "peak_shear" in options.outputs,
         impacts="impacts" in options.outputs,
         margin="margin" in options.outputs,
+        errors="errors" in options.outputs,
         to_the_end=history,
         refine=tab.order > 5,
         tableau=tab,
@@ -124,6 +126,7 @@ def prepare(
     longest = 1 / c.p
     if how.elastic:
         longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
+    longest = options.stride * longest
     duration = quiet - start
     scene = Scene(
         c=c,
@@ -136,7 +139,7 @@ def prepare(
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
-        longest_excited=constant(jnp.where(duration > 0, jnp.minimum(longest, duration / 16), longest)),
+        longest_excited=constant(jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)),
         quiet=constant(quiet),
     )
     t = constant(start)

@@ -9,11 +9,12 @@ from jaxtyping import Array, ArrayLike, Float
 
 from . import _results as results
 from ._checks import as_float, concrete, require
+from ._estimate import companion, errors
 from ._excitations import AbstractExcitation
 from ._flat import Nodes
 from ._model import acceleration, beam, coefficients, energy
 from ._options import Options
-from ._results import AbstractPeak, Peak, State, Stats
+from ._results import AbstractPeak, Errors, Peak, State, Stats
 from ._runge_kutta import step, tableau
 from ._solve import solve
 from ._structures import Elastic, Podium
@@ -117,7 +118,7 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**fields(floats, integers, options.throw))
+    return Peak(**fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
@@ -150,6 +151,7 @@ def simulate(
         impact_times = impact_times[: int(integers["impacts"])]
     return Response(
         **fields(floats, integers, options.throw),
+        errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
         excitation=excitation,
@@ -162,6 +164,16 @@ def _solved(podium, excitation, initial, t_end, options, history):
     (floats, smooth), (integers, rest) = solve(podium, excitation, initial, t_end, options, history)
     nodes = None if smooth is None else smooth._replace(piece=rest[0], used=rest[1])
     return floats, integers, nodes
+
+
+def _errors(arguments, floats, integers) -> Errors | None:
+    """The estimated errors of a solution, by a second one."""
+    podium, excitation, initial, t_end, options = arguments
+    if "errors" not in options.outputs:
+        return None
+    constants = jax.lax.stop_gradient((podium, excitation, initial, t_end))
+    second, counts, _ = _solved(*constants, companion(options), None)
+    return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
 
 
 def fields(floats, integers, throw: bool = False) -> dict:

@@ -86,6 +86,9 @@ def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict
         "smallest_impact_speed": lane.slowest_before_peak,
         "end_time": lane.t,
     }
+    if how.errors:
+        # What is too much at the overturning angle, over the inertia.
+        floats["fall"] = jnp.where(lane.code == results.OVERTURNED, lane.v[0] ** 2, nan)
     integers = {
         "exceeded_alpha": ratio >= 1,
         "overturned": lane.code == results.OVERTURNED,

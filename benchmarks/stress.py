@@ -1,0 +1,341 @@
+"""A stress campaign over the whole admissible range: `python -m benchmarks.stress [scenes] [seed] [words of groups]`.
+
+Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every scene is
+solved three times: as asked for with its error estimate (a second solve), and at a far tighter tolerance, which stands for
+the truth. A sample, and every scene out of steps, goes to an implementation that shares nothing with the project.
+
+What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that change
+unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python that repeats them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import rockjax as rj
+
+from .measure import keep, show
+
+OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
+TOLERANCES = tuple(10.0**-k for k in range(3, 13))
+FINER = 1e-3  # the tolerance of the truth, over that of the scene
+MAX_STEPS = 200_000  # scenes that need more are tried again one by one
+PER_GROUP = 3  # tolerances
+SUPERSTRUCTURES = ("none", "rigid", "elastic")
+LAWS = ("paper", "compatible", "given")
+PULSES = ("Ricker", "AntisymmetricRicker", "OneSine", "OneCosine", "HalfSine")
+MOTIONS = (*PULSES, "MavroeidisPapageorgiou", "Gabor", "Rest", "record", "offset record", "coarse record")
+# Methods of lower order where they make sense: down to which tolerance.
+OTHERS = {"tsit5": 1e-12, "dopri5": 1e-11, "bosh3": 1e-6}
+QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear")
+
+
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """Scenes that one program serves."""
+
+    top: str
+    law: str
+    motion: str
+    method: str = "dopri8"
+
+    @property
+    def name(self) -> str:
+        return f"{self.top}, {self.law}, {self.motion}, {self.method}"
+
+
+def groups() -> Iterator[Group]:
+    for top, law, motion in itertools.product(SUPERSTRUCTURES, LAWS, MOTIONS):
+        yield Group(top, law, motion)
+    for method, top, motion in itertools.product(OTHERS, ("rigid", "elastic"), ("Ricker", "OneCosine", "record")):
+        yield Group(top, "paper", motion, method)
+
+
+# ------------------------------------------------------------------------------------------------------------ scenes
+def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np.ndarray:
+    return np.exp(rng.uniform(math.log(low), math.log(high), n))
+
+
+def some(rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15) -> np.ndarray:
+    """The values, a share of them replaced by special ones."""
+    chosen = rng.choice(special, len(values))
+    return np.where(rng.random(len(values)) < share, chosen, values)
+
+
+def samples(motion: str) -> np.ndarray:
+    """Synthetic records of peak 1, of different length and roughness."""
+    n, seed = {"record": (240, 1), "offset record": (400, 2), "coarse record": (24, 3)}[motion]
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / n
+    rough = rng.normal(size=n)
+    if motion != "coarse record":
+        rough = np.convolve(rough, np.hanning(7), mode="same")
+    a = np.sin(18 * t) * np.exp(-(((t - 0.4) / 0.2) ** 2)) + 0.3 * rough / np.abs(rough).max()
+    if motion == "offset record":
+        a = a + 0.2
+    return a / np.abs(a).max()
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """Scenes of one group at one tolerance."""
+
+    podium: rj.Podium
+    motion: rj.AbstractExcitation
+    initial: rj.State
+    options: rj.Options
+
+    def solve(self, options: rj.Options) -> rj.Peak:
+        return rj.peak_responses(self.podium, self.motion, initial=self.initial, options=options)
+
+
+def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
+    alpha = log_uniform(rng, 0.01, 1.2, n)
+    gamma = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
+    eta = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
+    zeta = some(rng, log_uniform(rng, 1e-3, 1.0, n), (0.0, 0.05, 1.0), 0.5)
+    T_s = some(rng, log_uniform(rng, 0.01, 10.0, n), (0.01, 10.0))
+    top = {"none": None, "rigid": rj.Rigid(eta), "elastic": rj.Elastic(eta, T_s, zeta)}[group.top]
+    e = some(rng, rng.uniform(0.5, 1.0, n), (0.0, 1e-9, 0.2, 1.0), 0.3)
+    return rj.Podium(
+        alpha=alpha,
+        R=log_uniform(rng, 0.05, 50.0, n),
+        gamma=gamma,
+        superstructure=top,
+        lam=some(rng, rng.uniform(0.0, 1.0, n), (1 / 3,), 0.8),
+        restitution=e if group.law == "given" else group.law,
+        g=some(rng, np.full(n, 9.80665), (1.62, 3.71), 0.1),
+    )
+
+
+def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -> rj.AbstractExcitation:
+    """From just under what lifts the columns to fifty times that; periods around the columns' own."""
+    lifts = np.where(rng.random(n) < 0.5, podium.uplift_acceleration, podium.g * np.tan(podium.alpha))
+    factor = some(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
+    a = np.asarray(lifts) * factor * rng.choice([-1.0, 1.0], n)
+    T = 2 * math.pi / (np.asarray(podium.p) * log_uniform(rng, 0.2, 40.0, n))
+    if group.motion in PULSES:
+        return getattr(rj, group.motion)(a, T)
+    if group.motion == "Gabor":
+        return rj.Gabor(a, T, rng.uniform(1.0, 4.0, n), rng.uniform(0, 2 * math.pi, n))
+    if group.motion == "MavroeidisPapageorgiou":
+        return rj.MavroeidisPapageorgiou(a * T / (2 * math.pi), 1 / T, rng.uniform(1.01, 4.0, n), rng.uniform(0, 6.28, n))
+    if group.motion == "Rest":
+        return rj.Rest()
+    record = samples(group.motion)
+    return rj.Record(record, 6 * T / len(record), scale=a)
+
+
+def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
+    rng = np.random.default_rng([seed, *group.name.encode(), round(-math.log10(rtol))])
+    podium = podiums(rng, group, n)
+    motion = motions(rng, group, podium, n)
+    ratio = float(rng.choice([1.0, 1.0, 0.5, 1.3]))
+    moves = np.ones(n, bool) if group.motion == "Rest" else rng.random(n) < 0.15
+    alpha, p = np.asarray(podium.alpha), np.asarray(podium.p)
+    theta = np.where(rng.random(n) < 0.3, 0.0, rng.uniform(-1, 1, n)) * min(ratio, 1.0) * alpha
+    theta_dot = np.where(rng.random(n) < 0.5, 0.0, rng.normal(size=n)) * p * alpha
+    sway = 0.3 * rng.normal(size=n) * np.asarray(podium.width)
+    speed = sway * p
+    initial = rj.State(*(np.where(moves, y, 0.0) for y in (theta, theta_dot, sway, speed)))
+    options = rj.Options(
+        rtol=rtol, atol=0.01 * rtol, method=group.method, outputs=OUTPUTS, overturn_ratio=ratio, max_steps=MAX_STEPS
+    )
+    return Batch(podium, motion, initial, options)
+
+
+def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
+    """Scene k of a batch, as single numbers."""
+
+    def pick(y):
+        y = np.asarray(y)
+        return float(y[k] if y.ndim and y.shape[0] == len(of.initial.theta) else y)
+
+    podium = jax.tree.map(pick, of.podium)
+    if isinstance(of.motion, rj.Record):
+        motion = rj.Record(of.motion.acceleration, pick(of.motion.dt), pick(of.motion.scale))
+    else:
+        motion = jax.tree.map(pick, of.motion)
+    return podium, motion, jax.tree.map(pick, of.initial)
+
+
+def repeat(group: Group, rtol: float, n: int, seed: int, k: int) -> str:
+    """The line that gets a scene back."""
+    arguments = ", ".join(repr(getattr(group, field.name)) for field in dataclasses.fields(group))
+    return f"s.scene(s.batch(s.Group({arguments}), {rtol:g}, {n}, {seed}), {k})"
+
+
+# ----------------------------------------------------------------------------------------------------------- verdicts
+@dataclasses.dataclass
+class Findings:
+    """What is counted over scenes."""
+
+    scenes: int = 0
+    results: dict[str, int] = dataclasses.field(default_factory=dict)
+    failures: dict[str, int] = dataclasses.field(default_factory=dict)
+    examples: list[tuple[str, str]] = dataclasses.field(default_factory=list)
+    ratios: list[np.ndarray] = dataclasses.field(default_factory=list)  # true error over estimate, of the rotation
+    flips: int = 0  # classes that change between the asked-for tolerance and the truth …
+    unflagged: int = 0  # … without having been flagged as undecided
+    undecided: int = 0
+    trials: list[np.ndarray] = dataclasses.field(default_factory=list)
+    seconds: float = 0.0
+
+    def fail(self, cause: str, bad: np.ndarray, line: Callable[[int], str]) -> None:
+        count = int(bad.sum())
+        if not count:
+            return
+        self.failures[cause] = self.failures.get(cause, 0) + count
+        for k in np.flatnonzero(bad)[:2]:
+            self.examples.append((cause, line(int(k))))
+
+
+ROUNDING = 1e-13  # of a peak rotation over α: less than that is not asked of an estimate
+
+
+def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Callable[[int], str]) -> None:
+    from rockjax._results import NAMES, code_of
+
+    code, true_code = np.asarray(code_of(peak.result)), np.asarray(code_of(truth.result))
+    found.scenes += code.size
+    for k, name in enumerate(NAMES):
+        found.results[name] = found.results.get(name, 0) + int((code == k).sum())
+    found.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
+    found.fail("out of steps", code == NAMES.index("out_of_steps"), line)
+    found.fail("not finite", code == NAMES.index("not_finite"), line)
+    answered, known = code <= 2, true_code <= 2
+    ratio = float(of.options.overturn_ratio)
+    values = {name: np.broadcast_to(np.asarray(getattr(peak, name)), code.shape) for name in QUANTITIES}
+    for name, value in values.items():
+        found.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
+        found.fail(f"{name} is negative", answered & (value < 0), line)
+    rotation, overturned = values["peak_rotation"], np.asarray(peak.overturned)
+    found.fail("rotation beyond overturning", answered & (rotation > ratio * (1 + 1e-12)), line)
+    found.fail("overturned below the limit", answered & overturned & (rotation < ratio * (1 - 1e-12)), line)
+    found.fail("overturned is not the result", answered & (overturned != (code == 2)), line)
+    found.fail("overturned without a time", answered & (overturned != np.isfinite(peak.overturn_time)), line)
+    found.fail("uplifted without a time", answered & (np.asarray(peak.uplifted) != np.isfinite(peak.uplift_time)), line)
+    found.fail("rotation without uplift", answered & ~np.asarray(peak.uplifted) & (rotation > 0), line)
+    found.trials.append(np.asarray(peak.stats.steps + peak.stats.rejected)[answered])
+
+    both = answered & known
+    errors = peak.errors
+    assert errors is not None
+    undecided = np.asarray(errors.undecided)
+    flips = both & (overturned != np.asarray(truth.overturned))
+    found.flips += int(flips.sum())
+    found.unflagged += int((flips & ~undecided).sum())
+    found.undecided += int((undecided & answered).sum())
+    compared = both & ~flips
+    error = np.abs(rotation - np.asarray(truth.peak_rotation))[compared]
+    estimate = np.asarray(errors.peak_rotation)[compared]
+    found.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
+
+
+def run(number: int, group: Group, per_group: int, seed: int) -> Findings:
+    found = Findings()
+    began = time.perf_counter()
+    possible = [rtol for rtol in TOLERANCES if rtol >= OTHERS.get(group.method, 0.0) * 0.99]
+    # Spread over the range, all of them as often over the groups.
+    first = number % len(possible)
+    tolerances = sorted({possible[(first + k * len(possible) // PER_GROUP) % len(possible)] for k in range(PER_GROUP)})
+    n = -(-per_group // len(tolerances))
+    for rtol in tolerances:
+        of = batch(group, rtol, n, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
+            peak = of.solve(of.options)
+            tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
+            truth = of.solve(of.options.replace(rtol=tight, atol=0.01 * tight))
+        judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
+    found.seconds = time.perf_counter() - began
+    return found
+
+
+def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
+    rows = []
+    for name, some in parts.items():
+        ratios = np.concatenate([ratio for f in some for ratio in f.ratios])
+        trials = np.concatenate([count for f in some for count in f.trials])
+        total = sum(f.scenes for f in some)
+        rows.append(
+            {
+                "scenes": name,
+                "number": total,
+                **{kind: sum(f.results.get(kind, 0) for f in some) for kind in ("settled", "end_of_time", "overturned")},
+                "out of steps": sum(f.results.get("out_of_steps", 0) for f in some),
+                "not finite": sum(f.results.get("not_finite", 0) for f in some),
+                "within 10 x": float(np.mean(ratios <= 10)),
+                "undecided": sum(f.undecided for f in some) / total,
+                "flips": sum(f.flips for f in some),
+                "unflagged": sum(f.unflagged for f in some),
+                "trials median": float(np.median(trials)),
+                "trials most": int(trials.max()),
+            }
+        )
+    return rows
+
+
+FORMATS = {
+    "scenes": "", "number": "d", "settled": "d", "end_of_time": "d", "overturned": "d", "out of steps": "d",
+    "not finite": "d", "within 10 x": ".4f", "undecided": ".4f", "flips": "d", "unflagged": "d", "trials median": ".0f",
+    "trials most": "d",
+}  # fmt: skip
+
+
+def main() -> None:
+    scenes = int(float(sys.argv[1])) if len(sys.argv) > 1 else 200_000
+    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    words = sys.argv[3:]
+    chosen = [group for group in groups() if all(word in group.name.replace(",", "").split() for word in words)]
+    per_group = -(-scenes // len(chosen))
+    began = time.perf_counter()
+    found: dict[Group, Findings] = {}
+    # Two at a time: one compiles while another runs.
+    with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
+
+        def one(number: int, group: Group) -> None:
+            found[group] = run(number, group, per_group, seed)
+            bar.update()
+
+        list(pool.map(one, range(len(chosen)), chosen))
+    parts = {"all": list(found.values())}
+    for top in SUPERSTRUCTURES:
+        parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
+    for motion in MOTIONS:
+        parts[motion] = [f for g, f in found.items() if g.motion == motion and g.method == "dopri8"]
+    for method in OTHERS:
+        parts[method] = [f for g, f in found.items() if g.method == method]
+    rows = table({name: some for name, some in parts.items() if some})
+    show(rows, FORMATS)
+    failures: dict[str, int] = {}
+    for f in found.values():
+        for cause, count in f.failures.items():
+            failures[cause] = failures.get(cause, 0) + count
+    print("\nfailures by cause:", failures or "none")
+    for cause in failures:
+        lines = [line for f in found.values() for what, line in f.examples if what == cause]
+        print(f"  {cause}: from benchmarks import stress as s")
+        for line in lines[:6]:
+            print(f"    {line}")
+    slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
+    print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
+    print(f"{time.perf_counter() - began:.0f} s")
+    if not words:
+        keep("stress", [*rows, {"failures": failures}])
+
+
+if __name__ == "__main__":
+    main()
