@@ -27,9 +27,9 @@ T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the struct
                                  # lists of one length go together, a single number goes with all
 
 [[motions.records]]              # a set may have several entries
-file = "record.csv"              # beside this file; text or .npy, one column or two (time, acceleration)
-units = "g"                      # or "m/s2"
-dt = 0.01                        # with one column [s]; two bring their own
+file = "record.csv"              # beside this file; .AT2, .npy or text, one column or two (time, acceleration)
+units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; .AT2 brings its own
+dt = 0.01                        # with one column [s]; two, and .AT2, bring their own
 scale = 1.0                      # optional
 
 [minimise]                       # optional
@@ -89,7 +89,6 @@ PULSES: dict[str, type[rj.AbstractPulse]] = {
 }
 NUMBERS = ("alpha", "R", "gamma", "width", "height")
 WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
-GRAVITY = 9.80665  # of the unit g of a record
 
 
 class Problem(NamedTuple):
@@ -237,7 +236,7 @@ class _Reader:
         return sets
 
     def pulse(self, value, key: str) -> type[rj.AbstractPulse]:
-        if value not in PULSES:
+        if not isinstance(value, str) or value not in PULSES:
             self.fail(key, f"must be one of {', '.join(PULSES)}, got {value!r}")
         return PULSES[value]
 
@@ -267,42 +266,13 @@ class _Reader:
             return [kind(float(a), float(T)) for a, T in pairs]
 
     def record(self, entry: dict, key: str) -> list[rj.AbstractExcitation]:
-        self.table(entry, key, ("file", "units"), ("dt", "scale"))
-        if entry["units"] not in ("g", "m/s2"):
-            self.fail(f"{key}.units", f"must be 'g' or 'm/s2', got {entry['units']!r}")
-        unit = GRAVITY if entry["units"] == "g" else 1.0
-        file = self.path.parent / str(entry["file"])
-        samples = self.samples(file, f"{key}.file")
-        dt = entry.get("dt")
-        if samples.ndim == 2 and samples.shape[1] == 2:
-            steps = np.diff(samples[:, 0])
-            if len(steps) == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
-                self.fail(f"{key}.file", f"the times in the first column of {file} must rise in equal steps")
-            if dt is not None and abs(dt - steps.mean()) > 1e-3 * steps.mean():
-                self.fail(f"{key}.dt", f"is {dt}, but the times in {file} are {steps.mean():g} s apart; leave dt out")
-            dt, samples = float(steps.mean()), samples[:, 1]
-        elif samples.ndim == 2 and samples.shape[1] > 2:
-            self.fail(f"{key}.file", f"{file} has {samples.shape[1]} columns; one or two (time, acceleration) can be read")
-        if dt is None:
-            self.fail(key, "dt is missing: the file has one column and no times")
+        self.table(entry, key, ("file",), ("units", "dt", "scale"))
+        for name, kind in (("file", str), ("units", str), ("dt", int | float), ("scale", int | float)):
+            if name in entry and (not isinstance(entry[name], kind) or isinstance(entry[name], bool)):
+                self.fail(f"{key}.{name}", f"must be a {'text' if kind is str else 'number'}, got {entry[name]!r}")
         with self.at(key):
-            return [rj.Record(unit * samples.ravel(), dt, scale=entry.get("scale", 1.0))]
-
-    def samples(self, file: Path, key: str) -> np.ndarray:
-        try:
-            if file.suffix == ".npy":
-                return np.asarray(np.load(file, allow_pickle=False), float)
-            text = file.read_text(encoding="utf-8")
-            lines = [line.replace(",", " ").split() for line in text.splitlines()]
-            rows = [line for line in lines if line and not line[0].startswith("#")]
-            if rows and not _is_number(rows[0][0]):
-                rows = rows[1:]  # a heading
-            return np.array(rows, dtype=float)
-        except OSError as error:
-            self.fail(key, f"{file} cannot be read: {error.strerror}")
-        except ValueError as error:
-            self.fail(key, f"{file} does not hold one or two columns of numbers: {error}")
-        raise AssertionError
+            more = {name: entry[name] for name in ("units", "dt", "scale") if name in entry}
+            return [rj.Record.from_file(self.path.parent / entry["file"], **more)]
 
     def chosen(self, entry: dict, key: str, motions: dict) -> list[rj.AbstractExcitation]:
         name = entry["motions"]
@@ -315,6 +285,8 @@ class _Reader:
     def minimise(self, value, motions: dict):
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
         quantity = entry["quantity"]
+        if not isinstance(quantity, str):
+            self.fail("minimise.quantity", f"must be a text, got {quantity!r}")
         if quantity in NUMBERS:
             if "motions" in entry:
                 self.fail("minimise.motions", f"has no meaning for {quantity}")
@@ -341,7 +313,7 @@ class _Reader:
         }
         if not isinstance(entry, dict) or "kind" not in entry:
             self.fail(key, "kind is missing")
-        if entry["kind"] not in kinds:
+        if not isinstance(entry["kind"], str) or entry["kind"] not in kinds:
             self.fail(f"{key}.kind", f"must be one of {', '.join(kinds)}, got {entry['kind']!r}")
         kind, needed, optional = kinds[entry["kind"]]
         self.table(entry, key, ("kind", *needed), (*optional, "name"))
@@ -362,11 +334,3 @@ class _Reader:
 
 class _Reported(ValueError):
     """A complaint that names the file already."""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -22,7 +22,7 @@ from ._overturning import Boundary, overturning_acceleration, overturning_bounda
 from ._overturning_spectrum import overturning_spectrum
 from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
 from ._record import Record
-from ._results import RESULTS, Errors, Peak, State, Stats
+from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
@@ -41,6 +41,7 @@ __all__ = [
     "Errors",
     "Gabor",
     "HalfSine",
+    "Interrupted",
     "MavroeidisPapageorgiou",
     "OneCosine",
     "OneSine",

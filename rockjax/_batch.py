@@ -29,7 +29,7 @@ from ._excitations import AbstractExcitation
 from ._flat import closed, runs
 from ._options import Options
 from ._record import Record
-from ._results import Peak, State
+from ._results import Interrupted, Peak, State
 from ._scene import Flag, Lane, Plan, Scene, plan, prepare
 from ._simulate import REST, check_range, check_types, fields
 from ._solve import answers
@@ -61,12 +61,18 @@ def peak_responses(
     Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast to the shape
     of the batch (a `Record`'s samples along the last axis are one record). Returns a [`rockjax.Peak`][] of NumPy arrays of
     that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts them: one scene never
-    costs the others their answers.
+    costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that holds the answers
+    so far, as soon as the present chunks of scenes are through.
 
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
     Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
     """
+    return responses(podiums, excitations, initial, t_end, options, progress, threading.Event())
+
+
+def responses(podiums, excitations, initial: State, t_end, options: Options, progress, stop: threading.Event) -> Peak:
+    """[`peak_responses`][rockjax.peak_responses] that another thread can stop."""
     check_types("peak_responses", podiums, excitations, options)
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
@@ -77,14 +83,23 @@ def peak_responses(
     initial = jax.tree.map(as_float, initial)
     t_end = None if t_end is None else as_float(t_end)
     scenes, shape = _broadcast(podiums, excitations, initial, t_end)
-    solutions = [drive(scenes, options, progress)[:2]]
-    if "errors" in options.outputs:
-        solutions.append(drive(scenes, companion(options), False)[:2])
+    solutions = [drive(scenes, options, progress, stop)[:2]]
+    if "errors" in options.outputs and not stop.is_set():
+        solutions.append(drive(scenes, companion(options), False, stop)[:2])
+    if not all(floats for floats, _ in solutions):
+        raise Interrupted("stopped before any scene had ended", None)
+    if len(solutions) > 1:
+        (_, first), (_, second) = solutions
+        first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
     for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
             answer[name] = values.reshape(shape)
     floats, integers = solutions[0]
-    doubt = errors(*solutions, concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
+    doubt = errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
+    left = int(np.sum(integers["code"] == results.INTERRUPTED))
+    if left:
+        message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
+        raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
     failed = int(np.sum(integers["code"] > results.OVERTURNED))
     if failed:
         kinds = {results.NAMES[k] for k in np.unique(integers["code"]) if k > results.OVERTURNED}
@@ -160,8 +175,13 @@ class Tally(NamedTuple):
     possible: int
 
 
-def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Floats and integers of every scene, and how busy the lanes were."""
+def drive(
+    scenes: Scenes, options: Options, progress: Any, stop: threading.Event | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
+    """Floats and integers of every scene, and how busy the lanes were.
+
+    Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code INTERRUPTED.
+    """
     refill = not scenes.wide
     size = CHUNK if refill and scenes.total > 2 * LANES else LANES
     call = functools.partial(
@@ -171,7 +191,7 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
     integers: dict[str, np.ndarray] = {}
     useful = possible = 0
     lock = threading.Lock()
-    stopped = threading.Event()
+    stopped = threading.Event() if stop is None else stop
 
     def chunks() -> Iterator[tuple[int, int]]:
         # A small batch is shared out: not every chunk is full.
@@ -187,10 +207,12 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
         index = np.asarray(done.which)[:used]
         with lock:
             useful, possible = useful + int(done.useful), possible + int(done.trials) * LANES
-            for whole, part in ((floats, done.floats), (integers, done.integers)):
+            for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
                     values = np.asarray(values)
-                    whole.setdefault(name, np.empty(scenes.total, values.dtype))[index] = values[:used]
+                    if name not in whole:
+                        whole[name] = np.full(scenes.total, results.INTERRUPTED if name == "code" else fill, values.dtype)
+                    whole[name][index] = values[:used]
         with _REPORTING:
             bar.update(used)
 
@@ -213,9 +235,10 @@ def drive(scenes: Scenes, options: Options, progress: Any) -> tuple[dict[str, np
         try:
             for future in futures:
                 future.result()
-        except BaseException:
+        except BaseException as error:
             stopped.set()
-            raise
+            if not isinstance(error, KeyboardInterrupt):
+                raise
     return floats, integers, Tally(useful, possible)
 
 

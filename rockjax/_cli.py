@@ -44,6 +44,21 @@ Tolerance = Annotated[float, typer.Option("--rtol", help="Relative tolerance of 
 Output = Annotated[Path, typer.Option("--output", "-o", help="Prefix of the files to write.")]
 
 
+Resume = Annotated[bool, typer.Option("--resume", help="Go on where Ctrl-C stopped the same command.")]
+
+
+def _interrupted(output: Path, datasets: list, message: str) -> typer.Exit:
+    """Keep what is there, and say how to go on."""
+    from rockjax import _partial
+
+    if any(data is not None for data in datasets):
+        kept = _partial.save(_partial.path_of(output), datasets)
+        typer.echo(f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there", err=True)
+    else:
+        typer.echo(f"\nrockjax: {message}; nothing to keep", err=True)
+    return typer.Exit(130)
+
+
 def _numbers(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
@@ -127,12 +142,13 @@ def spectrum(
     method: Method = "dopri8",
     rtol: Tolerance = 1e-8,
     output: Output = Path("rockjax-spectrum"),
+    resume: Resume = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
 ) -> None:
     """Rocking spectra and minimum overturning curves over a grid of pulses.
 
     With no flags: the 12 panels of the paper's Fig. 6 and its Fig. 7. Writes OUTPUT.nc, OUTPUT-rotation.png and
-    OUTPUT-overturning.png.
+    OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume solves the others.
     """
     began = time.perf_counter()
     _prepare()
@@ -142,14 +158,19 @@ def spectrum(
     from tqdm import tqdm
 
     import rockjax as rj
+    from rockjax import _partial
 
     options = rj.Options(outputs=("peak_rotation",), rtol=rtol, atol=0.01 * rtol, method=method)
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     x, y = np.linspace(*frequency, points), np.linspace(*acceleration, points)
     total = len(ratios) * len(periods) * points**2
     podiums = _podiums(tan_alpha, R, gamma, ratios, periods, zeta, restitution)
-    with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
-        spectra = rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar)
+    known = _partial.load(_partial.path_of(output), len(podiums)) if resume else None
+    try:
+        with tqdm(total=total, unit=" scenes", unit_scale=True, disable=quiet) as bar:
+            spectra = rj.rocking_spectra(podiums, _pulse(pulse), x, y, options=options, progress=bar, resume=known)
+    except rj.Interrupted as stopped:
+        raise _interrupted(output, stopped.partial, str(stopped)) from None
     from rockjax import plots
     from rockjax._files import write_whole
 
@@ -161,6 +182,7 @@ def spectrum(
     for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
         figure = draw(panels)
         written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+    _partial.path_of(output).unlink(missing_ok=True)
     if quiet:
         return
     failed = int((panels["result"] > 2).sum())
@@ -191,12 +213,14 @@ def overturning(
     sensitivities: Annotated[str, typer.Option(help="Parameters y of d a_ov/d ln y; empty for none.")] = "alpha,gamma",
     rtol: Tolerance = 1e-11,
     output: Output = Path("rockjax-overturning"),
+    resume: Resume = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
     With no flags: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc, OUTPUT-boundaries.png and,
-    with sensitivities, OUTPUT-sensitivity.png.
+    with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the podiums that are done in OUTPUT.partial.nc; --resume goes
+    on with the others.
     """
     began = time.perf_counter()
     _prepare()
@@ -205,21 +229,25 @@ def overturning(
     from tqdm import tqdm
 
     import rockjax as rj
+    from rockjax import _partial
+    from rockjax._overturning_spectrum import check_resumes
 
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     names = [name.strip() for name in sensitivities.split(",") if name.strip()]
     x = np.linspace(*frequency, points)
-    found = [
-        rj.overturning_spectrum(
-            podium,
-            _pulse(pulse),
-            x,
-            max_acceleration_ratio=max_acceleration,
-            sensitivities=names,
-            options=rj.Options(rtol=rtol, atol=0.01 * rtol),
-        )
-        for podium in tqdm(_podiums(tan_alpha, R, gamma, ratios, periods, zeta, restitution), unit=" podiums", disable=quiet)
-    ]
+    podiums = _podiums(tan_alpha, R, gamma, ratios, periods, zeta, restitution)
+    options = rj.Options(rtol=rtol, atol=0.01 * rtol)
+    found: list = _partial.load(_partial.path_of(output), len(podiums)) if resume else [None] * len(podiums)
+    for k, podium in enumerate(tqdm(podiums, unit=" podiums", disable=quiet)):
+        if found[k] is not None:
+            check_resumes(found[k], podium, _pulse(pulse), x, max_acceleration, names, options)
+            continue
+        try:
+            found[k] = rj.overturning_spectrum(
+                podium, _pulse(pulse), x, max_acceleration_ratio=max_acceleration, sensitivities=names, options=options
+            )
+        except KeyboardInterrupt:
+            raise _interrupted(output, found, f"stopped with {k} of {len(podiums)} podiums done") from None
     from rockjax import plots
     from rockjax._files import write_whole
 
@@ -231,6 +259,7 @@ def overturning(
         pictures["sensitivity"] = plots.sensitivities(panels)
     for suffix, figure in pictures.items():
         written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+    _partial.path_of(output).unlink(missing_ok=True)
     if quiet:
         return
     least = panels["minimum"].min("frequency_ratio")
@@ -328,6 +357,9 @@ def main() -> None:
     except ValueError as error:
         typer.echo(f"rockjax: {error}", err=True)
         raise SystemExit(2) from None
+    except (OSError, RuntimeError) as error:
+        typer.echo(f"rockjax: {error}", err=True)
+        raise SystemExit(1) from None
 
 
 if __name__ == "__main__":

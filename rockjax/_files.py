@@ -9,11 +9,17 @@ from pathlib import Path
 
 
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
-    """Call `write(temporary_name)`, then move the file to `path`. On any failure nothing is left behind."""
+    """Call `write(temporary_name)`, then move the file to `path`. On any failure nothing is left behind.
+
+    Raises `OSError` that names the file and the cause, such as a full disk.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # The suffix stays last: writers choose their format by it.
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The suffix stays last: writers choose their format by it.
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror}") from error
     os.close(handle)
     try:
         write(name)
@@ -21,7 +27,9 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
         os.umask(umask)
         os.chmod(name, 0o666 & ~umask)
         os.replace(name, path)
-    except BaseException:
+    except BaseException as error:
         Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError | RuntimeError):  # the latter from the libraries below netCDF
+            raise OSError(f"{path} could not be written: {getattr(error, 'strerror', None) or error}") from error
         raise
     return path

@@ -118,6 +118,28 @@ def overturning_spectrum(
     return data
 
 
+def check_resumes(
+    known: xarray.Dataset, podium: Podium, pulse, frequency_ratio, max_acceleration_ratio, sensitivities, options: Options
+) -> None:
+    """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these arguments."""
+    owner = "overturning_spectrum"
+    if not np.array_equal(known["frequency_ratio"].values, frequency_ratio):
+        raise ValueError(f"{owner}: the spectrum to resume has another axis frequency_ratio")
+    if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
+        raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
+    expected = _attributes(podium, pulse, options) | {"max_acceleration_ratio": float(max_acceleration_ratio)}
+    for name, value in expected.items():
+        if known.attrs.get(name) != value:
+            raise ValueError(
+                f"{owner}: the spectrum to resume was made with {name} = {known.attrs.get(name)!r}, not {value!r}"
+            )
+
+
+def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
+    name = getattr(pulse, "__name__", repr(pulse))
+    return {"title": "Overturning spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+
+
 def _check_parameter(owner: str, podium: Podium, name: str) -> None:
     known = ["alpha", "R", "gamma", "lam", "T_p"]
     known += ["eta"] if podium.superstructure is not None else []
@@ -160,8 +182,7 @@ def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, optio
             ),
         },
     )
-    name = getattr(pulse, "__name__", repr(pulse))
-    data.attrs = {"title": "Overturning spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+    data.attrs = _attributes(podium, pulse, options)
     return data
 
 

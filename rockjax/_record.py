@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 from typing import Self
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ._checks import as_float, concrete, finite, positive
 from ._excitations import AbstractExcitation, AbstractOutlook
+from ._readers import read
 
 Value = Float[Array, ""]
 Index = Int[Array, ""]
@@ -91,6 +93,20 @@ class Record(AbstractExcitation):
         if samples is not None and not np.isfinite(samples).all():
             where = np.argwhere(~np.isfinite(samples))[0]
             raise ValueError(f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}")
+
+    @classmethod
+    def from_file(cls, path: str | Path, *, units: str | None = None, dt: float | None = None, scale: float = 1.0) -> Self:
+        """The record in a file (host): PEER's .AT2, NumPy's .npy, or text with one column or two (time, acceleration).
+
+        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it, as .AT2 does
+        - `dt`: sampling interval [s], where the file has neither it nor times
+        - `scale`: factor on the samples [–]
+
+        Text may have comments (`#`, `%`, `!`), one line of headings, and columns separated by blanks, commas or semicolons.
+        Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion.
+        """
+        motion = read(path, units, dt)
+        return cls(motion.acceleration, motion.dt, scale)
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:

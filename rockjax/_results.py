@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +20,13 @@ class RESULTS(eqx.Enumeration):
     out_of_steps = "The scene needed more than max_steps steps; raise max_steps or loosen the tolerances."
     not_finite = "A state or a parameter is not finite; check the inputs."
     history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
+    interrupted = "The computation was stopped before this scene had ended; resume it."
 
 
 # Codes inside the loop, where a scene that goes on has none.
 RUNNING = -1
-SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL = range(6)
-NAMES = ("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full")
+SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL, INTERRUPTED = range(7)
+NAMES = ("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted")
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
@@ -34,6 +37,17 @@ def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
     """The codes of one result or of a batch of them."""
     return result._value
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a batch: what had been solved until then is `partial`, None where nothing had.
+
+    It has the form of the answer; the other scenes have the result `interrupted` and NaN for numbers.
+    """
+
+    def __init__(self, message: str, partial: Any):
+        super().__init__(message)
+        self.partial = partial
 
 
 class State(eqx.Module):

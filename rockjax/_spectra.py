@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import math
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
@@ -12,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _results as results
-from ._batch import peak_responses
+from ._batch import responses
 from ._checks import require
 from ._excitations import AbstractExcitation
 from ._options import Options
-from ._results import Peak
+from ._results import Interrupted, Peak
+from ._simulate import REST
 from ._structures import Elastic, GivenRestitution, Podium, Rigid
 
 if TYPE_CHECKING:
@@ -47,6 +50,7 @@ def rocking_spectrum(
     *,
     options: Options = Options(),
     progress: Any = False,
+    resume: xarray.Dataset | None = None,
 ) -> xarray.Dataset:
     """Peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
 
@@ -54,13 +58,20 @@ def rocking_spectrum(
     - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
 
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as variables
     (those that `options.outputs` asks for), the dimensional axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and
     parameters, tolerances and versions in the attributes. Raises `ValueError` for axes that are not 1-D, finite and
     in range.
     """
-    (spectrum,) = rocking_spectra([podium], pulse, frequency_ratio, acceleration_ratio, options=options, progress=progress)
+    known = None if resume is None else [resume]
+    try:
+        (spectrum,) = rocking_spectra(
+            [podium], pulse, frequency_ratio, acceleration_ratio, options=options, progress=progress, resume=known
+        )
+    except Interrupted as interrupted:
+        raise Interrupted(str(interrupted), interrupted.partial[0]) from None
     return spectrum
 
 
@@ -72,10 +83,15 @@ def rocking_spectra(
     *,
     options: Options = Options(),
     progress: Any = False,
+    resume: Sequence[xarray.Dataset | None] | None = None,
 ) -> list[xarray.Dataset]:
     """Rocking spectra of several podiums over the same axes (host), each as from [`rockjax.rocking_spectrum`][].
 
     Podiums of the same kind (elastic or not, the same restitution law) share one batch: faster than one after another.
+    Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
+
+    - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not solved again.
+      Raises `ValueError` where they belong to other podiums, axes, options or versions
     """
     axes = {
         "frequency_ratio": np.asarray(frequency_ratio, float),
@@ -93,27 +109,96 @@ def rocking_spectra(
         kinds.setdefault(jax.tree.structure(podium), []).append(k)
     derived = [derived_numbers(podium) for podium in podiums]
 
-    def solve(members: list[int]) -> list[xarray.Dataset]:
+    known = list(resume) if resume is not None else [None] * len(podiums)
+    if len(known) != len(podiums):
+        raise ValueError(
+            f"rocking_spectrum: resume must hold one spectrum or None per podium, got {len(known)} for {len(podiums)}"
+        )
+    for podium, data in zip(podiums, known, strict=True):
+        if data is not None:
+            _check_resumes(data, _attributes(podium, pulse, options), axes)
+    stop = threading.Event()
+
+    def solve(members: list[int]) -> list[xarray.Dataset | None]:
         group = [podiums[k] for k in members]
         T_p = np.stack([2 * math.pi / (axes["frequency_ratio"] * derived[k]["p_rad_s"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha"] for k in members])
         # One number where it is common to all, else one per podium.
         stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
         together = jax.tree.map(stack, *group)
-        excitations = pulse(a_p[:, :, None], T_p[:, None, :])
-        peaks = peak_responses(together, excitations, options=options, progress=progress)
+        numbers = a_p[:, :, None], T_p[:, None, :]
+        shape = np.broadcast_shapes(*(y.shape for y in numbers))
+        todo = np.stack([_unsolved(known[k], shape[1:]) for k in members])
+        if not todo.any():
+            return [known[k] for k in members]
+        if not todo.all():  # only these, in a row
+            chosen = lambda y: np.broadcast_to(y, shape)[todo] if np.ndim(y) else y
+            together, numbers = jax.tree.map(chosen, (together, numbers))
+        try:
+            peaks = responses(together, pulse(*numbers), REST, None, options, progress, stop)
+        except Interrupted as interrupted:
+            if interrupted.partial is None:
+                return [known[k] for k in members]
+            peaks = interrupted.partial
+        if not todo.all():
+            peaks = jax.tree.map(lambda y: _placed(y, todo), peaks)
         each = [jax.tree.map(lambda y, j=j: y[j], peaks) for j in range(len(members))]
-        return [_dataset(podium, pulse, axes, a_p[j], T_p[j], each[j], options) for j, podium in enumerate(group)]
+        return [
+            _with(known[k], _dataset(podiums[k], pulse, axes, a_p[j], T_p[j], each[j], options))
+            for j, k in enumerate(members)
+        ]
 
     # Side by side, so that one kind is compiled while another one runs.
     with ThreadPoolExecutor(max(1, len(kinds))) as pool:
-        solved = list(pool.map(solve, kinds.values()))
+        futures = [pool.submit(solve, members) for members in kinds.values()]
+        try:
+            concurrent.futures.wait(futures)
+        except KeyboardInterrupt:
+            stop.set()
+    solved = [future.result() for future in futures]
     spectra = {
         k: spectrum
         for members, group in zip(kinds.values(), solved, strict=True)
         for k, spectrum in zip(members, group, strict=True)
     }
-    return [spectra[k] for k in range(len(podiums))]
+    ordered = [spectra[k] for k in range(len(podiums))]
+    size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
+    left = sum(int(_unsolved(data, size).sum()) for data in ordered)
+    if left:
+        total = len(podiums) * size[0] * size[1]
+        raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
+    return [data for data in ordered if data is not None]
+
+
+def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Which scenes of a spectrum are still to be solved."""
+    return np.ones(shape, bool) if known is None else np.asarray(known["result"] == results.INTERRUPTED)
+
+
+def _placed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
+    whole = np.zeros(where.shape, values.dtype)
+    whole[where] = values
+    return whole
+
+
+def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
+    """A spectrum, with what was known of it before."""
+    if known is None:
+        return new
+    solved = ~_unsolved(known, ())
+    for name, values in new.data_vars.items():
+        values.values[...] = np.where(solved, known[name].values, values.values)
+    return new
+
+
+def _check_resumes(known: xarray.Dataset, expected: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
+    for name, values in axes.items():
+        if name not in known.coords or not np.array_equal(known[name].values, values):
+            raise ValueError(f"rocking_spectrum: the spectrum to resume has another axis {name}")
+    for name, value in expected.items():
+        found = known.attrs.get(name)
+        if not (found == value):
+            raise ValueError(f"rocking_spectrum: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
 
 
 @jax.jit
@@ -148,9 +233,13 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
             "a_p": ("acceleration_ratio", a_p, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
         },
     )
-    name = getattr(pulse, "__name__", repr(pulse))
-    dataset.attrs = {"title": "Rocking spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+    dataset.attrs = _attributes(podium, pulse, options)
     return dataset
+
+
+def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
+    name = getattr(pulse, "__name__", repr(pulse))
+    return {"title": "Rocking spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
 
 
 def _variables(peaks: Peak, options: Options):

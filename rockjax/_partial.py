@@ -1,0 +1,51 @@
+"""What an interrupted run leaves behind, and what the next one takes up: one netCDF file with a group for each podium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ._files import write_whole
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def path_of(output: str | Path) -> Path:
+    """Where the run that writes OUTPUT.nc keeps what it had when it was interrupted."""
+    return Path(f"{output}.partial.nc")
+
+
+def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
+    """Keep datasets, some of them None, whole or not at all."""
+    import xarray
+
+    def write(name: str) -> None:
+        xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)}).to_netcdf(name, engine="netcdf4")
+        for k, data in enumerate(datasets):
+            if data is not None:
+                data.to_netcdf(name, mode="a", group=f"dataset-{k}", engine="netcdf4")
+
+    return write_whole(path, write)
+
+
+def load(path: Path, count: int) -> list[xarray.Dataset | None]:
+    """The datasets that were kept, None where there was none yet.
+
+    Raises `ValueError` where there is no such file, or it belongs to another run.
+    """
+    import netCDF4
+    import xarray
+
+    if not path.exists():
+        raise ValueError(f"there is nothing to resume: {path} does not exist")
+    try:
+        with netCDF4.Dataset(path) as file:
+            groups, kept = set(file.groups), int(file.getncattr("datasets"))
+    except (OSError, AttributeError, RuntimeError) as error:
+        raise ValueError(f"{path}: is not the file of an interrupted run: {error}") from None
+    if kept != count:
+        raise ValueError(f"{path}: belongs to a run over {kept} podiums, this one has {count}; use the same flags")
+    names = [f"dataset-{k}" for k in range(count)]
+    return [xarray.load_dataset(path, group=name, engine="netcdf4") if name in groups else None for name in names]

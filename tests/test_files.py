@@ -1,0 +1,185 @@
+"""Files whole or not at all, and nothing lost by Ctrl-C: with real processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+
+import numpy as np
+import pytest
+import xarray
+
+import rockjax as rj
+from rockjax import _batch, _partial
+from rockjax._files import write_whole
+
+from .scenes import PODIUMS
+
+X, Y = np.linspace(1, 8, 24), np.linspace(1, 12, 30)
+OPTIONS = rj.Options(outputs=("peak_rotation",))
+
+
+def test_a_failed_write_leaves_nothing(tmp_path):
+    target = tmp_path / "deep" / "file.txt"
+
+    def fail(name):
+        with open(name, "w") as file:
+            file.write("half")
+        raise RuntimeError("NetCDF: HDF error")
+
+    with pytest.raises(OSError, match=r"file\.txt could not be written: NetCDF: HDF error"):
+        write_whole(target, fail)
+    assert list(target.parent.iterdir()) == []
+    write_whole(target, lambda name: open(name, "w").close())
+    with pytest.raises(OSError, match="could not be written"):
+        write_whole(target, fail)
+    assert [path.name for path in target.parent.iterdir()] == ["file.txt"]  # the old one stays
+    with pytest.raises(OSError, match=r"could not be written: (Not a directory|File exists)"):
+        write_whole(target / "below", fail)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
+def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
+    """A limit on the size of files makes writing fail as a full disk does, after the first kilobytes."""
+    script = """
+        import resource, signal, sys
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        from rockjax._cli import main
+        import rockjax.plots
+        from rockjax import _cli
+        _cli._prepare = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
+        sys.argv = ["rockjax", "spectrum", "--points", "12", "--T-s", "0", "--eta-over-gamma", "1", "-q", "-o", "out"]
+        main()
+    """
+    done = run(script, tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert "out.nc could not be written" in done.stderr or "out-rotation.png could not be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "rotation" not in " ".join(os.listdir(tmp_path))
+    assert not [name for name in os.listdir(tmp_path) if name.startswith(".out")]
+
+
+def run(script, folder):
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], cwd=folder, capture_output=True, text=True, timeout=300,
+        env=os.environ | {"JAX_PLATFORMS": "cpu"},
+    )  # fmt: skip
+
+
+class StopsAfter:
+    """A progress bar that does what Ctrl-C does, once so many scenes have ended."""
+
+    def __init__(self, scenes):
+        self.left = scenes
+
+    def update(self, count):
+        before, self.left = self.left, self.left - count
+        if before > 0 >= self.left:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+
+def interrupted(call):
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        call()
+    assert isinstance(stopped.value, rj.Interrupted)
+    return stopped.value
+
+
+def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
+    monkeypatch.setattr(_batch, "CHUNK", 128)
+    motions = rj.Ricker(np.linspace(1.0, 8.0, 4000), 0.8)
+    whole = rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS)
+    some = interrupted(
+        lambda: rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS, progress=StopsAfter(300))
+    ).partial
+    left = np.asarray(some.result == rj.RESULTS.interrupted)
+    assert 0 < left.sum() < 4000 - 300
+    np.testing.assert_array_equal(some.peak_rotation[~left], whole.peak_rotation[~left])
+    assert np.isnan(some.peak_rotation[left]).all()
+
+
+def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
+    monkeypatch.setattr(_batch, "CHUNK", 128)
+    podiums = [PODIUMS["block"], PODIUMS["rigid"], PODIUMS["rigid"].replace(R=2.0)]
+    whole = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS)
+    some = interrupted(lambda: rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=StopsAfter(200)))
+    assert "scenes solved" in str(some)
+    path = _partial.save(tmp_path / "a.partial.nc", some.partial)
+    known = _partial.load(path, 3)
+    count = Counts()
+    again = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=count, resume=known)
+    solved = sum(int((data["result"] != 6).sum()) for data in known if data is not None)
+    assert 200 <= solved < 3 * X.size * Y.size
+    assert count.total == 3 * X.size * Y.size - solved
+    for a, b in zip(again, whole, strict=True):
+        xarray.testing.assert_equal(a.drop_vars("steps"), b.drop_vars("steps"))
+        assert a.attrs == b.attrs
+    for change, words in (
+        ({"options": OPTIONS.replace(rtol=1e-7)}, "rtol = 1e-08, not 1e-07"),
+        ({"podiums": [podiums[0].replace(R=3.0), *podiums[1:]]}, "R_m"),
+        ({"x": X + 0.1}, "axis frequency_ratio"),
+        ({"podiums": podiums[:2]}, "one spectrum or None per podium"),
+    ):
+        given = {"podiums": podiums, "x": X, "options": OPTIONS} | change
+        with pytest.raises(ValueError, match=words):
+            rj.rocking_spectra(given["podiums"], rj.Ricker, given["x"], Y, options=given["options"], resume=again)
+
+
+class Counts:
+    total = 0
+
+    def update(self, count):
+        self.total += count
+
+
+def test_partial_files_of_other_runs_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="nothing to resume"):
+        _partial.load(tmp_path / "none.partial.nc", 2)
+    (tmp_path / "bad.nc").write_bytes(b"not netCDF")
+    with pytest.raises(ValueError, match="is not the file of an interrupted run"):
+        _partial.load(tmp_path / "bad.nc", 2)
+    path = _partial.save(tmp_path / "two.nc", [None, xarray.Dataset({"a": 1.0})])
+    with pytest.raises(ValueError, match="over 2 podiums, this one has 3"):
+        _partial.load(path, 3)
+    assert _partial.load(path, 2)[0] is None
+
+
+@pytest.mark.slow
+def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
+    """A real process, a real SIGINT: 130, one file, a word on how to go on; and then the same answer as in one go."""
+    flags = ["--points", "40", "--T-s", "0,0.5", "--eta-over-gamma", "10", "--rtol", "1e-9"]
+    script = """
+        import signal, sys
+        from rockjax import _batch
+        _batch.CHUNK = 128
+        import tqdm
+        seen = 0
+        class Bar(tqdm.tqdm):
+            def update(self, count=1):
+                global seen
+                seen += count
+                if seen - count <= 300 < seen and "--resume" not in sys.argv:
+                    import os; os.kill(os.getpid(), signal.SIGINT)
+                return super().update(count)
+        tqdm.tqdm = Bar
+        from rockjax._cli import main
+        main()
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), "spectrum", *flags, "-o", "out"]
+    call = lambda *more: subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    first = call()
+    assert first.returncode == 130, first.stderr
+    assert "--resume goes on from there" in first.stderr
+    assert "Traceback" not in first.stderr
+    assert os.listdir(tmp_path) == ["out.partial.nc"]
+    second = call("--resume")
+    assert second.returncode == 0, second.stderr
+    assert sorted(os.listdir(tmp_path)) == ["out-overturning.png", "out-rotation.png", "out.nc"]
+    data = xarray.load_dataset(tmp_path / "out.nc")
+    assert int((data["result"] > 2).sum()) == 0
+    podium = PODIUMS["elastic"].replace(alpha=np.arctan(0.15))
+    options = rj.Options(outputs=("peak_rotation",), rtol=1e-9, atol=1e-11)
+    one = rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, 40), np.linspace(1, 12, 40), options=options)
+    np.testing.assert_allclose(data.sel(T_s=0.5)["peak_rotation"].squeeze(), one["peak_rotation"], atol=1e-10)
