@@ -2,11 +2,6 @@ import os
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-# Nearly all of the time goes into compiling: less of it by a third without the optimiser of machine code. Set the flag to
-# run the tests with it.
-_LEVEL = "--xla_backend_optimization_level"
-if _LEVEL not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}=0".strip()
 
 import jax
 import pytest

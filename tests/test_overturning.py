@@ -172,15 +172,20 @@ def random_structures(count, kind, rng):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "pulse"),
-    [("none", rj.Ricker), ("rigid", rj.AntisymmetricRicker), ("elastic", rj.OneCosine), ("elastic", rj.Ricker)],
+    ("kind", "pulse", "number"),
+    [
+        ("none", rj.Ricker, 20),
+        ("rigid", rj.AntisymmetricRicker, 20),
+        ("elastic", rj.OneCosine, 5),
+        ("elastic", rj.Ricker, 10),
+    ],
 )
-def test_derivatives_of_the_boundary_for_random_structures(kind, pulse):
-    """Every number of 15 random structures of each kind, to 1e-5 where the boundary is not at a fold.
+def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
+    """Every number of random structures of each kind, to 1e-5 where the boundary is not at a fold.
 
     Against central differences of boundaries that the batch path has found.
     """
-    drawn = [jax.tree.flatten(pair) for pair in random_structures(15, kind, np.random.default_rng([3, len(kind)]))]
+    drawn = [jax.tree.flatten(pair) for pair in random_structures(number, kind, np.random.default_rng([3, len(kind)]))]
     structure = drawn[0][1]
     here = np.array([[float(y) for y in leaves] for leaves, _ in drawn])
     count, numbers = here.shape
@@ -220,7 +225,7 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse):
         checked, folds = checked + smooth.size, folds + int((~smooth).sum())
         worst = max(worst, error[smooth].max(initial=0.0))
         assert np.all(error[smooth] < 1e-5 + own_error[smooth]), k
-    assert checked > 50
+    assert checked > 6 * number
     assert folds < 0.15 * checked
     print(f"{checked} derivatives, worst error {worst:.1e} of the largest, {folds} too close to a fold for differences")
 
@@ -341,7 +346,7 @@ def test_bad_boundaries_are_refused():
         rj.overturning_acceleration(FRAME, rj.Ricker, -1.0)
     with pytest.raises(ValueError, match="max_scale must be finite and > 0"):
         rj.overturning_boundary(FRAME, rj.Ricker(1.0, 1.0), max_scale=-2.0)
-    with pytest.raises(ValueError, match="margin needs engine='flat'"):
+    with pytest.raises(ValueError, match="needs engine='flat'"):
         rj.Options(outputs=("margin",), engine="segments")
     with pytest.raises(ValueError, match="overturn_ratio must be <= 1 for the margin"):
         rj.Options(outputs=("margin",), overturn_ratio=1.5)
