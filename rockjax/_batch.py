@@ -13,7 +13,6 @@ import os
 import threading
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -35,6 +34,7 @@ from ._simulate import REST, check_range, check_types, fields
 from ._solve import answers
 from ._step import leap, trial
 from ._structures import Podium
+from ._threads import Pool
 
 LANES = 64  # fit the first-level cache, and still fill the vector unit
 CHUNK = 1024  # scenes prepared at once
@@ -229,7 +229,7 @@ def drive(
                 return
 
     idle = _idle(scenes.part(0, 0, size), scenes.axes, scenes.structure, options, LANES)
-    with _bar(scenes.total, progress) as bar, ThreadPoolExecutor(workers()) as pool:
+    with _bar(scenes.total, progress) as bar, Pool(workers()) as pool:
         wanted = min(workers(), -(-scenes.total // LANES))
         futures = [pool.submit(work) for _ in range(wanted)]
         try:

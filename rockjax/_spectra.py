@@ -6,7 +6,6 @@ import concurrent.futures
 import math
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -21,6 +20,7 @@ from ._options import Options
 from ._results import Interrupted, Peak
 from ._simulate import REST
 from ._structures import Elastic, GivenRestitution, Podium, Rigid
+from ._threads import Pool
 
 if TYPE_CHECKING:
     import xarray
@@ -149,7 +149,7 @@ def rocking_spectra(
         ]
 
     # Side by side, so that one kind is compiled while another one runs.
-    with ThreadPoolExecutor(max(1, len(kinds))) as pool:
+    with Pool(max(1, len(kinds))) as pool:
         futures = [pool.submit(solve, members) for members in kinds.values()]
         try:
             concurrent.futures.wait(futures)

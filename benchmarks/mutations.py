@@ -1,0 +1,193 @@
+"""Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations [words]`.
+
+One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the impact map and
+the formulas of the structures is changed in a copy of the project, and the tests are run on it until one fails: first
+those of the equations themselves, then those of what follows from them.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from .measure import keep, show
+
+ROOT = Path(__file__).parent.parent
+FUNCTIONS = {
+    "_model.py": (
+        "coefficients", "beam", "beam_acceleration", "acceleration", "uplift_demand", "impact", "potential", "energy",
+        "energy_after", "shear",
+    ),
+    "_structures.py": ("factor", "omega_s", "p", "width", "height", "uplift_acceleration", "restitution_factor",
+                       "uplifted_frequency", "equivalent_block", "from_dimensions"),
+    "_scene.py": ("contact_mode", "after_impact", "default_end"),
+    "_guard.py": ("broken", "_margin", "_paths"),
+}  # fmt: skip
+# Changes that change nothing, or nothing that a test may hold against them.
+HARMLESS = {
+    ("_model.py", "coefficients", "64 → 70.4"): "rounding allowed to the threshold",
+    ("_model.py", "coefficients", "1 → 1.1"): None,
+    ("_guard.py", "broken", "< → <="): "touching the ground is the end of a step either way",
+    ("_guard.py", "broken", ">= → >"): "by an ulp of the overturning angle",
+}
+STAGES = (
+    ("test_model.py", "test_structures.py"),
+    ("test_closed_forms.py", "test_edges.py", "test_accuracy.py", "test_hard_cases.py"),
+)
+OPERATORS = {
+    ast.Add: (ast.Sub, "+ → -"),
+    ast.Sub: (ast.Add, "- → +"),
+    ast.Mult: (ast.Div, "* → /"),
+    ast.Div: (ast.Mult, "/ → *"),
+}
+COMPARISONS = {
+    ast.Gt: (ast.Lt, "> → <"), ast.Lt: (ast.Gt, "< → >"), ast.GtE: (ast.Lt, ">= → <"), ast.Eq: (ast.NotEq, "== → !="),
+}  # fmt: skip
+
+
+class Mutant(NamedTuple):
+    file: str
+    function: str
+    line: int
+    change: str
+    text: str  # the line of source
+    source: str  # of the whole changed file
+
+
+def mutants() -> Iterator[Mutant]:
+    for file, functions in FUNCTIONS.items():
+        text = (ROOT / "rockjax" / file).read_text()
+        tree = ast.parse(text)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and node.name in functions:
+                yield from _of_function(file, text, tree, node)
+
+
+def _of_function(file: str, text: str, tree: ast.Module, function: ast.FunctionDef) -> Iterator[Mutant]:
+    skip = {id(n) for part in (function.args, function.returns, *function.decorator_list) if part for n in ast.walk(part)}
+    skip |= {id(n) for call in ast.walk(function) if isinstance(call, ast.JoinedStr) for n in ast.walk(call)}
+    powers = {id(n.right) for n in ast.walk(function) if isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow)}
+    lines = text.splitlines()
+    for number, node in enumerate(ast.walk(function)):
+        if id(node) in skip:
+            continue
+        for change, apply in _changes(node, id(node) in powers):
+            clone = copy.deepcopy(tree)
+            twin = next(n for n in ast.walk(clone) if isinstance(n, ast.FunctionDef) and n.lineno == function.lineno)
+            apply(list(ast.walk(twin))[number])
+            ast.fix_missing_locations(clone)
+            line = getattr(node, "lineno", function.lineno)
+            yield Mutant(file, function.name, line, change, lines[line - 1].strip(), ast.unparse(clone))
+
+
+def _changes(node: ast.AST, power: bool) -> Iterator[tuple[str, Any]]:
+    def operator(new):
+        def apply(n):
+            n.op = new()
+
+        return apply
+
+    if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+        new, words = OPERATORS[type(node.op)]
+        yield words, operator(new)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        yield "-x → x", operator(ast.UAdd)
+    elif isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARISONS:
+        new, words = COMPARISONS[type(node.ops[0])]
+
+        def compare(n):
+            n.ops = [new()]
+
+        yield words, compare
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+        other = node.value + 1 if power else (round(1.1 * node.value, 12) if node.value else 0.1)
+
+        def constant(n):
+            n.value = other
+
+        yield f"{node.value} → {other}", constant
+
+
+def verdict(mutant: Mutant, copy_of: Path) -> tuple[str, float]:
+    """Which test notices, and after how long [s]."""
+    target = copy_of / "rockjax" / mutant.file
+    original = target.read_text()
+    began = time.perf_counter()
+    try:
+        target.write_text(mutant.source)
+        for stage in STAGES:
+            files = [f"tests/{name}" for name in stage]
+            done = subprocess.run(
+                [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-m", "not slow", "-p", "no:cacheprovider", *files],
+                cwd=copy_of, env=os.environ | {"PYTHONPATH": str(copy_of), "MPLBACKEND": "Agg"}, capture_output=True, text=True,
+                timeout=1200,
+            )  # fmt: skip
+            if done.returncode:
+                lines = done.stdout.splitlines()
+                failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+                return (failed or lines[-1:] or ["crash"])[0].split(" - ")[0].split("::")[-1], time.perf_counter() - began
+    except subprocess.TimeoutExpired:
+        return "does not end", time.perf_counter() - began
+    finally:
+        target.write_text(original)
+    return "", time.perf_counter() - began
+
+
+def main() -> None:
+    words = sys.argv[1:]
+    chosen = [m for m in mutants() if all(w in f"{m.file} {m.function} {m.change}" for w in words)]
+    copies: queue.Queue[Path] = queue.Queue()
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(2):
+            place = Path(folder) / str(k)
+            for part in ("rockjax", "optimise", "tests", "docs"):
+                shutil.copytree(ROOT / part, place / part, ignore=shutil.ignore_patterns("__pycache__"))
+            for name in ("pyproject.toml", "README.md"):
+                shutil.copy(ROOT / name, place / name)
+            copies.put(place)
+
+        def one(mutant: Mutant) -> tuple[str, float]:
+            place = copies.get()
+            try:
+                return verdict(mutant, place)
+            finally:
+                copies.put(place)
+                bar.update()
+
+        with tqdm(total=len(chosen), unit=" mutants") as bar, ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(one, chosen))
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    survivors = []
+    for mutant, (test, _) in zip(chosen, found, strict=True):
+        row = rows.setdefault(
+            (mutant.file, mutant.function), {"file": mutant.file, "function": mutant.function, "changes": 0, "noticed": 0}
+        )
+        row["changes"] += 1
+        row["noticed"] += bool(test)
+        if not test:
+            survivors.append({"where": f"{mutant.file}:{mutant.line}", "change": mutant.change, "line": mutant.text})
+    table = list(rows.values())
+    table.append({"file": "all", "function": "", **{k: sum(r[k] for r in table) for k in ("changes", "noticed")}})
+    show(table, {"file": "", "function": "", "changes": "d", "noticed": "d"})
+    print("\nnot noticed:" if survivors else "\nevery change is noticed")
+    for row in survivors:
+        print(f"  {row['where']}  {row['change']}:  {row['line']}")
+    if not words:
+        keep("mutations", [*table, {"survivors": survivors}])
+
+
+if __name__ == "__main__":
+    main()

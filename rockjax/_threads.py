@@ -1,0 +1,26 @@
+"""Threads that compute like the one that starts them."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import jax
+
+
+class Pool(ThreadPoolExecutor):
+    """A thread pool whose threads have the floating-point precision of the caller, which JAX keeps for each thread."""
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        precision = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+
+        def run():
+            with _precision(precision):
+                return fn(*args, **kwargs)
+
+        return super().submit(run)
+
+
+def _precision(x64: bool):
+    if hasattr(jax, "enable_x64"):
+        return jax.enable_x64(x64)
+    return jax.experimental.enable_x64(x64)  # pyright: ignore[reportAttributeAccessIssue]
