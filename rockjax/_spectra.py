@@ -61,9 +61,9 @@ def rocking_spectrum(
     - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
 
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as variables
-    (those that `options.outputs` asks for), the dimensional axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and
-    parameters, tolerances and versions in the attributes. Raises `ValueError` for axes that are not 1-D, finite and
-    in range.
+    (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and `undecided`), the dimensional axes
+    `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
+    `ValueError` for axes that are not 1-D, finite and in range.
     """
     known = None if resume is None else [resume]
     try:
@@ -246,6 +246,14 @@ def _variables(peaks: Peak, options: Options):
     for name, (unit, description, output) in _VARIABLES.items():
         if output is None or output in options.outputs:
             yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
+    if peaks.errors is not None:
+        for name in ("peak_rotation", "peak_deformation", "peak_shear"):
+            unit, description, output = _VARIABLES[name]
+            if output in options.outputs:
+                error = np.asarray(getattr(peaks.errors, name))
+                yield f"{name}_error", error, {"units": unit, "long_name": f"estimated error of the {description}"}
+        flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
+        yield "undecided", np.asarray(peaks.errors.undecided), flags
     code = np.asarray(results.code_of(peaks.result), np.int8)
     flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
     yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
