@@ -23,15 +23,15 @@ SHORTER = 0.7  # steps, where it is not the tolerance that sets them
 
 def companion(options: Options) -> Options:
     """The options of the second solution."""
-    floor = 100 * float(jnp.finfo(jnp.result_type(float)).eps)
-
-    def other(tolerance, rtol, least):
-        if isinstance(rtol, int | float) and isinstance(tolerance, int | float):
-            return max(tolerance * FINER, least) if rtol * FINER >= floor else tolerance / FINER
-        return jnp.where(rtol * FINER >= floor, jnp.maximum(tolerance * FINER, least), tolerance / FINER)
-
-    rtol, atol = other(options.rtol, options.rtol, 0.0), other(options.atol, options.rtol, LEAST_ATOL)
-    return eqx.tree_at(lambda o: (o.rtol, o.atol, o.stride), options, (rtol, atol, SHORTER * options.stride))
+    rtol, atol = options.rtol, options.atol
+    larger = max if isinstance(atol, int | float) else jnp.maximum
+    finer, looser = (FINER * rtol, larger(FINER * atol, LEAST_ATOL)), (rtol / FINER, atol / FINER)
+    room = FINER * rtol >= 100 * float(jnp.finfo(jnp.result_type(float)).eps)
+    if isinstance(room, bool):  # as plain numbers, which the program of the first solution takes as well
+        tolerances = finer if room else looser
+    else:
+        tolerances = jax.tree.map(lambda a, b: jnp.where(room, a, b), finer, looser)
+    return eqx.tree_at(lambda o: (o.rtol, o.atol, o.stride), options, (*tolerances, SHORTER * options.stride))
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio, xp) -> Errors:

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax import _guard as guard
+from rockjax import _hermite as hermite
 from rockjax import _model as model
-from rockjax._scene import contact_mode
+from rockjax._runge_kutta import Step
+from rockjax._scene import after_impact, contact_mode, default_end, plan, prepare
 
 from .scenes import PODIUMS, G
 
@@ -154,3 +157,168 @@ def test_impact_keeps_angular_momentum():
     left = (1 + lam + 4 * gamma + 4 * eta * s2) * after
     right = (lam + 1 - 2 * s2 + 4 * gamma * (1 - 2 * s2) - 4 * eta * s2) * before
     assert left == pytest.approx(right, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", PODIUMS)
+def test_coefficients_by_hand(name):
+    """What the equations need of a podium, from masses and heights: columns of mass 1 together, beam γ, top η."""
+    podium = PODIUMS[name]
+    c = model.coefficients(podium)
+    R, g, alpha, lam = (float(getattr(podium, k)) for k in ("R", "g", "alpha", "lam"))
+    gamma, eta = float(podium.gamma), float(podium.eta)
+    top = podium.superstructure
+    moving = eta if isinstance(top, rj.Elastic) else 0.0
+    beam = gamma + eta - moving  # a rigid superstructure is part of the beam
+    spin = (1 + lam) * R**2 + beam * (2 * R) ** 2
+    weight = g * (R * 1 + 2 * R * (beam + moving))  # columns rise half as far as the beam
+    pushed = R * 1 + 2 * R * beam  # by the ground's acceleration; the top mass hangs on its spring
+    per = 0.75 / R**2  # Eq. (24) counts in these units
+    expected = {
+        "spin": spin, "weight": weight, "inertia": per * spin, "gravity": per * weight, "ground": per * pushed,
+        "centrifugal": per * (2 * R) ** 2 * moving, "two_R": 2 * R, "g": g, "eta": moving, "alpha": alpha,
+        "sin_alpha": np.sin(alpha), "cos_alpha": np.cos(alpha), "p": np.sqrt(3 * g / (4 * R)),
+        "impulse": np.sqrt(pushed**2 / (2 * spin) + moving / 2), "restitution": float(podium.restitution_factor),
+        "uplift": g * np.tan(alpha) * (0.5 + beam + moving) / (0.5 + beam),
+    }  # fmt: skip
+    if moving:
+        w = 2 * np.pi / float(top.T_s)
+        expected |= {"omega2": w**2, "damping": 2 * float(top.zeta) * w, "demand": eta / (gamma + 0.5)}
+        expected |= {"coupling": per * 2 * R * eta, "uplifted_frequency": float(podium.uplifted_frequency)}
+    assert set(expected) == {field for field in c._fields if getattr(c, field) is not None}
+    for field, value in expected.items():
+        assert float(getattr(c, field)) == pytest.approx(value, rel=1e-12), field
+
+
+@pytest.mark.parametrize("sigma", [1.0, -1.0])
+def test_beam_and_shear_from_the_geometry(sigma):
+    """Eqs. (12)–(14) by differentiating the geometry in time, and the shear as spring and damper, or as inertia."""
+    R, alpha = 1.7, 0.25
+    theta = lambda t: sigma * (0.1 + 0.3 * t - 0.7 * t**2)
+    psi = lambda t: sigma * alpha - theta(t)
+    u_b = lambda t: 2 * R * (sigma * jnp.sin(alpha) - jnp.sin(psi(t)))
+    rate, second = jax.grad(u_b), jax.grad(jax.grad(u_b))
+    x, v, a = theta(0.2), jax.grad(theta)(0.2), jax.grad(jax.grad(theta))(0.2)
+    s = jnp.asarray(sigma)
+    for podium in (ELASTIC, ELASTIC.replace(superstructure=rj.Rigid(8.0))):
+        c = model.coefficients(podium)
+        np.testing.assert_allclose(model.beam(c, s, x, v), [u_b(0.2), rate(0.2)], rtol=1e-12)
+        assert float(model.beam_acceleration(c, s, x, v, a)) == pytest.approx(float(second(0.2)), rel=1e-12)
+        if not c.elastic:
+            expected = -(float(second(0.2)) + 1.3) / G
+            assert float(model.shear(c, s, jnp.asarray(1.3), (x,), (v,), (a,))) == pytest.approx(expected, rel=1e-12)
+    c = model.coefficients(ELASTIC)
+    w, z = 2 * np.pi / 0.6, 0.07
+    u, u_dot, ground = jnp.asarray(0.11), jnp.asarray(-0.4), jnp.asarray(1.3)
+    acc = model.acceleration(c, s, ground, (x, u), (v, u_dot))
+    spring = w**2 * (0.11 - float(u_b(0.2))) + 2 * z * w * (-0.4 - float(rate(0.2)))
+    assert float(model.shear(c, s, ground, (x, u), (v, u_dot), acc)) == pytest.approx(spring / G, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", PODIUMS)
+def test_potential_is_the_work_against_gravity(name):
+    podium = PODIUMS[name]
+    c = model.coefficients(podium)
+    n = 2 if c.elastic else 1
+    for sigma, theta in ((1.0, 0.04), (-1.0, -0.11), (1.0, 0.3)):
+        s, angle = jnp.asarray(sigma), jnp.asarray(theta)
+        u_b, _ = model.beam(c, s, angle, jnp.zeros(()))
+        still = model.energy(c, s, (angle, u_b)[:n], (jnp.zeros(()),) * n)
+        assert float(model.potential(c, s, angle)) == pytest.approx(float(still), rel=1e-12)
+        lift = 2 * float(podium.R) * (np.cos(sigma * float(podium.alpha) - theta) - np.cos(float(podium.alpha)))
+        total = 0.5 + float(podium.gamma) + float(podium.eta)
+        assert float(still) == pytest.approx(float(podium.g) * total * lift, rel=1e-12)
+    zero = jnp.zeros(())
+    assert float(model.potential(c, zero, zero)) == 0
+    assert float(model.energy(c, zero, (zero,) * n, (zero,) * n)) == 0
+    now, impulse = jnp.asarray(0.3), jnp.asarray(0.7)
+    most = (np.sqrt(0.3) + float(c.impulse) * 0.7) ** 2
+    assert float(model.energy_after(c, now, impulse)) == pytest.approx(most, rel=1e-12)
+    assert float(model.energy_after(c, -now, impulse)) == pytest.approx((float(c.impulse) * 0.7) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_arrows_of_the_automaton(name):
+    """After an impact: over to the other side; below the rest velocity at rest, or lifted anew by the demand."""
+    podium = PODIUMS[name]
+    scene, _ = prepared(podium)
+    e, rest, up = float(podium.restitution_factor), float(scene.rest), float(scene.c.uplift)
+    assert rest == pytest.approx(1e-8 * float(podium.p * podium.alpha))
+    fast, slow = 3 * rest / e, 0.5 * rest / e
+    for side in (1.0, -1.0):
+        for q, mode in ((0.0, 0.0), (1.1 * up, -1.0), (-1.1 * up, 1.0)):
+            after = lambda speed, q=q, side=side: [
+                float(y) for y in after_impact(scene, jnp.asarray(side), jnp.asarray(-side * speed), jnp.asarray(q))
+            ]
+            assert after(fast) == [pytest.approx(-side * 3 * rest), -side]
+            assert after(slow) == [0.0, mode]
+
+
+def test_default_end():
+    block, stiff, soft = (
+        PODIUMS["block"],
+        PODIUMS["elastic"],
+        PODIUMS["elastic"].replace(superstructure=rj.Elastic(1.0, 9.0)),
+    )
+    assert float(default_end(block, rj.OneSine(1.0, 0.7))) == pytest.approx(0.7 + 30 / float(block.p))
+    assert float(default_end(stiff, rj.OneSine(1.0, 0.7))) == pytest.approx(0.7 + 30 / float(stiff.p))
+    assert float(default_end(soft, rj.OneSine(1.0, 0.7))) == pytest.approx(0.7 + 90)
+
+
+def prepared(podium):
+    options = rj.Options()
+    how = plan(podium, options, False)
+    zero = jnp.zeros(())
+    return prepare(
+        podium, rj.OneSine(jnp.asarray(4.0), jnp.asarray(0.8)), rj.State(zero, zero, zero, zero), None, options, how
+    )
+
+
+def test_guard_breaks_where_the_mode_ends():
+    """What is left of the guard vanishes on the ground, at the overturning angle, and at the demand of Eq. (9)."""
+    scene, _ = prepared(PODIUMS["elastic"])
+    topple, up = float(scene.topple), float(scene.c.uplift)
+    zero = jnp.zeros(())
+    path = lambda value, slope: hermite.Quintic(*(jnp.asarray(y) for y in (value, slope, 0.3, 0.0, 0.0, 0.0)))
+    yes, no = jnp.asarray(True), jnp.asarray(False)
+    for rocking, falling, value, slope, left in (
+        (yes, yes, 0.02, -0.1, 0.02),
+        (yes, no, 0.7 * topple, 0.1, 0.3 * topple),
+        (no, no, 0.6 * up, 0.5, 0.4 * up),
+        (no, no, -0.6 * up, -0.5, 0.4 * up),
+    ):
+        margin = guard._margin(scene, rocking, path(value, slope), jnp.asarray(value), falling)
+        assert float(margin.value(zero)) == pytest.approx(left)
+        assert float(margin.slope(zero)) == pytest.approx(-abs(slope))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.0, -1.0])
+def test_guard_follows_the_motion(sigma):
+    """σθ while rocking, the demand in full contact: value, slope and curvature at both ends, by differentiating Eq. (9)
+    along Eq. (4)."""
+    scene, lane = prepared(PODIUMS["elastic"])
+    how = plan(PODIUMS["elastic"], rj.Options(), False)
+    c, s = scene.c, jnp.asarray(sigma)
+    ground = lambda t: 2.0 * jnp.sin(3.0 * t)
+    h = jnp.asarray(0.05)
+
+    def state(t):  # of both ends, on the same smooth motion u_t = 0.02 sin 5t, driven as Eq. (4) says
+        angle = sigma * (0.03 + 0.2 * t) * jnp.ones(())
+        return (angle, 0.02 * jnp.sin(5 * t)), (sigma * 0.2 * jnp.ones(()), 0.1 * jnp.cos(5 * t))
+
+    t0 = lane.t
+    (x0, v0), (x1, v1) = state(t0), state(t0 + h)
+    a0, a1 = (model.acceleration(c, s, ground(t), x, v) for t, x, v in ((t0, x0, v0), (t0 + h, x1, v1)))
+    lane = lane._replace(sigma=s, x=x0, v=v0)
+    path, at_end = guard._paths(scene, how, lane, ground, h, a0, Step(x1, v1, a1, x1, v1))
+    for t, x, v, a, z in ((t0, x0, v0, a0, 0.0), (t0 + h, x1, v1, a1, 1.0)):
+        if sigma:
+            expected = sigma * float(x[0]), sigma * float(v[0]), sigma * float(a[0])
+        else:
+            g, g1, g2 = 2 * np.sin(3 * float(t)), 6 * np.cos(3 * float(t)), -18 * np.sin(3 * float(t))
+            w2, d, k = float(c.omega2), float(c.damping), float(c.demand)
+            u, r, b = float(x[1]), float(v[1]), float(a[1])
+            jerk = -g1 - d * b - w2 * r
+            expected = g - k * (w2 * u + d * r), g1 - k * (w2 * r + d * b), g2 - k * (w2 * b + d * jerk)
+        found = float(path.value(z)), float(path.slope(z)) / float(h), float(path.curvature(z)) / float(h) ** 2
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose([at_end.c0, at_end.c1, 2 * at_end.c2], expected, rtol=1e-12)
