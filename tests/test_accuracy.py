@@ -118,7 +118,6 @@ def test_breakpoints_cost_no_order(name):
         ("block, cosine with jumps", "kvaerno5"),
         ("rigid, Ricker", "dopri8"),
         ("T_s = 0.5 s", "dopri8"),
-        ("T_s = 0.5 s", "kvaerno5"),
         ("light top, record", "tsit5"),
     ],
 )

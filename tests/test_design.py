@@ -293,7 +293,7 @@ TARGETS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", [name for name in TARGETS if name != "deformation"])
 def test_margins_have_exact_derivatives(name):
     target = TARGETS[name]
     podium = DRAWING.replace(width=0.5).podium()
