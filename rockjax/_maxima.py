@@ -19,6 +19,7 @@ NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
 WELL_INSIDE_CUBIC = 1e-4
 ON_SUMMIT = 1e-4
+ROUNDING = 64  # times the resolution of numbers
 
 
 class Maximum(NamedTuple):
@@ -61,7 +62,10 @@ def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], insid
         past_end = end.value + end.past * (end.rate + 0.5 * end.past * bend)
         there = jnp.where(on_summit == place, past_end, path.value(on_summit))
         value = jnp.where(jnp.abs(there) > value, jnp.abs(there), value)
-    raises = turned & (value > record * (1 - NEAR_RECORD)) & (z > inside) & (z < 1 - inside)
+    # In a short hop the quantity hardly changes: a maximum that the ends have to rounding is not landed on.
+    of_ends = jnp.maximum(jnp.abs(ends[0].value), jnp.abs(ends[1].value))
+    stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))
+    raises = turned & stands_out & (value > record * (1 - NEAR_RECORD)) & (z > inside) & (z < 1 - inside)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 

@@ -129,11 +129,13 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, lane.sigma != 0
     near = jnp.maximum(jnp.minimum(LANDED * jnp.sqrt(scene.rtol), 0.02) * h, tiny)
     in_time = lane.t + h + guard.ahead <= constant(trial.stop) + tiny
-    lands = guard.converges & (jnp.abs(guard.ahead) <= near) & ~guard.early & in_time
+    left, slope = guard.ending.value(guard.ahead), guard.ending.slope(guard.ahead)
+    known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
+    lands = guard.converges & (jnp.abs(guard.ahead) <= near) & known & ~guard.early & in_time
     if told is not None:
         lands = told.lands
     # Events and breakpoints move with the parameters: how far past its stamps the step begins and ends.
-    newton = safe_ratio(guard.ending.value(guard.ahead), guard.ending.slope(guard.ahead), lands)
+    newton = safe_ratio(left, slope, lands)
     before = lane.mark - constant(lane.mark)
     after = jnp.where(lands, guard.ahead - newton, jnp.where(trial.reaches, trial.stop - constant(trial.stop), 0.0))
     broken = (guard.early | guard.late) & ~lands
@@ -153,6 +155,7 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
     deformation, force = _maxima(scene, how, lane, ground, trial, before, after)
     turning = jnp.minimum(turning, jnp.minimum(deformation.cut, force.cut))
+    turning = jnp.where(h > tiny, turning, jnp.inf)
     # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to be asked.)
     halve = jnp.where(guard.winds & (h > tiny) & (how.tableau.order > 2), 0.5, jnp.inf)
 

@@ -285,3 +285,36 @@ def test_an_estimate_beside_a_scene_out_of_steps():
     assert peak.result == rj.RESULTS.out_of_steps
     assert math.isinf(float(peak.errors.peak_rotation))
     assert bool(peak.errors.undecided)
+
+
+# Found by the stress campaign.
+@pytest.mark.parametrize(
+    ("podium", "motion", "initial"),
+    [
+        (
+            rj.Podium(0.21522563603, 1.10394697208, 0.02771789496665, rj.Rigid(0.31505109006815), 0.7464616498943617),
+            rj.Ricker(2.653983437460101, 1.2883568517419943),
+            rj.State(),
+        ),
+        (
+            rj.Podium(0.4321641252350571, 26.714706214843513, 0.00991747834323966, rj.Rigid(0.12137533392615375)),
+            rj.Ricker(12.339765371439125, 39.979796326011666),
+            rj.State(-0.22950515523155085),
+        ),
+        (
+            rj.Podium(0.5406443021004188, 0.10566189090450993, 1000.0, rj.Rigid(1.3208579996895535)),
+            rj.Ricker(-5.892875584996671, 0.5688330104423671),
+            rj.State(-0.12232870847508827, 2.418544391987501),
+        ),
+    ],
+)
+def test_shear_of_the_last_hops(podium, motion, initial):
+    """The last hops before rest, at 1e-12: the shear hardly changes over them, and its maxima by rounding were landed on
+    for ever."""
+    tight = options(1e-12, "dopri8", outputs=("peak_rotation", "peak_shear"), max_steps=20_000)
+    peak = rj.peak_response(podium, motion, initial=initial, options=tight)
+    loose = rj.peak_response(podium, motion, initial=initial, options=tight.replace(rtol=1e-9, atol=1e-11))
+    assert float(peak.peak_rotation) == pytest.approx(float(loose.peak_rotation), abs=1e-8)
+    assert float(peak.peak_shear) == pytest.approx(float(loose.peak_shear), rel=1e-7)
+    assert bool(peak.overturned) == bool(loose.overturned)
+    assert int(peak.stats.steps + peak.stats.rejected) < 5000
