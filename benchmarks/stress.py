@@ -300,6 +300,7 @@ def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Calla
     flips = both & (overturned != np.asarray(truth.overturned))
     found.flips += int(flips.sum())
     found.unflagged += int((flips & ~undecided).sum())
+    found.fail("the class changes without having been flagged", flips & ~undecided, line)
     found.undecided += int((undecided & answered).sum())
     compared = both & ~flips
     error = np.abs(rotation - np.asarray(truth.peak_rotation))[compared]

@@ -128,6 +128,10 @@ def prepare(
         longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
     longest = options.stride * longest
     duration = quiet - start
+    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
+    degree, pieces = excitation.panels
+    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
+        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
     scene = Scene(
         c=c,
         excitation=excitation,
@@ -139,7 +143,7 @@ def prepare(
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
-        longest_excited=constant(jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)),
+        longest_excited=constant(excited),
         quiet=constant(quiet),
     )
     t = constant(start)
