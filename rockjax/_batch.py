@@ -97,7 +97,7 @@ def responses(podiums, excitations, initial: State, t_end, options: Options, pro
     floats, integers = solutions[0]
     doubt = errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
-    if left:
+    if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
         raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
     failed = int(np.sum(integers["code"] > results.OVERTURNED))
@@ -181,6 +181,7 @@ def drive(
     """Floats and integers of every scene, and how busy the lanes were.
 
     Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code INTERRUPTED.
+    Without it Ctrl-C raises.
     """
     refill = not scenes.wide
     size = CHUNK if refill and scenes.total > 2 * LANES else LANES
@@ -231,13 +232,12 @@ def drive(
     idle = _idle(scenes.part(0, 0, size), scenes.axes, scenes.structure, options, LANES)
     with _bar(scenes.total, progress) as bar, Pool(workers()) as pool:
         wanted = min(workers(), -(-scenes.total // LANES))
-        futures = [pool.submit(work) for _ in range(wanted)]
         try:
-            for future in futures:
+            for future in [pool.submit(work) for _ in range(wanted)]:
                 future.result()
         except BaseException as error:
             stopped.set()
-            if not isinstance(error, KeyboardInterrupt):
+            if stop is None or not isinstance(error, KeyboardInterrupt):
                 raise
     return floats, integers, Tally(useful, possible)
 

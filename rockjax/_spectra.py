@@ -150,12 +150,16 @@ def rocking_spectra(
 
     # Side by side, so that one kind is compiled while another one runs.
     with Pool(max(1, len(kinds))) as pool:
-        futures = [pool.submit(solve, members) for members in kinds.values()]
+        futures = []
         try:
+            for members in kinds.values():
+                futures.append(pool.submit(solve, members))
             concurrent.futures.wait(futures)
         except KeyboardInterrupt:
             stop.set()
     solved = [future.result() for future in futures]
+    # Ctrl-C may come before the last kind has begun.
+    solved += [[known[k] for k in members] for members in list(kinds.values())[len(futures) :]]
     spectra = {
         k: spectrum
         for members, group in zip(kinds.values(), solved, strict=True)
@@ -164,7 +168,7 @@ def rocking_spectra(
     ordered = [spectra[k] for k in range(len(podiums))]
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
     left = sum(int(_unsolved(data, size).sum()) for data in ordered)
-    if left:
+    if left or stop.is_set():
         total = len(podiums) * size[0] * size[1]
         raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
