@@ -13,7 +13,7 @@ from rockjax._checks import require
 from rockjax._overturning import BOUNDARY, has_margin
 from rockjax._spectra import describe_options
 
-from ._variables import DIMENSIONS, FIELDS, Structure, _with, variables
+from ._variables import DIMENSIONS, FIELDS, Structure, _with, as_podium, variables
 
 if TYPE_CHECKING:
     import xarray
@@ -72,7 +72,7 @@ def design_chart(
 
         def plane(x, y, amplitude=amplitude):
             varied = _with(podium, {name: y})
-            return varied if isinstance(varied, rj.Podium) else varied.podium(), pulse(amplitude, x)
+            return as_podium(varied), pulse(amplitude, x)
 
         found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)
         crossings = found.crossings

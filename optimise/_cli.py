@@ -18,12 +18,12 @@ def design_command(
 
     `starts` and `seed` replace those of the file. Raises `ValueError` that names what is wrong with the file.
     """
-    import rockjax as rj
-    from rockjax._files import write_whole
+    from rockjax._files import write_figure, write_whole
 
     from ._problem import load
     from ._report import before_after, convergence
     from ._suite import Suite
+    from ._variables import as_podium
 
     given = load(problem)
     changes = {name: value for name, value in (("starts", starts), ("seed", seed)) if value is not None}
@@ -31,14 +31,14 @@ def design_command(
     text = json.dumps(account(design), indent=2, ensure_ascii=False) + "\n"
     written = [write_whole(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
-    written.append(write_whole(f"{output}-convergence.png", lambda name: figure.savefig(name, dpi=150)))
+    written.append(write_figure(f"{output}-convergence.png", figure))
     motions = [motion for group in given.motions.values() for motion in group]
     if motions:
         # The motion that comes closest to overturning the design.
         margins = Suite(motions).margins(design.podium, given.options)
-        before = given.podium if isinstance(given.podium, rj.Podium) else given.podium.podium()
+        before = as_podium(given.podium)
         picture = before_after(before, design, motions[int(np.nanargmin(margins))])
-        written.append(write_whole(f"{output}-response.png", lambda name: picture.savefig(name, dpi=150)))
+        written.append(write_figure(f"{output}-response.png", picture))
     if not quiet:
         print(design)
         for path in written:

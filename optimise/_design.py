@@ -21,7 +21,7 @@ from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED
 from ._sqp import Descent, End, Evaluation, Iterate, Rules, descend
 from ._suite import Suite, same
 from ._targets import AbstractResponses, AbstractTarget
-from ._variables import Structure, Variables, variables
+from ._variables import Structure, Variables, as_podium, variables
 
 REFINEMENTS = 3  # rounds that pull a design inside which only the accurate simulation finds outside
 VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
@@ -372,7 +372,7 @@ def _design(varied, objective, sizes, ends, found, scale, history, effort: Effor
         ends[best].x
     )
     return Design(
-        podium=structure if isinstance(structure, rj.Podium) else structure.podium(),
+        podium=as_podium(structure),
         structure=structure,
         variables=final.variables,
         objective=final.objective,

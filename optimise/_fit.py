@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
 
-from ._variables import Structure, Variables, variables
+from ._variables import Structure, Variables, as_podium, variables
 
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong motion fitted one after the other
 STRONG = 0.1  # of the largest rotation
@@ -128,7 +128,7 @@ def fit(
     bounds = zip(np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist(), strict=True)
     structure = variables(podium, dict(zip(varied.names, bounds, strict=True))).structure(jnp.asarray(ends[best]))
     return Fit(
-        podium=structure if isinstance(structure, rj.Podium) else structure.podium(),
+        podium=as_podium(structure),
         structure=structure,
         variables=numbers,
         errors=dict(zip(varied.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),

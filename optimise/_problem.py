@@ -65,6 +65,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rockjax as rj
+from rockjax._pulses import PULSES
 
 from ._design import Design, design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
@@ -78,15 +79,8 @@ from ._targets import (
     PeakRotation,
     PeakShear,
 )
-from ._variables import Dimensions, Structure, variables
+from ._variables import Dimensions, Structure, as_podium, variables
 
-PULSES: dict[str, type[rj.AbstractPulse]] = {
-    "ricker": rj.Ricker,
-    "antisymmetric-ricker": rj.AntisymmetricRicker,
-    "one-sine": rj.OneSine,
-    "one-cosine": rj.OneCosine,
-    "half-sine": rj.HalfSine,
-}
 NUMBERS = ("alpha", "R", "gamma", "width", "height")
 WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
 
@@ -174,7 +168,7 @@ class _Reader:
         settings = ("starts", "seed", "tolerance", "max_iterations")
         self.table(table, "", ("structure", "vary"), ("motions", "minimise", "targets", "options", *settings))
         structure = self.structure(table["structure"])
-        podium = structure if isinstance(structure, rj.Podium) else structure.podium()
+        podium = as_podium(structure)
         motions = self.motions(table.get("motions", {}), podium)
         vary = table["vary"]
         if not isinstance(vary, dict):

@@ -80,6 +80,11 @@ class Dimensions(eqx.Module):
 Structure = rj.Podium | Dimensions
 
 
+def as_podium(structure: Structure) -> rj.Podium:
+    """The podium of a structure in either form."""
+    return structure if isinstance(structure, rj.Podium) else structure.podium()
+
+
 class Variables(eqx.Module):
     """The varied numbers of a structure, x in [0, 1]ⁿ in the order of `names`.
 
@@ -122,8 +127,7 @@ class Variables(eqx.Module):
 
     def podium(self, x: Float[Array, " n"]) -> rj.Podium:
         """The podium at scaled variables."""
-        structure = self.structure(x)
-        return structure if isinstance(structure, rj.Podium) else structure.podium()
+        return as_podium(self.structure(x))
 
     def start(self) -> Float[Array, " n"]:
         """The base structure in scaled variables, clipped into the box."""

@@ -86,7 +86,7 @@ def responses(podiums, excitations, initial: State, t_end, options: Options, pro
     solutions = [drive(scenes, options, progress, stop)[:2]]
     if "errors" in options.outputs and not stop.is_set():
         solutions.append(drive(scenes, companion(options), False, stop)[:2])
-    if not all(floats for floats, _ in solutions):
+    if stop.is_set() and not all(floats for floats, _ in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
         (_, first), (_, second) = solutions
@@ -145,6 +145,8 @@ def _broadcast(podiums, excitations, initial, t_end) -> tuple[Scenes, tuple[int,
     if not any(outer):
         outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
     count = int(np.prod(shape, dtype=int))
+    if not count:
+        raise ValueError(f"peak_responses: the arrays in the arguments hold no scene, their shape is {shape}")
     rows: list[np.ndarray | None] = []
     for k, (batch, n) in enumerate(zip(outer, own, strict=True)):
         if not batch:
@@ -202,11 +204,16 @@ def drive(
 
     todo = chunks()
 
+    # Ctrl-C while a thread is being started can leave it out of those that the pool waits for.
+    closed = threading.Event()
+
     def store(done: _Done) -> None:
         nonlocal useful, possible
         used = int(done.used)
         index = np.asarray(done.which)[:used]
         with lock:
+            if closed.is_set():
+                return
             useful, possible = useful + int(done.useful), possible + int(done.trials) * LANES
             for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
@@ -239,6 +246,8 @@ def drive(
             stopped.set()
             if stop is None or not isinstance(error, KeyboardInterrupt):
                 raise
+    with lock:
+        closed.set()
     return floats, integers, Tally(useful, possible)
 
 

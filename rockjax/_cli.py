@@ -37,6 +37,10 @@ TanAlpha = Annotated[float, typer.Option("--tan-alpha", help="Column slenderness
 Radius = Annotated[float, typer.Option("--R", help="Half diagonal of a column R [m].")]
 Gamma = Annotated[float, typer.Option("--gamma", help="Mass ratio of the beam γ = m_b/(N m_c) [–].")]
 Zeta = Annotated[float, typer.Option("--zeta", help="Damping ratio of the superstructure ζ [–].")]
+MassRatios = Annotated[str, typer.Option("--eta-over-gamma", help="Mass ratios η/γ, separated by commas.")]
+Periods = Annotated[str, typer.Option("--T-s", help="Superstructure periods T_s [s]; 0 is rigid.")]
+Frequencies = Annotated[tuple[float, float], typer.Option("--frequency", help="Range of ω_p/p.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")]
 Pulse = Annotated[PulseName, typer.Option("--pulse", help="Ground motion.")]
 Law = Annotated[RestitutionName, typer.Option("--restitution", help="Law of the impact: Eq. (27), or compatible with (26).")]
 Method = Annotated[str, typer.Option("--method", help="Runge–Kutta method: dopri8, tsit5, dopri5, bosh3.")]
@@ -67,15 +71,9 @@ def _numbers(text: str) -> list[float]:
 
 
 def _pulse(name: PulseName):
-    import rockjax as rj
+    from rockjax._pulses import PULSES
 
-    return {
-        PulseName.ricker: rj.Ricker,
-        PulseName.antisymmetric_ricker: rj.AntisymmetricRicker,
-        PulseName.one_sine: rj.OneSine,
-        PulseName.one_cosine: rj.OneCosine,
-        PulseName.half_sine: rj.HalfSine,
-    }[name]
+    return PULSES[name.value]
 
 
 def _prepare() -> None:
@@ -131,19 +129,19 @@ def spectrum(
     tan_alpha: TanAlpha = 0.15,
     R: Radius = 1.5,
     gamma: Gamma = 10.0,
-    eta_over_gamma: Annotated[str, typer.Option(help="Mass ratios η/γ, separated by commas.")] = "1,5,10",
-    T_s: Annotated[str, typer.Option("--T-s", help="Superstructure periods T_s [s]; 0 is rigid.")] = "0,0.1,0.5,1",
+    eta_over_gamma: MassRatios = "1,5,10",
+    T_s: Periods = "0,0.1,0.5,1",
     zeta: Zeta = 0.05,
     pulse: Pulse = PulseName.ricker,
     restitution: Law = RestitutionName.paper,
-    frequency: Annotated[tuple[float, float], typer.Option(help="Range of ω_p/p.")] = (1.0, 8.0),
+    frequency: Frequencies = (1.0, 8.0),
     acceleration: Annotated[tuple[float, float], typer.Option(help="Range of a_p/(g tan α).")] = (1.0, 12.0),
     points: Annotated[int, typer.Option(min=2, help="Points along each axis.")] = 100,
     method: Method = "dopri8",
     rtol: Tolerance = 1e-8,
     output: Output = Path("rockjax-spectrum"),
     resume: Resume = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Rocking spectra and minimum overturning curves over a grid of pulses.
 
@@ -172,16 +170,15 @@ def spectrum(
     except rj.Interrupted as stopped:
         raise _interrupted(output, stopped.partial, str(stopped)) from None
     from rockjax import plots
-    from rockjax._files import write_whole
+    from rockjax._files import write_dataset, write_figure
 
     panels = _panels(spectra, ratios, periods)
     panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     panels.attrs["zeta"] = zeta
-    written = [write_whole(f"{output}.nc", lambda name: panels.to_netcdf(name, engine="netcdf4"))]
+    written = [write_dataset(f"{output}.nc", panels)]
     for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
-        figure = draw(panels)
-        written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+        written.append(write_figure(f"{output}-{suffix}.png", draw(panels)))
     _partial.path_of(output).unlink(missing_ok=True)
     if quiet:
         return
@@ -202,19 +199,19 @@ def overturning(
     tan_alpha: TanAlpha = 0.15,
     R: Radius = 1.5,
     gamma: Gamma = 10.0,
-    eta_over_gamma: Annotated[str, typer.Option(help="Mass ratios η/γ, separated by commas.")] = "1,5,10",
-    T_s: Annotated[str, typer.Option("--T-s", help="Superstructure periods T_s [s]; 0 is rigid.")] = "0,0.1,0.5,1",
+    eta_over_gamma: MassRatios = "1,5,10",
+    T_s: Periods = "0,0.1,0.5,1",
     zeta: Zeta = 0.05,
     pulse: Pulse = PulseName.ricker,
     restitution: Law = RestitutionName.paper,
-    frequency: Annotated[tuple[float, float], typer.Option(help="Range of ω_p/p.")] = (1.0, 8.0),
+    frequency: Frequencies = (1.0, 8.0),
     max_acceleration: Annotated[float, typer.Option(help="End of the search, a_p/(g tan α).")] = 12.0,
     points: Annotated[int, typer.Option(min=2, help="Frequencies.")] = 141,
     sensitivities: Annotated[str, typer.Option(help="Parameters y of d a_ov/d ln y; empty for none.")] = "alpha,gamma",
     rtol: Tolerance = 1e-11,
     output: Output = Path("rockjax-overturning"),
     resume: Resume = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
@@ -230,7 +227,7 @@ def overturning(
 
     import rockjax as rj
     from rockjax import _partial
-    from rockjax._overturning_spectrum import check_resumes
+    from rockjax._overturning_spectrum import check_overturning_resumes
 
     ratios, periods = _numbers(eta_over_gamma), _numbers(T_s)
     names = [name.strip() for name in sensitivities.split(",") if name.strip()]
@@ -240,7 +237,7 @@ def overturning(
     found: list = _partial.load(_partial.path_of(output), len(podiums)) if resume else [None] * len(podiums)
     for k, podium in enumerate(tqdm(podiums, unit=" podiums", disable=quiet)):
         if found[k] is not None:
-            check_resumes(found[k], podium, _pulse(pulse), x, max_acceleration, names, options)
+            check_overturning_resumes(found[k], podium, _pulse(pulse), x, max_acceleration, names, options)
             continue
         try:
             found[k] = rj.overturning_spectrum(
@@ -249,16 +246,16 @@ def overturning(
         except KeyboardInterrupt:
             raise _interrupted(output, found, f"stopped with {k} of {len(podiums)} podiums done") from None
     from rockjax import plots
-    from rockjax._files import write_whole
+    from rockjax._files import write_dataset, write_figure
 
     panels = _panels(found, ratios, periods)
     panels.attrs["zeta"] = zeta
-    written = [write_whole(f"{output}.nc", lambda name: panels.to_netcdf(name, engine="netcdf4"))]
+    written = [write_dataset(f"{output}.nc", panels)]
     pictures = {"boundaries": plots.overturning_boundaries(panels)}
     if names:
         pictures["sensitivity"] = plots.sensitivities(panels)
     for suffix, figure in pictures.items():
-        written.append(write_whole(f"{output}-{suffix}.png", lambda name, f=figure: f.savefig(name, dpi=150)))
+        written.append(write_figure(f"{output}-{suffix}.png", figure))
     _partial.path_of(output).unlink(missing_ok=True)
     if quiet:
         return
@@ -297,7 +294,7 @@ def response(
 
     import rockjax as rj
     from rockjax import plots
-    from rockjax._files import write_whole
+    from rockjax._files import write_dataset, write_figure
     from rockjax._spectra import describe_options, describe_podium
 
     top = None if eta == 0 else rj.Rigid(eta) if T_s == 0 else rj.Elastic(eta, T_s, zeta)
@@ -324,9 +321,8 @@ def response(
     )
     data["impact_times"] = ("impact", np.asarray(history.impact_times), {"units": "s"})
     typer.echo(repr(history))
-    typer.echo(f"wrote {write_whole(f'{output}.nc', lambda name: data.to_netcdf(name, engine='netcdf4'))}")
-    figure = plots.response(history)
-    typer.echo(f"wrote {write_whole(f'{output}.png', lambda name: figure.savefig(name, dpi=150))}")
+    typer.echo(f"wrote {write_dataset(f'{output}.nc', data)}")
+    typer.echo(f"wrote {write_figure(f'{output}.png', plots.response(history))}")
 
 
 @app.command()
@@ -337,7 +333,7 @@ def design(
     starts: Annotated[int | None, typer.Option(min=1, help="Starting points; replaces those of the file.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the starting points; replaces that of the file.")] = None,
     output: Output = Path("rockjax-design"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no summary.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to minimise.
 

@@ -6,6 +6,11 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
 
 
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
@@ -33,3 +38,13 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
             raise OSError(f"{path} could not be written: {getattr(error, 'strerror', None) or error}") from error
         raise
     return path
+
+
+def write_dataset(path: str | Path, data: xarray.Dataset) -> Path:
+    """Write a dataset as netCDF, whole or not at all."""
+    return write_whole(path, lambda name: data.to_netcdf(name, engine="netcdf4"))
+
+
+def write_figure(path: str | Path, figure: Figure) -> Path:
+    """Write a picture, whole or not at all."""
+    return write_whole(path, lambda name: figure.savefig(name, dpi=150))

@@ -22,7 +22,7 @@ from ._options import Options
 from ._overturning import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
 from ._simulate import REST
 from ._solve import solve
-from ._spectra import derived_numbers, describe_options, describe_podium
+from ._spectra import check_resumes, derived_numbers, describe
 from ._structures import Elastic, GivenRestitution, Podium
 
 if TYPE_CHECKING:
@@ -118,26 +118,19 @@ def overturning_spectrum(
     return data
 
 
-def check_resumes(
+def check_overturning_resumes(
     known: xarray.Dataset, podium: Podium, pulse, frequency_ratio, max_acceleration_ratio, sensitivities, options: Options
 ) -> None:
     """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these arguments."""
     owner = "overturning_spectrum"
-    if not np.array_equal(known["frequency_ratio"].values, frequency_ratio):
-        raise ValueError(f"{owner}: the spectrum to resume has another axis frequency_ratio")
+    attributes = _attributes(podium, pulse, options) | {"max_acceleration_ratio": float(max_acceleration_ratio)}
+    check_resumes(owner, known, attributes, {"frequency_ratio": frequency_ratio})
     if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
         raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
-    expected = _attributes(podium, pulse, options) | {"max_acceleration_ratio": float(max_acceleration_ratio)}
-    for name, value in expected.items():
-        if known.attrs.get(name) != value:
-            raise ValueError(
-                f"{owner}: the spectrum to resume was made with {name} = {known.attrs.get(name)!r}, not {value!r}"
-            )
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    name = getattr(pulse, "__name__", repr(pulse))
-    return {"title": "Overturning spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+    return {"title": "Overturning spectrum", **describe(podium, pulse, options)}
 
 
 def _check_parameter(owner: str, podium: Podium, name: str) -> None:

@@ -265,3 +265,13 @@ class HalfSine(AbstractPulse):
 
     shape = staticmethod(OneSine.shape)
     velocity = staticmethod(OneSine.velocity)
+
+
+# By the names of the command line and of problem files.
+PULSES: dict[str, type[AbstractPulse]] = {
+    "ricker": Ricker,
+    "antisymmetric-ricker": AntisymmetricRicker,
+    "one-sine": OneSine,
+    "one-cosine": OneCosine,
+    "half-sine": HalfSine,
+}

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-STANDARD_GRAVITY = 9.80665  # of the unit g [m/s²]
+from ._structures import STANDARD_GRAVITY
+
 UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 1e-2, "gal": 1e-2, "mm/s2": 1e-3}
 EVEN = 1e-3  # times in files are rounded: so much of a step may they be off
 

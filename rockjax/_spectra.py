@@ -116,7 +116,7 @@ def rocking_spectra(
         )
     for podium, data in zip(podiums, known, strict=True):
         if data is not None:
-            _check_resumes(data, _attributes(podium, pulse, options), axes)
+            check_resumes("rocking_spectrum", data, _attributes(podium, pulse, options), axes)
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
@@ -195,14 +195,15 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
     return new
 
 
-def _check_resumes(known: xarray.Dataset, expected: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
+def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
     for name, values in axes.items():
         if name not in known.coords or not np.array_equal(known[name].values, values):
-            raise ValueError(f"rocking_spectrum: the spectrum to resume has another axis {name}")
-    for name, value in expected.items():
+            raise ValueError(f"{owner}: the spectrum to resume has another axis {name}")
+    for name, value in attributes.items():
         found = known.attrs.get(name)
-        if not (found == value):
-            raise ValueError(f"rocking_spectrum: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
+        if found != value:
+            raise ValueError(f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
 
 
 @jax.jit
@@ -242,8 +243,12 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    name = getattr(pulse, "__name__", repr(pulse))
-    return {"title": "Rocking spectrum", "pulse": name, **describe_podium(podium), **describe_options(options)}
+    return {"title": "Rocking spectrum", **describe(podium, pulse, options)}
+
+
+def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
+    """What a spectrum is of, for the attributes of a file."""
+    return {"pulse": getattr(pulse, "__name__", repr(pulse)), **describe_podium(podium), **describe_options(options)}
 
 
 def _variables(peaks: Peak, options: Options):

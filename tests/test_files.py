@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,23 +22,25 @@ X, Y = np.linspace(1, 8, 24), np.linspace(1, 12, 30)
 OPTIONS = rj.Options(outputs=("peak_rotation",))
 
 
-def test_a_failed_write_leaves_nothing(tmp_path):
-    target = tmp_path / "deep" / "file.txt"
+@pytest.mark.parametrize("error", [RuntimeError("NetCDF: HDF error"), OSError("disk full")])
+def test_a_failed_write_leaves_what_was_there(tmp_path, error):
+    target = tmp_path / "deep" / "x.txt"
 
-    def fail(name):
+    def fails(name):
         with open(name, "w") as file:
             file.write("half")
-        raise RuntimeError("NetCDF: HDF error")
+        raise error
 
-    with pytest.raises(OSError, match=r"file\.txt could not be written: NetCDF: HDF error"):
-        write_whole(target, fail)
+    with pytest.raises(OSError, match=rf"x\.txt could not be written: {error}"):
+        write_whole(target, fails)
     assert list(target.parent.iterdir()) == []
-    write_whole(target, lambda name: open(name, "w").close())
-    with pytest.raises(OSError, match="could not be written"):
-        write_whole(target, fail)
-    assert [path.name for path in target.parent.iterdir()] == ["file.txt"]  # the old one stays
+    write_whole(target, lambda name: Path(name).write_text("old"))
+    with pytest.raises(OSError, match=str(error)):
+        write_whole(target, fails)
+    assert [path.name for path in target.parent.iterdir()] == ["x.txt"]
+    assert target.read_text() == "old"
     with pytest.raises(OSError, match=r"could not be written: (Not a directory|File exists)"):
-        write_whole(target / "below", fail)
+        write_whole(target / "below", fails)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")

@@ -1,7 +1,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,23 +56,6 @@ def test_survives_a_file(spectrum, tmp_path):
     with xarray.open_dataset(path) as back:
         np.testing.assert_array_equal(back["peak_rotation"], spectrum["peak_rotation"])
         assert back.attrs["pulse"] == "Ricker"
-
-
-def test_files_are_whole_or_not_there(tmp_path):
-    target = tmp_path / "deep" / "x.txt"
-
-    def fails(name):
-        with open(name, "w") as f:
-            f.write("half")
-        raise OSError("disk full")
-
-    with pytest.raises(OSError, match="disk full"):
-        write_whole(target, fails)
-    assert list((tmp_path / "deep").iterdir()) == []
-    write_whole(target, lambda name: Path(name).write_text("old"))
-    with pytest.raises(OSError, match="disk full"):
-        write_whole(target, fails)
-    assert target.read_text() == "old"
 
 
 def test_pictures_have_the_axes_of_the_field(spectrum):
