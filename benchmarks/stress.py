@@ -2,7 +2,8 @@
 
 Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every scene is
 solved three times: as asked for with its error estimate (a second solve), and at a far tighter tolerance, which stands for
-the truth. A sample, and every scene out of steps, goes to an implementation that shares nothing with the project.
+the truth. Scenes out of steps get ten times as many, the default; a sample of the scenes, and of those that even the
+default leaves without an answer, goes to an implementation that shares nothing with the project.
 
 What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that change
 unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python that repeats them.
@@ -14,6 +15,7 @@ import dataclasses
 import itertools
 import math
 import multiprocessing
+import signal
 import sys
 import time
 import warnings
@@ -27,13 +29,17 @@ import numpy as np
 from tqdm import tqdm
 
 import rockjax as rj
+from rockjax._results import NAMES, code_of
+from rockjax._scene import default_end
+from tests import reference
 
 from .measure import keep, show
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
-MAX_STEPS = 100_000  # a tenth of the default: what needs more is told by cause
+MAX_STEPS = 100_000  # a tenth of the default: what needs more is told by cause, and tried again
+PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
 SUPERSTRUCTURES = ("none", "rigid", "elastic")
 LAWS = ("paper", "compatible", "given")
@@ -158,8 +164,8 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     return Batch(podium, motion, initial, options)
 
 
-def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
-    """Scene k of a batch, as single numbers."""
+def scene(of: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
+    """Scene k of a batch, as single numbers; or some of its scenes."""
 
     def pick(y):
         y = np.asarray(y)
@@ -180,6 +186,9 @@ def repeat(group: Group, rtol: float, n: int, seed: int, k: int) -> str:
 
 
 # ----------------------------------------------------------------------------------------------------------- verdicts
+Job = tuple[Group, float, int, int, int]  # the arguments of `repeat`
+
+
 @dataclasses.dataclass
 class Findings:
     """What is counted over scenes."""
@@ -193,6 +202,7 @@ class Findings:
     unflagged: int = 0  # … without having been flagged as undecided
     undecided: int = 0
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
+    exhausted: list[Job] = dataclasses.field(default_factory=list)  # without an answer after the default number of steps
     seconds: float = 0.0
 
     def fail(self, cause: str, bad: np.ndarray, line: Callable[[int], str]) -> None:
@@ -216,24 +226,28 @@ def why_out_of_steps(of: Batch, k: int) -> str:
 
 
 # ------------------------------------------------------------------------------------- an implementation of its own kind
-def against_reference(job: tuple[Group, float, int, int, int]) -> tuple[float, float, bool, bool]:
-    """(error, estimate, same class, undecided) of one scene, against SciPy's DOP853 at 1e-12 through every event."""
-    from tests import reference
-
-    group, rtol, n, seed, k = job
-    of = batch(group, rtol, n, seed)
-    podium, motion, initial = scene(of, k)
+def by_reference(podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float) -> reference.Answer:
+    """The scene by SciPy's DOP853 at 1e-12, through every event."""
+    state = tuple(float(y) for y in (initial.theta, initial.theta_dot, initial.u_t, initial.u_t_dot))
+    if isinstance(motion, rj.Rest):
+        return reference.simulate(podium, lambda t: 0.0, 0.0, end, [], state)
     assert isinstance(motion, rj.AbstractPulse)
     a_p, T_p, (low, high) = float(motion.a_p), float(motion.T_p), motion.span
     inside = lambda t: not motion.compact or low * T_p <= t <= high * T_p
     acceleration = lambda t: a_p * float(motion.shape(np.float64(t / T_p))) if inside(t) else 0.0
-    peak = rj.peak_response(podium, motion, initial=initial, options=of.options.replace(throw=False))
-    start, end = (float(t) for t in motion.support)
     breaks = [float(b) for b in np.asarray(motion.breakpoints)]
-    state = tuple(float(y) for y in (initial.theta, initial.theta_dot, initial.u_t, initial.u_t_dot))
+    return reference.simulate(podium, acceleration, float(motion.support[0]), end, breaks, state)
+
+
+def against_reference(job: Job) -> tuple[float, float, bool, bool]:
+    """(error, estimate, same class, undecided) of one scene."""
+    group, rtol, n, seed, k = job
+    of = batch(group, rtol, n, seed)
+    podium, motion, initial = scene(of, k)
+    peak = rj.peak_response(podium, motion, initial=initial, options=of.options.replace(throw=False))
     # To the end of the scene and some more: the certificate is looked at as well.
-    end = min(float(peak.stats.end_time) + 3 / float(podium.p), end + 30 / float(podium.p))
-    truth = reference.simulate(podium, acceleration, start, end, breaks, state)
+    end = min(float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p))
+    truth = by_reference(podium, motion, initial, end)
     errors = peak.errors
     assert errors is not None
     same = bool(peak.overturned) == math.isfinite(truth.overturn_time)
@@ -264,15 +278,46 @@ def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int
 ROUNDING = 1e-13  # of a peak rotation over α: less than that is not asked of an estimate
 
 
-def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Callable[[int], str]) -> None:
-    from rockjax._results import NAMES, code_of
+OUT_OF_STEPS = NAMES.index("out_of_steps")
 
+
+def exhausted(of: Batch, peak: rj.Peak) -> list[int]:
+    """Which of the scenes out of steps have no answer after the default number either."""
+    out = np.flatnonzero(np.asarray(code_of(peak.result)) == OUT_OF_STEPS)
+    if not len(out):
+        return []
+    podium, motion, initial = scene(of, out)
+    options = of.options.replace(max_steps=rj.Options().max_steps, outputs=QUANTITIES)
+    again = rj.peak_responses(podium, motion, initial=initial, options=options)
+    return [int(k) for k in out[np.asarray(code_of(again.result)) == OUT_OF_STEPS]]
+
+
+def solved_by_reference(job: Job) -> bool:
+    """Whether the independent implementation answers within its time."""
+    group, rtol, n, seed, k = job
+    podium, motion, initial = scene(batch(group, rtol, n, seed), k)
+
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    signal.signal(signal.SIGALRM, late)
+    signal.alarm(PATIENCE)
+    try:
+        by_reference(podium, motion, initial, float(default_end(podium, motion)))
+    except TimeoutError:
+        return False
+    finally:
+        signal.alarm(0)
+    return True
+
+
+def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Callable[[int], str]) -> None:
     code, true_code = np.asarray(code_of(peak.result)), np.asarray(code_of(truth.result))
     found.scenes += code.size
     for k, name in enumerate(NAMES):
         found.results[name] = found.results.get(name, 0) + int((code == k).sum())
     found.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
-    for k in np.flatnonzero(code == NAMES.index("out_of_steps")):
+    for k in np.flatnonzero(code == OUT_OF_STEPS):
         found.fail(f"out of steps: {why_out_of_steps(of, k)}", np.arange(code.size) == k, line)
     found.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, known = code <= 2, true_code <= 2
@@ -320,6 +365,7 @@ def run(number: int, group: Group, per_group: int, seed: int) -> Findings:
             peak = of.solve(of.options)
             tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
             truth = of.solve(of.options.replace(rtol=tight, atol=0.01 * tight))
+            found.exhausted += [(group, rtol, n, seed, k) for k in exhausted(of, peak)]
         judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     found.seconds = time.perf_counter() - began
     return found
@@ -337,6 +383,7 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
                 "number": total,
                 **{kind: sum(f.results.get(kind, 0) for f in some) for kind in ("settled", "end_of_time", "overturned")},
                 "out of steps": sum(f.results.get("out_of_steps", 0) for f in some),
+                "of a million": sum(len(f.exhausted) for f in some),
                 "not finite": sum(f.results.get("not_finite", 0) for f in some),
                 "within 10 x": float(np.mean(ratios <= 10)),
                 "undecided": sum(f.undecided for f in some) / total,
@@ -351,8 +398,8 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
 
 FORMATS = {
     "scenes": "", "number": "d", "settled": "d", "end_of_time": "d", "overturned": "d", "out of steps": "d",
-    "not finite": "d", "within 10 x": ".4f", "undecided": ".4f", "flips": "d", "unflagged": "d", "trials median": ".0f",
-    "trials most": "d",
+    "of a million": "d",    "not finite": "d", "within 10 x": ".4f", "undecided": ".4f", "flips": "d", "unflagged": "d",
+    "trials median": ".0f", "trials most": "d",
 }  # fmt: skip
 
 
@@ -378,6 +425,18 @@ def compared_with_reference(seed: int, number: int) -> dict[str, Any]:
     for k in np.flatnonzero(beyond | (~same & (undecided == 0)))[:10]:
         print(f"    error {error[k]:.1e}, estimate {estimate[k]:.1e}: {repeat(*jobs[k])}")
     return answer
+
+
+def of_exhausted(jobs: list[Job], seed: int, number: int) -> dict[str, Any]:
+    """Whether the independent implementation solves scenes that the default number of steps left without an answer."""
+    fit = [job for job in jobs if job[0].motion in (*PULSES, "Rest")]
+    chosen = [fit[k] for k in np.random.default_rng(seed).permutation(len(fit))[:number]]
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        solved = list(tqdm(pool.map(solved_by_reference, chosen), total=len(chosen), unit=" exhausted"))
+    print(f"\nout of the default steps: {len(jobs)}; {len(chosen)} tried in {PATIENCE} s each, {sum(solved)} solved")
+    for k in np.flatnonzero(solved):
+        print(f"    solved: {repeat(*chosen[k])}")
+    return {"exhausted": len(jobs), "tried": len(chosen), "solved by the reference": sum(solved)}
 
 
 def main() -> None:
@@ -415,12 +474,13 @@ def main() -> None:
         print(f"  {cause}: from benchmarks import stress as s")
         for line in lines[:6]:
             print(f"    {line}")
-    reference = compared_with_reference(seed, 120 if not words else 0)
+    beside = compared_with_reference(seed, 120 if not words else 0)
+    beside |= of_exhausted([job for f in found.values() for job in f.exhausted], seed, 12)
     slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - began:.0f} s")
     if not words:
-        keep("stress", [*rows, {"failures": failures, **reference}])
+        keep("stress", [*rows, {"failures": failures, **beside}])
 
 
 if __name__ == "__main__":
