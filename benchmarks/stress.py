@@ -164,8 +164,8 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     return Batch(podium, motion, initial, options)
 
 
-def scene(of: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
-    """Scene k of a batch, as single numbers; or some of its scenes."""
+def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
+    """Scene k of a batch, as single numbers."""
 
     def pick(y):
         y = np.asarray(y)
@@ -284,12 +284,15 @@ OUT_OF_STEPS = NAMES.index("out_of_steps")
 def exhausted(of: Batch, peak: rj.Peak) -> list[int]:
     """Which of the scenes out of steps have no answer after the default number either."""
     out = np.flatnonzero(np.asarray(code_of(peak.result)) == OUT_OF_STEPS)
-    if not len(out):
-        return []
-    podium, motion, initial = scene(of, out)
-    options = of.options.replace(max_steps=rj.Options().max_steps, outputs=QUANTITIES)
-    again = rj.peak_responses(podium, motion, initial=initial, options=options)
-    return [int(k) for k in out[np.asarray(code_of(again.result)) == OUT_OF_STEPS]]
+    # One by one: a batch would keep all its lanes waiting for the longest.
+    options = of.options.replace(max_steps=rj.Options().max_steps, outputs=QUANTITIES, throw=False)
+    left = []
+    for k in out:
+        podium, motion, initial = scene(of, int(k))
+        again = rj.peak_response(podium, motion, initial=initial, options=options)
+        if int(code_of(again.result)) == OUT_OF_STEPS:
+            left.append(int(k))
+    return left
 
 
 def solved_by_reference(job: Job) -> bool:

@@ -76,10 +76,8 @@ def design_chart(
 
         found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)
         crossings = found.crossings
-        counts = np.bincount(crossings.line, minlength=periods.size)
-        order = np.concatenate([np.arange(n) for n in counts])
-        places = np.full((periods.size, max(1, int(counts.max()))), np.nan)
-        places[crossings.line, order.astype(int)] = crossings.y
+        places, _ = crossings.table(periods.size)
+        counts = np.sum(np.isfinite(places), axis=1)
         rows.append(places)
         # Survival at the upper end, from that at the lower one and the number of changes.
         at_last = found.survives_at_once ^ (counts % 2 == 1)

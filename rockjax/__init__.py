@@ -17,11 +17,14 @@ if "JAX_ENABLE_X64" not in _os.environ:
 
 from ._batch import peak_responses
 from ._excitations import AbstractExcitation, AbstractOutlook, Rest
+from ._fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+from ._lognormal import Lognormal
 from ._options import Options
 from ._overturning import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
 from ._overturning_spectrum import overturning_spectrum
 from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
 from ._record import Record
+from ._records import Records
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
@@ -42,22 +45,28 @@ __all__ = [
     "Gabor",
     "HalfSine",
     "Interrupted",
+    "Lognormal",
     "MavroeidisPapageorgiou",
+    "Measure",
     "OneCosine",
     "OneSine",
     "Options",
     "Peak",
     "Podium",
     "Record",
+    "Records",
     "Response",
     "Rest",
     "Ricker",
     "Rigid",
     "State",
     "Stats",
+    "fragility",
+    "incremental_dynamic_analysis",
     "minimum_overturning",
     "overturning_acceleration",
     "overturning_boundary",
+    "overturning_distribution",
     "overturning_scale",
     "overturning_spectrum",
     "peak_response",

@@ -27,7 +27,6 @@ from ._estimate import companion, errors
 from ._excitations import AbstractExcitation
 from ._flat import closed, runs
 from ._options import Options
-from ._record import Record
 from ._results import Interrupted, Peak, State
 from ._scene import Flag, Lane, Plan, Scene, plan, prepare
 from ._simulate import REST, check_range, check_types, fields
@@ -159,15 +158,12 @@ def _broadcast(podiums, excitations, initial, t_end) -> tuple[Scenes, tuple[int,
     return Scenes(leaves, rows, structure, count), shape
 
 
-def _own_dimensions(structure, excitations) -> list[int]:
-    """Dimensions of each leaf that belong to one scene: one for the samples of a record, none otherwise."""
-    numbers = jax.tree.unflatten(structure, [0] * structure.num_leaves)
-    if isinstance(excitations, Record):
-        podium, record, *rest = numbers
-        record = jax.tree.map(lambda _: 0, record)
-        object.__setattr__(record, "acceleration", 1)
-        numbers = (podium, record, *rest)
-    return jax.tree.leaves(numbers)
+def _own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
+    """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
+    podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
+    for name, dimensions in excitations.own_dimensions.items():
+        object.__setattr__(motion, name, dimensions)
+    return jax.tree.leaves((podium, motion, *rest))
 
 
 class Tally(NamedTuple):

@@ -32,6 +32,15 @@ class Crossings(NamedTuple):
     overturns: np.ndarray  # going up in y: True survive → overturn, False the way back
     impacts: np.ndarray  # before overturning, on the overturned side
 
+    def table(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """y and impacts of each line in a row, shape (lines, most of a line), filled up with NaN and −1."""
+        counts = np.bincount(self.line, minlength=lines)
+        order = np.arange(self.line.size) - np.searchsorted(self.line, self.line)
+        shape = (lines, max(1, int(counts.max())))
+        y, impacts = np.full(shape, np.nan), np.full(shape, -1, np.int32)
+        y[self.line, order], impacts[self.line, order] = self.y, self.impacts
+        return y, impacts
+
 
 class Scan(NamedTuple):
     crossings: Crossings

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import Self
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -77,6 +77,16 @@ class AbstractExcitation(eqx.Module):
         """The same motion times a factor."""
         raise NotImplementedError(f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`")
 
+    @property
+    def last_piece(self) -> Any:
+        """Index of the piece after the last breakpoint."""
+        return self.breakpoints.shape[-1]
+
+    @property
+    def own_dimensions(self) -> dict[str, int]:
+        """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a batch."""
+        return {}
+
     def breakpoint(self, index: Index) -> Value:
         """Time of breakpoint `index`, inf past the last one [s]."""
         times = self.breakpoints
@@ -95,7 +105,7 @@ class AbstractExcitation(eqx.Module):
 
         def at(s):
             piece = self.locate(s)
-            last = (piece == self.breakpoints.shape[-1]) & (self.breakpoint(piece - 1) == s)
+            last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
             return self.piece(piece - last)(s)
 
         return jax.vmap(at)(t.ravel()).reshape(t.shape)

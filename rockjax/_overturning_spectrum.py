@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
-import operator
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,24 +18,14 @@ from ._crossings import Crossings
 from ._excitations import AbstractExcitation
 from ._options import Options
 from ._overturning import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
+from ._sensitivities import along_boundary, check_parameters, varied
 from ._simulate import REST
 from ._solve import solve
 from ._spectra import check_resumes, derived_numbers, describe
-from ._structures import Elastic, GivenRestitution, Podium
+from ._structures import Podium
 
 if TYPE_CHECKING:
     import xarray
-
-_PARAMETERS = {
-    "alpha": "alpha",
-    "R": "R",
-    "gamma": "gamma",
-    "lam": "lam",
-    "eta": "superstructure.eta",
-    "T_s": "superstructure.T_s",
-    "zeta": "superstructure.zeta",
-    "restitution": "restitution.e",
-}
 
 
 def overturning_spectrum(
@@ -88,8 +76,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
-    for name in sensitivities:
-        _check_parameter(owner, podium, name)
+    check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
     unit, p = derived["g_tan_alpha"], derived["p_rad_s"]
 
@@ -133,24 +120,10 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     return {"title": "Overturning spectrum", **describe(podium, pulse, options)}
 
 
-def _check_parameter(owner: str, podium: Podium, name: str) -> None:
-    known = ["alpha", "R", "gamma", "lam", "T_p"]
-    known += ["eta"] if podium.superstructure is not None else []
-    known += ["T_s", "zeta"] if isinstance(podium.superstructure, Elastic) else []
-    known += ["restitution"] if isinstance(podium.restitution, GivenRestitution) else []
-    if name not in known:
-        raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
-
-
 def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, options: Options) -> xarray.Dataset:
     import xarray
 
-    counts = np.bincount(crossings.line, minlength=x.size)
-    order = np.concatenate([np.arange(n) for n in counts]) if counts.sum() else np.zeros(0, int)
-    shape = (x.size, max(1, int(counts.max())))
-    places, impacts = np.full(shape, np.nan), np.full(shape, -1, np.int32)
-    places[crossings.line, order] = crossings.y
-    impacts[crossings.line, order] = crossings.impacts
+    places, impacts = crossings.table(x.size)
     T_p = 2 * math.pi / (x * derived["p_rad_s"])
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
@@ -165,7 +138,7 @@ def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, optio
             ),
         },
         coords={
-            "boundary": ("boundary", np.arange(1, shape[1] + 1), {"long_name": "boundaries from below"}),
+            "boundary": ("boundary", np.arange(1, places.shape[1] + 1), {"long_name": "boundaries from below"}),
             "frequency_ratio": ("frequency_ratio", x, {"units": "1", "long_name": "ω_p/p"}),
             "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
             "minimum_a_p": (
@@ -193,28 +166,17 @@ def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], opti
 
 @functools.partial(jax.jit, static_argnames=("pulse", "names", "margin"))
 def _along(podium: Podium, a_p, T_p, options: Options, pulse, names: tuple[str, ...], margin: bool):
-    def value(logs, T_p):
-        factor = jnp.exp(logs)
-        varied = podium
-        period = T_p
-        for k, name in enumerate(names):
-            if name == "T_p":
-                period = period * factor[1 + k]
-            else:
-                varied = eqx.tree_at(
-                    operator.attrgetter(_PARAMETERS[name]), varied, replace_fn=lambda y, k=k: y * factor[1 + k]
-                )
-        return varied, factor[0], period
+    own = [k for k, name in enumerate(names) if name != "T_p"]
 
     def one(a_p, T_p):
         def past(logs):
-            varied, factor, period = value(logs, T_p)
-            motion = pulse(a_p * (1 + PAST) * factor, period)
-            (floats, _), _ = solve(varied, motion, REST, None, margin_options(options, margin))
+            factor = jnp.exp(logs)
+            period = T_p * factor[1 + names.index("T_p")] if "T_p" in names else T_p
+            structure = varied(podium, [names[k] for k in own], factor[1 + np.array(own, int)])
+            motion = pulse(a_p * (1 + PAST) * factor[0], period)
+            (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
             return footing(floats, margin)
 
-        slope = jax.jacfwd(past)(jnp.zeros(1 + len(names), a_p.dtype))
-        usable = (slope[0] != 0) & jnp.all(jnp.isfinite(slope))
-        return jnp.where(usable, -a_p * slope[1:] / jnp.where(usable, slope[0], 1.0), jnp.nan)
+        return a_p * along_boundary(past, len(names), a_p.dtype)
 
     return jax.vmap(one)(a_p, T_p)

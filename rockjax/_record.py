@@ -2,73 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ._checks import as_float, concrete, finite, positive
-from ._excitations import AbstractExcitation, AbstractOutlook
 from ._readers import read
-
-Value = Float[Array, ""]
-Index = Int[Array, ""]
+from ._sampled import AbstractSampled, Index, Sampling, Value
 
 
-class _RecordOutlook(AbstractOutlook):
-    record: Record
-    threshold: Value | None
-    to_come: Float[Array, " n"]  # ∫|ü_g| dt from sample i on
-    highest: Float[Array, " n"]  # max|ü_g| from sample i on
-
-    def _from(self, table: Float[Array, " n"], piece: Index) -> Value:
-        count = table.shape[0]
-        return jnp.where(piece < count, table[jnp.clip(piece - 1, 0, count - 1)], 0.0)
-
-    def impulse(self, t: Value, piece: Index) -> Value:
-        return self._from(self.to_come, piece)
-
-    def peak(self, t: Value, piece: Index, now: Value) -> Value:
-        return self._from(self.highest, piece)
-
-    def highest_time(self, start: Value, end: Value) -> Value:
-        # Linear between samples: at a sample inside, or at an end.
-        samples = self.record.breakpoints
-        start, end = (jnp.clip(t, samples[0], samples[-1]) for t in (start, end))
-        inside = jnp.where((samples >= start) & (samples <= end), jnp.abs(self.record.acceleration), -1.0)
-        times = jnp.stack([samples[jnp.argmax(inside)], start, end])
-        return times[jnp.argmax(jnp.stack([jnp.abs(self.record(t)) for t in times]))]
-
-    def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Walks from sample to sample; inside a piece the motion is linear and the crossing is a division."""
-        record, threshold = self.record, self.threshold
-        assert threshold is not None
-        count = record.acceleration.shape[0]
-
-        def inspect(carry):
-            t, piece, _ = carry
-            formula = record.piece(piece)
-            end = record.breakpoint(piece)
-            a0, a1 = formula(t), formula(end)
-            at_once, later = jnp.abs(a0) > threshold, jnp.abs(a1) > threshold
-            slope = (a1 - a0) / jnp.where(end > t, end - t, 1.0)
-            crossing = t + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
-            crossing = jnp.nextafter(jnp.clip(crossing, t, end), end)  # passed, not touched
-            found = at_once | later
-            return jnp.where(at_once, t, jnp.where(later, crossing, end)), piece + jnp.where(found, 0, 1), found
-
-        start = (jnp.maximum(t, record.breakpoint(jnp.zeros_like(piece))), jnp.maximum(piece, 1), jnp.zeros((), bool))
-        t, _, found = jax.lax.while_loop(lambda c: ~c[2] & (c[1] < count), inspect, start)
-        return jnp.where(found, t, jnp.inf)
-
-
-class Record(AbstractExcitation):
+class Record(AbstractSampled):
     """A sampled ground motion, linear between samples and zero before the first and after the last, jumps included.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
@@ -109,45 +56,26 @@ class Record(AbstractExcitation):
         return cls(motion.acceleration, motion.dt, scale)
 
     @property
-    def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-        return self.t_start, self.t_start + (self.acceleration.shape[-1] - 1) * self.dt
+    def sampling(self) -> Sampling:
+        return Sampling(self.t_start, self.dt, self.acceleration.shape[-1], self.scale)
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1]) * self.dt[..., None]
 
     @property
-    def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
-        return 1, (self.dt,)
+    def table(self) -> Float[Array, " n"]:
+        return self.acceleration
 
-    def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, scale=factor * self.scale)
+    def among(self, table: Float[Array, " n"], i: Index) -> Value:
+        return table[i]
 
-    def breakpoint(self, index: Index) -> Value:
-        return jnp.where(index < self.acceleration.shape[0], self.t_start + index * self.dt, jnp.inf)
+    def row(self, table: Float[Array, " n"]) -> Float[Array, " n"]:
+        return table
 
-    def locate(self, t: Value) -> Index:
-        count = self.acceleration.shape[0]
-        # Rounding may be one off; the sample times decide.
-        guess = jnp.clip(jnp.floor((t - self.t_start) / self.dt), -1, count - 1).astype(jnp.int32)
-        guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
-        guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
-        return guess + 1
+    def sizes(self) -> Float[Array, " n"]:
+        return jnp.abs(self.acceleration)
 
-    def piece(self, index: Index) -> Callable[[Value], Value]:
-        count = self.acceleration.shape[0]
-        inside = (index > 0) & (index < count)
-        i = jnp.clip(index - 1, 0, count - 2)
-        a0, a1 = self.acceleration[i], self.acceleration[i + 1]
-        a0, slope = (jnp.where(inside, self.scale * a, 0.0) for a in (a0, (a1 - a0) / self.dt))
-        t0 = self.t_start + i * self.dt
-        return lambda t: a0 + slope * (t - t0)
-
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
-        record: Record = jax.lax.stop_gradient(self)
-        size = jnp.abs(record.scale * record.acceleration)
-        # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
-        areas = jnp.append(0.5 * record.dt * (size[1:] + size[:-1]), 0.0)
-        to_come = jnp.cumsum(areas[::-1])[::-1]
-        highest = jax.lax.cummax(size, reverse=True)
-        return _RecordOutlook(record, None if threshold is None else jax.lax.stop_gradient(threshold), to_come, highest)
+    @property
+    def own_dimensions(self) -> dict[str, int]:
+        return {"acceleration": 1}

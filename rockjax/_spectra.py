@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -226,7 +226,7 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
 
     dims = ("acceleration_ratio", "frequency_ratio")
     dataset = xarray.Dataset(
-        {name: (dims, values, attrs) for name, values, attrs in _variables(peaks, options)},
+        {name: (dims, values, attrs) for name, values, attrs in variables(peaks, options)},
         coords={
             "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], {"units": "1", "long_name": "ω_p/p"}),
             "acceleration_ratio": (
@@ -251,7 +251,8 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     return {"pulse": getattr(pulse, "__name__", repr(pulse)), **describe_podium(podium), **describe_options(options)}
 
 
-def _variables(peaks: Peak, options: Options):
+def variables(peaks: Peak, options: Options) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
+    """Name, values and attributes of everything wanted in the answers of scenes."""
     for name, (unit, description, output) in _VARIABLES.items():
         if output is None or output in options.outputs:
             yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
