@@ -1,0 +1,37 @@
+"""Pages of the site that live at the top of the repository: the README is the home page, and the changelog.
+
+A hook of `mkdocs.yml`. Links are written as they work in the repository, and made to work on the site.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parent.parent
+PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md"}
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    for source, page in PAGES.items():
+        text = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
+        for other, target in PAGES.items():
+            text = text.replace(f"]({other})", f"]({target})")
+        files.append(File.generated(config, page, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, **_) -> str:
+    """Files beside docs/ are not on the site: their links become their paths."""
+    if "/" in page.file.src_uri:
+        return markdown
+
+    def link(found: re.Match) -> str:
+        text, path = found.groups()
+        return f"[{text}]({PAGES[path]})" if path in PAGES else f"{text} (`{path}`)"
+
+    return re.sub(r"(?<!!)\[([^\]]+)\]\(\.\./([^)#]+)\)", link, markdown)
