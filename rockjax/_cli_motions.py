@@ -11,6 +11,7 @@ import typer
 if TYPE_CHECKING:
     from ._motions import Motions
 
+# Units without brackets, which the help would take for markup.
 Component = Annotated[str | None, typer.Option(help="Number or name of the channel, where files have several.")]
 
 
@@ -22,13 +23,13 @@ def register(app: typer.Typer) -> None:
 def motions(
     paths: Annotated[list[Path], typer.Argument(help="Files, folders, tables of files (suite.csv).")],
     units: Annotated[str | None, typer.Option(help="g, m/s2, cm/s2, gal or mm/s2, where files do not say it.")] = None,
-    dt: Annotated[float | None, typer.Option(help="Sampling interval [s], where files do not say it.")] = None,
+    dt: Annotated[float | None, typer.Option(help="Sampling interval in s, where files do not say it.")] = None,
     component: Component = None,
     pattern: Annotated[str | None, typer.Option(help="Which files of folders, such as '*.AT2'.")] = None,
-    periods: Annotated[str, typer.Option(help="Periods of Sa(T) [s], separated by commas.")] = "0.2,0.5,1,2",
-    damping: Annotated[float, typer.Option(help="Damping ratio of Sa(T) [–].")] = 0.05,
-    tan_alpha: Annotated[float | None, typer.Option("--tan-alpha", help="Column slenderness tan α [–]; with --R.")] = None,
-    R: Annotated[float | None, typer.Option("--R", help="Half diagonal of a column R [m]; with --tan-alpha.")] = None,
+    periods: Annotated[str, typer.Option(help="Periods of Sa(T) in s, separated by commas.")] = "0.2,0.5,1,2",
+    damping: Annotated[float, typer.Option(help="Damping ratio of Sa(T).")] = 0.05,
+    tan_alpha: Annotated[float | None, typer.Option("--tan-alpha", help="Column slenderness tan α; with --R.")] = None,
+    R: Annotated[float | None, typer.Option("--R", help="Half diagonal of a column R in m; with --tan-alpha.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Prefix of the netCDF file to write.")] = None,
 ) -> None:
     """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
@@ -98,15 +99,15 @@ def _read(path: Path, units: str | None, dt: float | None, component: str | None
 def synthetic(
     count: Annotated[int, typer.Option(min=1, help="How many motions.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same motions.")] = 0,
-    dt: Annotated[float, typer.Option(help="Sampling interval [s].")] = 0.01,
-    duration: Annotated[float, typer.Option(help="Duration [s].")] = 20.0,
-    pga: Annotated[float, typer.Option(help="Peak acceleration of the noise [m/s²].")] = 2.94,
+    dt: Annotated[float, typer.Option(help="Sampling interval in s.")] = 0.01,
+    duration: Annotated[float, typer.Option(help="Duration in s.")] = 20.0,
+    pga: Annotated[float, typer.Option(help="Peak acceleration of the noise in m/s².")] = 2.94,
     pulse: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(help="Velocity pulse of Mavroeidis & Papageorgiou: A [m/s], f_p [Hz], γ [–], ν [rad]."),
+        typer.Option(help="Velocity pulse of Mavroeidis & Papageorgiou: A in m/s, f_p in Hz, γ, ν in rad."),
     ] = None,
-    omega_g: Annotated[float, typer.Option("--omega-g", help="Frequency of the soil ω_g [rad/s].")] = 15.0,
-    zeta_g: Annotated[float, typer.Option("--zeta-g", help="Damping ratio of the soil ζ_g [–].")] = 0.6,
+    omega_g: Annotated[float, typer.Option("--omega-g", help="Frequency of the soil ω_g in rad/s.")] = 15.0,
+    zeta_g: Annotated[float, typer.Option("--zeta-g", help="Damping ratio of the soil ζ_g.")] = 0.6,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")] = Path("rockjax-synthetic"),
 ) -> None:
     """Synthetic ground motions: filtered noise under an envelope, and a velocity pulse where wanted.

@@ -387,7 +387,8 @@ def _knet(path: Path, lines: list[str], component: int | str | None) -> Samples:
         **{key: text for key, (_, text) in header.items() if key and text},
     }
     values = _counted(path, duration_line, "duration times frequency", count, _words(path, lines, end))
-    values = values * (_number(path, factor_line, factor[1]) / counts)
+    with np.errstate(over="ignore"):
+        values = values * np.divide(_number(path, factor_line, factor[1]), counts)
     says_dt = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
     return _alone(path, component, Samples(values, 1 / frequency, "gal", metadata, "gal", says_dt))
 

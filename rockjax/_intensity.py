@@ -109,8 +109,8 @@ def intensity_measures(
 
     - `motion`: one motion gives scalars, several ([`rockjax.Motions`][]) the dim `motion`
     - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
-    - `podium`: with it, the measures that rule the rocking of a rigid block: `acceleration_ratio` PGA/(g tan α), which
-      must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α), after Dimitrakopoulos & Paraskeva (2015)
+    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
+      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
     π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and

@@ -19,7 +19,7 @@ import numpy as np
 
 from ._files import write_whole
 from ._record import Record
-from ._structures import STANDARD_GRAVITY
+from ._structures import STANDARD_GRAVITY, Podium
 
 if TYPE_CHECKING:
     import xarray
@@ -315,12 +315,13 @@ class Motions(Sequence[Motion]):
 
         return self.map(scaled)
 
-    def dataset(self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Any = None):
-        """Their intensity measures, see [`rockjax.intensity_measures`][], as an `xarray.Dataset` along `motion`."""
+    def dataset(
+        self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Podium | None = None
+    ) -> xarray.Dataset:
+        """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
         from ._intensity import intensity_measures
 
-        data: xarray.Dataset = intensity_measures(self, periods=periods, damping=damping, podium=podium)
-        return data
+        return intensity_measures(self, periods=periods, damping=damping, podium=podium)
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [

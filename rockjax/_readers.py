@@ -49,10 +49,12 @@ def read(path: str | Path, units: str | None, dt: float | None, component: int |
         raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
     unit = units or own
     assert unit is not None
+    with np.errstate(over="ignore"):
+        values = UNITS[unit] * values
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
     step = found.dt if found.dt is not None else float(dt or 0)
-    return Motion(UNITS[unit] * values, step, path.stem, path, found.metadata | {"units": unit})
+    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
 
 
 def read_motion(

@@ -1,6 +1,8 @@
 """Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic motions, commands."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -495,3 +497,17 @@ def test_problems_take_suites(folder, suite):
         path.write_text(f"{PROBLEM}[motions.records]\n{entry}\n")
         with pytest.raises(ValueError, match=words):
             optimise.load(path)
+
+
+def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
+    """The blocks of the page follow one another, in a folder of their own."""
+    page = Path(__file__).parent.parent / "docs" / "records.md"
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
+        exec(compile(block, str(page), "exec"), names)
+    said = capsys.readouterr().out
+    assert "its header gives the unit as g, but" in said
+    assert "table.txt:3: 'oops' is not a number" in said
+    assert "offset.txt: ends with a velocity of" in said
+    assert names["suite"].names == ["third", "first"]

@@ -340,6 +340,8 @@ def test_units_in_a_heading(tmp_path):
         ("a.EW", knet([1] * 100, factor="2000/8388608"), {}, [":14:", "Scale Factor", "2000(gal)/8388608"]),
         ("a.EW", knet([1] * 100, factor="2000(gal)/0"), {}, [":14:", "> 0"]),
         ("a.EW", knet([1] * 100).replace("Memo.", "Nemo."), {}, ["no Memo."]),
+        ("a.EW", knet([10] * 100, factor="1e308(gal)/1"), {}, ["sample 1 is not a finite number"]),
+        ("a.txt", "1e308\n1\n", {"units": "g", "dt": 0.1}, ["sample 1 is not a finite number"]),
         ("a.EW", knet([1] * 100).replace("100Hz", "-5Hz"), {}, [":11:", "> 0 Hz", "-5Hz"]),
     ],
 )
