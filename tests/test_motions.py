@@ -79,6 +79,7 @@ def test_motions_are_their_own():
         (lambda m: m.resampled(5.0), ["fewer than two samples"]),
         (lambda m: m.resampled(0.005 / math.pi**2 * 0.9), ["ratio of whole numbers"]),
         (lambda m: m.resampled(1e-7), ["ratio of whole numbers"]),
+        (lambda m: m.resampled(0.005 * math.sqrt(2)), ["ratio of whole numbers"]),
         (lambda m: m.baseline_corrected(0), ["order", "1 to 8"]),
         (lambda m: m.baseline_corrected(2.0), ["order", "2.0"]),
         (lambda m: m.trimmed(0.5, 0.5), ["lower < upper"]),
@@ -197,6 +198,11 @@ def test_spectral_acceleration_against_an_integration(suite, period, damping):
     end = motion.duration + period
     exact = scipy.integrate.solve_ivp(rate, (0, end), [0, 0], method="LSODA", rtol=1e-9, atol=1e-12, max_step=motion.dt)
     assert spectral_acceleration(motion, period, damping) == pytest.approx(w * w * np.abs(exact.y[0]).max(), rel=1e-3)
+
+
+def test_a_slow_oscillator_swings_after_the_end():
+    push = rj.Motion(np.sin(np.pi * np.linspace(0, 1, 101)), 0.001)  # a tenth of a second
+    assert spectral_acceleration(push, 10.0, 0.0) == pytest.approx(2 * np.pi / 10 * push.pgv, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -249,6 +249,9 @@ def test_waveforms(tmp_path, monkeypatch):
             rj.read_motion(path, units="gal")
         with pytest.raises(ValueError, match=r"a\.mseed: does not say in what units"):
             rj.read_motion(path, component=1)
+        obspy.Stream(traces).write(str(tmp_path / "pickled.sac"), format="PICKLE")  # which may run anything
+        with pytest.raises(ValueError, match=r"pickled\.sac: ObsPy cannot read it: "):
+            rj.read_motion(tmp_path / "pickled.sac", units="gal", component=1)
         with pytest.raises(ValueError, match=r"b\.sac: ObsPy cannot read it: "):
             rj.read_motion(put(tmp_path, b"no waveform", "b.sac"), units="gal")
     monkeypatch.setitem(sys.modules, "obspy", None)
