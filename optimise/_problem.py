@@ -27,10 +27,14 @@ T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the struct
                                  # lists of one length go together, a single number goes with all
 
 [[motions.records]]              # a set may have several entries
-file = "record.csv"              # beside this file; .AT2, .npy or text, one column or two (time, acceleration)
-units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; .AT2 brings its own
-dt = 0.01                        # with one column [s]; two, and .AT2, bring their own
+file = "record.csv"              # beside this file; any format that rockjax.read_motion reads
+units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; only where the file does not say it, as text does
+dt = 0.01                        # only where the file does not say it, as one column does [s]
 scale = 1.0                      # optional
+component = 1                    # number or name of a channel, where the file has several
+[[motions.records]]
+suite = "folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it
+pattern = "*.AT2"                # optional, of a folder; as are units, dt, scale, component for all of its motions
 
 [minimise]                       # optional
 quantity = "alpha"               # a number of the podium: alpha, R, gamma, width, height, or
@@ -221,9 +225,10 @@ class _Reader:
             found = []
             for k, entry in enumerate(entries if several else [entries]):
                 key = f"motions.{name}" + (f"[{k}]" if several else "")
-                if not isinstance(entry, dict) or ("kind" in entry) == ("file" in entry):
-                    self.fail(key, "needs either kind (of a pulse) or file (of a record)")
-                found += self.record(entry, key) if "file" in entry else self.pulses(entry, key, podium)
+                sources = [name for name in ("kind", "file", "suite") if isinstance(entry, dict) and name in entry]
+                if len(sources) != 1:
+                    self.fail(key, "needs one of kind (of a pulse), file (of a record) and suite (of records)")
+                found += self.pulses(entry, key, podium) if sources == ["kind"] else self.records(entry, key, sources[0])
             if not found:
                 self.fail(f"motions.{name}", "is empty")
             sets[name] = found
@@ -259,14 +264,26 @@ class _Reader:
             pairs = zip(*(np.atleast_1d(y) for y in np.broadcast_arrays(a_p, T_p)), strict=True)
             return [kind(float(a), float(T)) for a, T in pairs]
 
-    def record(self, entry: dict, key: str) -> list[rj.AbstractExcitation]:
-        self.table(entry, key, ("file",), ("units", "dt", "scale"))
-        for name, kind in (("file", str), ("units", str), ("dt", int | float), ("scale", int | float)):
-            if name in entry and (not isinstance(entry[name], kind) or isinstance(entry[name], bool)):
-                self.fail(f"{key}.{name}", f"must be a {'text' if kind is str else 'number'}, got {entry[name]!r}")
+    def records(self, entry: dict, key: str, source: str) -> list[rj.AbstractExcitation]:
+        kinds: dict[str, tuple[str, tuple[type, ...]]] = {
+            source: ("text", (str,)),
+            "units": ("text", (str,)),
+            "dt": ("number", (int, float)),
+            "scale": ("number", (int, float)),
+            "component": ("whole number or text", (int, str)),
+        }
+        if source == "suite":
+            kinds["pattern"] = ("text", (str,))
+        self.table(entry, key, (source,), tuple(kinds)[1:])
+        for name, value in entry.items():
+            words, kind = kinds[name]
+            if not isinstance(value, kind) or isinstance(value, bool):
+                self.fail(f"{key}.{name}", f"must be a {words}, got {value!r}")
         with self.at(key):
-            more = {name: entry[name] for name in ("units", "dt", "scale") if name in entry}
-            return [rj.Record.from_file(self.path.parent / entry["file"], **more)]
+            path, more = self.path.parent / entry[source], {name: entry[name] for name in entry if name != source}
+            if source == "suite":
+                return list(rj.read_suite(path, **more).records())
+            return [rj.Record.from_file(path, **more)]
 
     def chosen(self, entry: dict, key: str, motions: dict) -> list[rj.AbstractExcitation]:
         name = entry["motions"]

@@ -18,17 +18,21 @@ if "JAX_ENABLE_X64" not in _os.environ:
 from ._batch import peak_responses
 from ._excitations import AbstractExcitation, AbstractOutlook, Rest
 from ._fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+from ._intensity import intensity_measures
 from ._lognormal import Lognormal
+from ._motions import Motion, Motions, RecordWarning
 from ._options import Options
 from ._overturning import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
 from ._overturning_spectrum import overturning_spectrum
 from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
+from ._readers import read_motion, read_suite
 from ._record import Record
 from ._records import Records
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
 from ._simulate import Response, peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
+from ._synthetic import synthetic_motions
 from ._wavelets import Gabor, MavroeidisPapageorgiou
 
 __version__ = "0.1.0"
@@ -48,12 +52,15 @@ __all__ = [
     "Lognormal",
     "MavroeidisPapageorgiou",
     "Measure",
+    "Motion",
+    "Motions",
     "OneCosine",
     "OneSine",
     "Options",
     "Peak",
     "Podium",
     "Record",
+    "RecordWarning",
     "Records",
     "Response",
     "Rest",
@@ -63,6 +70,7 @@ __all__ = [
     "Stats",
     "fragility",
     "incremental_dynamic_analysis",
+    "intensity_measures",
     "minimum_overturning",
     "overturning_acceleration",
     "overturning_boundary",
@@ -71,7 +79,10 @@ __all__ = [
     "overturning_spectrum",
     "peak_response",
     "peak_responses",
+    "read_motion",
+    "read_suite",
     "rocking_spectra",
     "rocking_spectrum",
     "simulate",
+    "synthetic_motions",
 ]

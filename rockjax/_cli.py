@@ -1,4 +1,4 @@
-"""The command line: `rockjax spectrum`, `overturning`, `response`, `design`."""
+"""The command line: `rockjax spectrum`, `overturning`, `response`, `design`; `motions` and `synthetic` in their module."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from rockjax import _cli_motions
 
 app = typer.Typer(
     help="Rocking podium structures: spectra, overturning boundaries, responses, design. SI units and ratios.",
@@ -345,6 +347,9 @@ def design(
 
     if not design_command(problem, output, starts, seed, quiet):
         raise typer.Exit(1)
+
+
+_cli_motions.register(app)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -63,11 +63,20 @@ class _Known(NamedTuple):
         return _Known(*(y[order] for y in both))
 
 
-def scan(plane: Plane, x, y_range: tuple[float, float], resolution: int, options: Options, progress: Any = False) -> Scan:
+def scan(
+    plane: Plane,
+    x,
+    y_range: tuple[float, float],
+    resolution: int,
+    options: Options,
+    progress: Any = False,
+    look_closer: Literal["everywhere", "below"] = "everywhere",
+) -> Scan:
     """Every change along the lines x = const, y from one end of `y_range` to the other.
 
     Each line is looked at in `resolution` + 1 places first, and closer where the margin bends so much between neighbours
-    that it may cross zero unseen. Changes are then narrowed down to a relative width of 1e-12.
+    that it may cross zero unseen: everywhere, or only below the first change found. Changes are then narrowed down to a
+    relative width of 1e-12.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -82,7 +91,7 @@ def scan(plane: Plane, x, y_range: tuple[float, float], resolution: int, options
     grid = np.linspace(*y_range, resolution + 1)
     known = look(np.repeat(lines, grid.size), np.tile(grid, x.size))
     for _ in range(DIVES):
-        line, y = _closer(known, FINEST * abs(y_range[1] - y_range[0]))
+        line, y = _closer(known, FINEST * abs(y_range[1] - y_range[0]), look_closer == "below")
         if line.size == 0:
             break
         known = known.and_also(look(line, y))
@@ -102,11 +111,14 @@ def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progre
     return np.broadcast_to(value, x.shape), np.broadcast_to(np.asarray(peaks.impacts), x.shape)
 
 
-def _closer(known: _Known, finest: float) -> tuple[np.ndarray, np.ndarray]:
+def _closer(known: _Known, finest: float, below: bool) -> tuple[np.ndarray, np.ndarray]:
     """Places inside every interval between neighbours in which the margin may do what they do not show."""
     line, y, margin = known.line, known.y, known.margin
     # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
     doubtful = doubt(y, margin, line[1:] == line[:-1], np) > DOUBT
+    if below:  # up to the first change of each line
+        changes = np.cumsum(np.r_[False, ((margin[1:] > 0) != (margin[:-1] > 0)) & (line[1:] == line[:-1])])
+        doubtful &= changes[1:] == changes[np.searchsorted(line, line[1:])]
     at = np.flatnonzero(doubtful & (np.diff(y) > finest))
     part = np.arange(1, PARTS) / PARTS
     return np.repeat(line[at], part.size), (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()

@@ -1,36 +1,21 @@
-"""Ground motions from files: PEER's .AT2, NumPy's .npy, and text with one column or two.
-
-Whatever is wrong with a file is a `ValueError` of one line that names the file, the line where there is one, and the cause.
-"""
+"""Ground motions from files, one by one or as a suite."""
 
 from __future__ import annotations
 
-import re
+import csv
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from ._structures import STANDARD_GRAVITY
+from ._formats import EVEN, UNITS, parse
+from ._motions import Motion, Motions, check
 
-UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 1e-2, "gal": 1e-2, "mm/s2": 1e-3}
-EVEN = 1e-3  # times in files are rounded: so much of a step may they be off
-
-_AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(r"DT\s*=?\s*([\d.]+(?:[ED][+-]?\d+)?)", re.I)
-_AT2_PLAIN = re.compile(r"^\s*(\d{1,9})\s+([\d.]+(?:[ED][+-]?\d+)?)\s+NPTS\s*,?\s*DT", re.I)
-_AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
-_SEPARATORS = re.compile(r"[,;\s]+")
+TABLE = "suite.csv"  # what a folder may hold to say what is in it
+_COLUMNS = ("file", "name", "scale", "units", "dt", "component")
 
 
-class Motion(NamedTuple):
-    """What a file holds: accelerations [m/s²] every `dt` [s]."""
-
-    acceleration: np.ndarray
-    dt: float
-
-
-def read(path: str | Path, units: str | None, dt: float | None) -> Motion:
-    """The ground motion in a file; `units` and `dt` where the file does not say them itself.
+def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Motion:
+    """The ground motion in a file, without a look at whether it makes sense.
 
     Raises `ValueError` that names the file, the line and the cause.
     """
@@ -43,147 +28,170 @@ def read(path: str | Path, units: str | None, dt: float | None) -> Motion:
         content = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL in the name
+        raise ValueError(f"{path}: cannot be read: {error}") from None
     if not content.strip():
         raise ValueError(f"{path}: is empty")
-    if path.suffix.lower() == ".npy":
-        return _columns(path, _array(path), None, units, dt)
-    lines = _text(path, content).splitlines()
-    if path.suffix.lower() == ".at2":
-        return _at2(path, lines, units, dt)
-    rows, numbers = _rows(path, lines)
-    return _columns(path, rows, numbers, units, dt)
+    found = parse(path, content, component)
+    own = found.units
+    if own is None and units is None:
+        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
+        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
+        raise ValueError(f"{path}: {said}; give units='g', one of {', '.join(UNITS)}")
+    if own is not None and units is not None and UNITS[own] != UNITS[units]:
+        raise ValueError(f"{path}: its header gives the unit as {own}, but units={units!r} was given; leave units out")
+    values = found.values
+    if len(values) < 2:
+        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
+    if found.dt is None and dt is None:
+        raise ValueError(f"{path}: has one column and no times: dt is missing")
+    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
+        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
+    unit = units or own
+    assert unit is not None
+    with np.errstate(over="ignore"):
+        values = UNITS[unit] * values
+    if not np.isfinite(values).all():
+        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
+    step = found.dt if found.dt is not None else float(dt or 0)
+    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
 
 
-def _text(path: Path, content: bytes) -> str:
-    strange = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", content)
-    if strange:
-        line = content.count(b"\n", 0, strange.start()) + 1
-        raise ValueError(f"{path}:{line}: is not text: byte 0x{content[strange.start()]:02x} at offset {strange.start()}")
+def read_motion(
+    path: str | Path, *, units: str | None = None, dt: float | None = None, component: int | str | None = None
+) -> Motion:
+    """The ground motion in a file (host), with what its header says.
+
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP and of COSMOS (`.V2`, `.V2c`); ESM, ITACA and
+    AFAD (`KEY: value`); K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
+    acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
+    `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
+    - `dt`: sampling interval [s], where the file has neither it nor times
+    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`
+
+    Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
+    lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
+    1e-4 g, and where more than a fifth of PGV is left at the end.
+    """
+    motion = read(path, units, dt, component)
+    check(motion, str(path), stacklevel=3)
+    return motion
+
+
+def read_suite(
+    path: str | Path,
+    *,
+    units: str | None = None,
+    dt: float | None = None,
+    scale: float = 1.0,
+    component: int | str | None = None,
+    pattern: str | None = None,
+) -> Motions:
+    """The ground motions in a folder, or in a table (host).
+
+    - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of headings:
+      `file` (relative to the table) and, where wanted, `name`, `scale`, `units`, `dt` and `component`; empty cells are as if
+      left out, and other columns become metadata. A folder that holds a `suite.csv` is read by it
+    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table comes first
+    - `scale`: factor on all motions, times that of the table [–]
+    - `pattern`: reads these files of a folder only, such as `"*.AT2"`, and no `suite.csv`
+
+    Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
+    """
+    path = Path(path)
+    if not np.isfinite(scale):
+        raise ValueError(f"{path}: scale must be finite, got {scale!r}")
+    if path.is_dir():
+        if pattern is None and (path / TABLE).is_file():
+            path = path / TABLE
+        else:
+            try:
+                files = sorted(p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith("."))
+            except (ValueError, NotImplementedError, OSError) as error:
+                raise ValueError(f"{path}: pattern {pattern!r} cannot be looked for: {error}") from None
+            if not files:
+                raise ValueError(f"{path}: holds no file" + (f" {pattern}" if pattern else ""))
+            return _all(path, [(str(file), {"file": str(file)}) for file in files], units, dt, scale, component, pattern)
+    elif pattern is not None:
+        raise ValueError(f"{path}: is not a folder; pattern has no meaning")
+    return _all(path, _table(path), units, dt, scale, component, "")
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file begins like a table of files, not like a motion."""
     try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")  # names of stations in headers
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            return path.suffix.lower() == ".csv" and "file" in stream.readline().strip().split(",")
+    except OSError:
+        return False  # what is wrong with it is said by whoever reads it
 
 
-def _array(path: Path) -> np.ndarray:
+def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """The rows of a table of files: where each is, for complaints, and its cells that are not empty."""
     try:
-        array = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise ValueError(f"{path}: is not a NumPy array of numbers: {_first_line(error)}") from None
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
-        raise ValueError(f"{path}: is not a NumPy array of numbers in one column or two")
-    return np.asarray(array, float).reshape(len(array), -1)
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"{path}: is not a table of files: {error}") from None
+    if not rows or "file" not in rows[0][1]:
+        raise ValueError(f"{path}:1: needs a row of headings with the column 'file'; known are {', '.join(_COLUMNS)}")
+    _, names = rows[0]
+    if len(set(names)) != len(names):
+        raise ValueError(f"{path}:{rows[0][0]}: has a heading twice")
+    if len(rows) == 1:
+        raise ValueError(f"{path}: lists no file")
+    found = []
+    for line, cells in rows[1:]:
+        if len(cells) > len(names):
+            raise ValueError(f"{path}:{line}: has {len(cells)} cells where there are {len(names)} headings")
+        row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+        if "file" not in row:
+            raise ValueError(f"{path}:{line}: file is missing")
+        for name in ("scale", "dt"):
+            _cell(f"{path}:{line}", row, name)
+        row["file"] = str(path.parent / row["file"])
+        found.append((f"{path}:{line}", row))
+    return found
 
 
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _number(path: Path, line: int, word: str) -> float:
-    """A number of a file; Fortran's exponent D is one as well, Python's underscore is none."""
+def _cell(where: str, row: dict[str, str], name: str) -> float | None:
     try:
-        value = float(word.upper().replace("D", "E")) if "_" not in word else None
+        value = float(row[name]) if name in row else None
     except ValueError:
-        value = None
-    if value is None:
-        raise ValueError(f"{path}:{line}: {_short(word)} is not a number")
-    if not np.isfinite(value):
-        raise ValueError(f"{path}:{line}: {_short(word)} is not a finite number")
+        value = float("nan")
+    if value is not None and not np.isfinite(value):
+        raise ValueError(f"{where}: {name} must be a finite number, got {row[name]!r}")
     return value
 
 
-def _short(word: str) -> str:
-    return repr(word if len(word) <= 40 else word[:37] + "...")
-
-
-def _at2(path: Path, lines: list[str], units: str | None, dt: float | None) -> Motion:
-    head = lines[:8]
-    for k, line in enumerate(head):  # noqa: B007
-        plain = _AT2_PLAIN.match(line)
-        count, step = (
-            (plain[1], plain[2]) if plain else (match and match[1] for match in (p.search(line) for p in _AT2_COUNT))
-        )
-        if count and step:
-            break
-    else:
-        raise ValueError(f"{path}: has no line with NPTS and DT among its first {len(head)}: is this an .AT2 file?")
-    count, own_dt = int(count), _number(path, k + 1, step)
-    if not own_dt > 0:
-        raise ValueError(f"{path}:{k + 1}: DT must be > 0 s, got {own_dt:g}")
-    if dt is not None and abs(dt - own_dt) > EVEN * own_dt:
-        raise ValueError(f"{path}:{k + 1}: DT is {own_dt:g} s, but dt = {dt:g} s was given; leave dt out")
-    said = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
-    own = {"G": "g", "CM/S2": "cm/s2", "CM/SEC2": "cm/s2", "M/S2": "m/s2", "GAL": "gal"}.get(said.upper()) if said else None
-    if own is None and units is None:
-        found = f"gives the unit as {_short(said)}" if said else "does not give the unit"
-        raise ValueError(f"{path}: its header {found}; say units='g', one of {', '.join(UNITS)}")
-    if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units={units!r} was given; leave units out")
-    values = [_number(path, i, word) for i, line in enumerate(lines[k + 1 :], start=k + 2) for word in line.split()]
-    if len(values) != count:
-        cause = "is it cut short?" if len(values) < count else "what are the others?"
-        raise ValueError(f"{path}:{k + 1}: NPTS is {count}, but {len(values)} values follow: {cause}")
-    return _finished(path, np.array(values), own_dt, units or own)
-
-
-def _rows(path: Path, lines: list[str]) -> tuple[np.ndarray, list[int]]:
-    """The rows of a table of numbers, and which lines they are: without comments and one row of headings."""
-    rows: list[list[float]] = []
-    numbers: list[int] = []
-    heading = False
-    for i, line in enumerate(lines, start=1):
-        text = line.strip()
-        if not text or text[0] in "#%!":
-            continue
-        words = [word for word in _SEPARATORS.split(text) if word]
+def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern) -> Motions:
+    motions, problems = [], []
+    for where, row in rows:
+        own = row.get("component", component)
+        own_dt, own_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
         try:
-            row = [_number(path, i, word) for word in words]
-        except ValueError:
-            if rows or heading or any(character.isdigit() for character in words[0] if words):
-                raise
-            heading = True
+            motion = read(
+                row["file"],
+                row.get("units", units),
+                dt if own_dt is None else own_dt,
+                int(own) if isinstance(own, str) and own.isdecimal() and "component" in row else own,
+            )
+        except ValueError as error:
+            problems.append(str(error))
             continue
-        if not row:
-            raise ValueError(f"{path}:{i}: holds no number")
-        if rows and len(row) != len(rows[0]):
-            raise ValueError(f"{path}:{i}: has {len(row)} columns where the lines before have {len(rows[0])}")
-        rows.append(row)
-        numbers.append(i)
-    if not rows:
-        raise ValueError(f"{path}: holds no numbers")
-    return np.array(rows), numbers
-
-
-def _columns(path: Path, rows: np.ndarray, numbers: list[int] | None, units: str | None, dt: float | None) -> Motion:
-    if units is None:
-        raise ValueError(f"{path}: does not say in what units; give units='g', one of {', '.join(UNITS)}")
-    if rows.shape[1] > 2:
-        raise ValueError(f"{path}: has {rows.shape[1]} columns; one (acceleration) or two (time, acceleration) can be read")
-    if rows.shape[1] == 1:
-        if dt is None:
-            raise ValueError(f"{path}: has one column and no times: dt is missing")
-        return _finished(path, rows[:, 0], float(dt), units)
-    times, values = rows.T
-    if len(times) < 2:
-        return _finished(path, values, 1.0, units)  # says what is wrong with it
-    step = (times[-1] - times[0]) / (len(times) - 1)
-    off = np.flatnonzero(~(np.abs(np.diff(times) - step) <= max(EVEN * step, 4e-16 * np.abs(times).max())))
-    if not step > 0 or len(off):
-        k = int(off[0]) + 1 if len(off) else 1
-        where = f"{path}:{numbers[k]}" if numbers else f"{path}: row {k + 1}"
-        raise ValueError(
-            f"{where}: times must rise in equal steps, got {times[k - 1]:.9g} s and then {times[k]:.9g} s where the mean "
-            f"step is {step:.6g} s; resample the record"
+        check(motion, row["file"], stacklevel=4)
+        more = {key: value for key, value in row.items() if key not in _COLUMNS}
+        motion = Motion(
+            motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)
         )
-    if dt is not None and abs(dt - step) > EVEN * step:
-        raise ValueError(f"{path}: dt = {dt:g} s was given, but the times in it are {step:g} s apart; leave dt out")
-    return _finished(path, values, float(step), units)
-
-
-def _finished(path: Path, values: np.ndarray, dt: float, units: str | None) -> Motion:
-    if len(values) < 2:
-        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
-    assert units is not None
-    return Motion(UNITS[units] * values, dt)
+        factor = scale * (1.0 if own_scale is None else own_scale)
+        motions.append(motion.scaled(factor) if factor != 1 else motion)
+    if problems:
+        hint = "; pattern='*.AT2', say, reads only some" if pattern is None else ""
+        raise ValueError("\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems]))
+    return Motions(tuple(motions))

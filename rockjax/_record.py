@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._checks import as_float, concrete, finite, positive
-from ._readers import read
 from ._sampled import AbstractSampled, Index, Sampling, Value
 
 
@@ -42,17 +41,29 @@ class Record(AbstractSampled):
             raise ValueError(f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}")
 
     @classmethod
-    def from_file(cls, path: str | Path, *, units: str | None = None, dt: float | None = None, scale: float = 1.0) -> Self:
-        """The record in a file (host): PEER's .AT2, NumPy's .npy, or text with one column or two (time, acceleration).
+    def from_file(
+        cls,
+        path: str | Path,
+        *,
+        units: str | None = None,
+        dt: float | None = None,
+        scale: float = 1.0,
+        component: int | str | None = None,
+    ) -> Self:
+        """The record in a file (host): PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's .npy.
 
-        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it, as .AT2 does
+        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
         - `dt`: sampling interval [s], where the file has neither it nor times
         - `scale`: factor on the samples [–]
+        - `component`: number or name of a channel, where the file has several
 
-        Text may have comments (`#`, `%`, `!`), one line of headings, and columns separated by blanks, commas or semicolons.
-        Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion.
+        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
         """
-        motion = read(path, units, dt)
+        from ._motions import check  # which knows this module
+        from ._readers import read
+
+        motion = read(path, units, dt, component)
+        check(motion, str(path), stacklevel=3)
         return cls(motion.acceleration, motion.dt, scale)
 
     @property

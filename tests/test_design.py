@@ -479,7 +479,7 @@ rtol = 1e-9
 @pytest.fixture
 def folder(tmp_path) -> Path:
     (tmp_path / "one.txt").write_text("# a record\n0.0\n0.1\n-0.1\n0.0\n")
-    (tmp_path / "two.csv").write_text("time,acceleration\n0.00,0.0\n0.02,0.5\n0.04,0.0\n")
+    (tmp_path / "two.csv").write_text("time,acceleration\n0.00,0.0\n0.02,0.5\n0.04,-0.5\n0.06,0.0\n")
     return tmp_path
 
 

@@ -1,6 +1,8 @@
 """Ground motions from files: what can be read, and one clear line for what cannot."""
 
+import sys
 import tomllib
+import warnings
 
 import numpy as np
 import pytest
@@ -22,12 +24,111 @@ NPTS=    7, DT=   .0050 SEC
 VALUES = np.array([-0.1234e-2, 0.5, -0.25, 0.01, 0.0, 1e-3, -2.0])
 
 
+def numbers(values, per_line, width, digits):
+    words = [f"{value:{width}.{digits}f}" for value in values]
+    return ["".join(words[k : k + per_line]) for k in range(0, len(words), per_line)]
+
+
+def csmip(channels, digits=5, units=", in cm/sec2. (8f10.5)"):
+    """Volume 2 of CSMIP: values in cm/s², columns of ten characters that may touch."""
+    lines = []
+    for number, (name, values) in enumerate(channels.items(), start=1):
+        v = np.cumsum(values) * 0.02
+        lines += [
+            f"Corrected accelerogram   15481673.CI.WLT.--.HN      Chan {number:2d}: {name:<10s}   from   ",
+            "Uncorrected Accelerogram Data             Processed: 04/30/14, CGS  ciwlt1      ",
+            "La Habra Earthquake                                (Avol1 v0.6, 3/14 CSMIP)  ",
+            "                                        (Origin:  To be determined)             ",
+            "15481673.CI.WLT.--.HN                Start time:  3/29/14, 04:09:34.0 UTC (GPS) ",
+            "Station Id. WLT     34.009N, 117.951W            s/n 4310  (3 Chns of  3 at Sta)",
+            "Hacienda Heights                         SCSN   Data: Acceleration              ",
+            f"Chan {number:2d}: {name}",
+            *[""] * 6,
+            "Accelerogram bandpass filtered with 3 dB pts at   .10 and 23.00 cyc/sec         ",
+            *[""] * 10,
+            *numbers(np.arange(100), 16, 5, 0),
+            *numbers(np.arange(100), 8, 10, 3),
+            f"{len(values):6d} points of accel data equally spaced at  .020 sec{units}    ",
+            *numbers(values, 8, 10, digits),
+            f"{len(values):6d} points of veloc data equally spaced at  .020 sec, in cm/sec.  (8f10.6)    ",
+            *numbers(v, 8, 10, 6),
+            f"/&  ----------  End of data for channel {number:2d}  ----------",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def cosmos(channels, interval_ms=5.0, form="8F10.5"):
+    """COSMOS 1.20: text, integer header, real header, comments, data; velocity after acceleration."""
+    lines = []
+    reals = np.full(100, -999.0)
+    reals[61] = interval_ms
+    for number, (name, values) in enumerate(channels.items(), start=1):
+        for kind, unit in (("acceleration", "cm/sec2(04)"), ("velocity", "cm/sec(05)")):
+            lines += [
+                f"Corrected {kind}    (Format v01.20 with 13 text lines)",
+                "Record of Point MacKenzie Earthquake of Fri Nov 30, 2018 17:29 UTC",
+                "Hypocenter: 61.34640 -149.95520 H= 46km Mw=7.0",
+                "Origin: 2018/11/30 17:29:29    UTC",
+                "Statn No: 37-000011 Code:AK-BMR     UAF  Bremner River, AK, USA",
+                "Coords: 60.9677 -144.6051  Site geology:",
+                "Recorder: (see cmnt)      ( ? Chns of   3 at Sta) Sensor: (see comment)    ",
+                "Rcrd start time: 2018/11/30 17:29:39.137 UTC (Q=5) RcrdId: (see comment)",
+                f"Sta Chan {number:3d}:{name}   (Rcrdr Chan  ?) Location:",
+                "Raw record length = 210.000 sec, Uncor max =    101730, at  82.680 sec.",
+                "Processed:2019-03-03 05:46:55 GMT, UNKN, Max =   -6.852 cm/sec2 at   76.215 sec",
+                "Record filtered below  0.03 Hz (periods over 33.33 secs), and above 20.0 Hz",
+                "Values used when parameter or data value is unknown/unspecified:   -999, -999.00",
+                " 100 Integer-header values follow on  10 lines, Format= (10I8)",
+                *numbers(np.full(100, -999), 10, 8, 0),
+                " 100 Real-header values follow on  20 lines, Format= (5F15.6)",
+                *numbers(reals, 5, 15, 6),
+                '   1 Comment line(s) follow, each starting with a "|":',
+                "| Sensor: KINEMETRICS EPISENSOR ES-T",
+                f"{len(values):8d} {kind} pts, approx  210 secs, units={unit},Format=({form})",
+                *numbers(values, int(form[0]), 10, 5),
+                f"End-of-data for Chan {number:2d} {kind}",
+            ]
+    return "\n".join([*lines, ""])
+
+
+def esm(values, **changes):
+    """The header of the Engineering Strong-Motion database (DYNA 1.2), shortened, and one value a line in cm/s²."""
+    header = {
+        "EVENT_NAME": "GREECE", "EVENT_ID": "EMSC-20190728_0000106", "EVENT_DATE_YYYYMMDD": "20190728",
+        "MAGNITUDE_W": "", "NETWORK": "HI", "STATION_CODE": "ARS1", "VS30_M/S": "", "SAMPLING_INTERVAL_S": "0.005000",
+        "NDATA": str(len(values)), "STREAM": "HNE", "UNITS": "cm/s^2", "PGA_CM/S^2": "0.300022",
+        "FILTER_ORDER": "2", "LOW_CUT_FREQUENCY_HZ": "0.100", "HIGH_CUT_FREQUENCY_HZ": "30.000",
+        "DATA_TYPE": "ACCELERATION", "ORIGINAL_DATA_MEDIATOR": "http://eida.gein.noa.gr/", "USER5": "",
+    } | changes  # fmt: skip
+    return "\n".join([*(f"{key}: {value}" for key, value in header.items()), *(f"{a:.6f}" for a in values), ""])
+
+
+def knet(counts, direction="E-W", factor="2000(gal)/8388608"):
+    """K-NET and KiK-net: keys in 18 columns, then eight counts a line."""
+    keys = {
+        "Origin Time": "1996/08/11 03:12:00", "Lat.": "38.920", "Long.": "140.630", "Depth. (km)": "7", "Mag.": "5.9",
+        "Station Code": "AKT013", "Station Lat.": "39.6069", "Station Long.": "140.3213", "Station Height(m)": "34",
+        "Record Time": "1996/08/11 03:12:39", "Sampling Freq(Hz)": "100Hz", "Duration Time(s)": f"{len(counts) / 100:g}",
+        "Dir.": direction, "Scale Factor": factor, "Max. Acc. (gal)": "4.383", "Last Correction": "1996/08/11 03:00:00",
+        "Memo.": "",
+    }  # fmt: skip
+    rows = [counts[k : k + 8] for k in range(0, len(counts), 8)]
+    return "\n".join([*(f"{k:<18s}{v}" for k, v in keys.items()), *("".join(f"{c:8d} " for c in row) for row in rows), ""])
+
+
+# No drift: as much to one side as to the other.
+GALS = np.concatenate([np.linspace(-260, 260, 53), -np.linspace(-260, 260, 53)])
+UP = 0.5 * GALS
+CHANNELS = {"90 Deg": GALS, "Up": UP}
+
+
 def put(tmp_path, text, name="motion.txt"):
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
 
 
+@pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_at2(tmp_path):
     for text in (AT2, AT2.replace("NPTS=    7, DT=   .0050 SEC", "   7   0.0050   NPTS, DT"), AT2.replace("\n", "\r\n")):
         record = rj.Record.from_file(put(tmp_path, text, "RSN1.AT2"), scale=2.0)
@@ -53,6 +154,7 @@ def test_two_columns(tmp_path, text):
     assert float(record.dt) == pytest.approx(0.02)
 
 
+@pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_one_column_and_numpy(tmp_path):
     path = put(tmp_path, "acc\n1\n-2\n3\n")
     np.testing.assert_allclose(rj.Record.from_file(path, units="g", dt=0.01).acceleration, [G, -2 * G, 3 * G])
@@ -62,6 +164,126 @@ def test_one_column_and_numpy(tmp_path):
     )
     np.save(tmp_path / "b.npy", np.array([[0, 1], [2, 3], [4, 5]]))
     assert float(rj.Record.from_file(tmp_path / "b.npy", units="m/s2").dt) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "dt", "said"),
+    [
+        (
+            "a.V2",
+            csmip(CHANNELS),
+            0.02,
+            {"station": "WLT Hacienda Heights", "date": "3/29/14", "event": "La Habra Earthquake"},
+        ),
+        ("a.v2", csmip(CHANNELS, 3, ".  (UNITS: CM/SEC/SEC)").upper(), 0.02, {"low_pass_Hz": 23.0, "high_pass_Hz": 0.1}),
+        ("a.V2c", cosmos(CHANNELS), 0.005, {"date": "2018/11/30", "high_pass_Hz": 0.03, "low_pass_Hz": 20.0}),
+        ("a.txt", cosmos(CHANNELS, form="1F10.5"), 0.005, {"station": "AK-BMR UAF Bremner River, AK, USA"}),
+    ],
+)
+def test_several_channels(tmp_path, name, text, dt, said):
+    path = put(tmp_path, text, name)
+    for component, values in ((1, GALS), ("90 deg", GALS), ("90", GALS), (2, UP), ("up", UP)):
+        motion = rj.read_motion(path, component=component)
+        np.testing.assert_allclose(motion.acceleration, 0.01 * values, rtol=0, atol=1e-5)
+        assert motion.dt == pytest.approx(dt, rel=1e-12)
+        assert motion.metadata["component"].casefold() == ("up" if values is UP else "90 deg")
+        assert motion.metadata["units"] == "cm/s2"
+        assert said.items() <= motion.metadata.items()
+    np.testing.assert_array_equal(rj.Record.from_file(path, component=2).acceleration, motion.acceleration)
+    for wrong in (None, 3, "North"):
+        with pytest.raises(ValueError, match=r"holds 2 channels.*1 \(90 [Dd][Ee][Gg]\), 2 \([Uu][Pp]\); choose"):
+            rj.read_motion(path, component=wrong)
+
+
+def test_columns_that_touch(tmp_path):
+    values = np.tile([-123.45678, -987.65432, 987.65432, 123.45678], 10)
+    text = csmip({"UP": values})
+    assert "-123.45678-987.65432" in text
+    motion = rj.read_motion(put(tmp_path, text, "a.v2"))
+    np.testing.assert_allclose(motion.acceleration, 0.01 * values, rtol=1e-14)
+
+
+def test_esm(tmp_path):
+    path = put(tmp_path, esm(GALS), "HI.ARS1..HNE.D.20190728.160908.C.ACC.ASC")
+    motion = rj.read_motion(path)
+    np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, rtol=1e-14)
+    assert motion.dt == 0.005
+    assert motion.name == path.stem
+    assert motion.source == path
+    said = {"station": "HI.ARS1", "component": "HNE", "date": "20190728", "low_pass_Hz": 30.0, "filter_order": "2"}
+    assert said.items() <= motion.metadata.items()
+
+
+def test_knet(tmp_path):
+    counts = [round(8388608 / 2000 * a) for a in GALS]
+    path = put(tmp_path, knet(counts), "AKT0139608110312.EW")
+    motion = rj.read_motion(path)
+    np.testing.assert_allclose(motion.acceleration, 20 * np.array(counts) / 8388608, rtol=1e-14)
+    assert motion.dt == 0.01
+    assert {"station": "AKT013", "component": "E-W", "event": "M 5.9", "Lat.": "38.920"}.items() <= motion.metadata.items()
+    assert rj.read_motion(put(tmp_path, knet(counts, "4"), "a.NS2"), component="NS2").metadata["component"] == "NS2"
+    obspy = pytest.importorskip("obspy")
+    trace = obspy.read(str(path), format="KNET")[0]
+    np.testing.assert_allclose(motion.acceleration, trace.data * trace.stats.calib, rtol=1e-14)
+    assert trace.stats.delta == motion.dt
+
+
+def test_waveforms(tmp_path, monkeypatch):
+    path = tmp_path / "a.mseed"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import obspy
+    except ImportError:
+        path.write_bytes(b"000001D ")
+    else:
+        traces = [
+            obspy.Trace(values, {"delta": 0.01, "channel": channel, "station": "AKT"})
+            for values, channel in ((GALS, "HNE"), (UP, "HNZ"))
+        ]
+        obspy.Stream(traces).write(str(path), format="MSEED")
+        motion = rj.read_motion(path, units="gal", component="HNZ")
+        np.testing.assert_allclose(motion.acceleration, 0.01 * UP, rtol=1e-14)
+        assert motion.dt == pytest.approx(0.01, rel=1e-12)
+        with pytest.raises(ValueError, match=r"1 \(HNE\), 2 \(HNZ\)"):
+            rj.read_motion(path, units="gal")
+        with pytest.raises(ValueError, match=r"a\.mseed: does not say in what units"):
+            rj.read_motion(path, component=1)
+        obspy.Stream(traces).write(str(tmp_path / "pickled.sac"), format="PICKLE")  # which may run anything
+        with pytest.raises(ValueError, match=r"pickled\.sac: ObsPy cannot read it: "):
+            rj.read_motion(tmp_path / "pickled.sac", units="gal", component=1)
+        with pytest.raises(ValueError, match=r"b\.sac: ObsPy cannot read it: "):
+            rj.read_motion(put(tmp_path, b"no waveform", "b.sac"), units="gal")
+    monkeypatch.setitem(sys.modules, "obspy", None)
+    with pytest.raises(
+        ValueError, match=r"a\.mseed: \.mseed is read by ObsPy; install it with: pip install 'rockjax\[records\]'"
+    ):
+        rj.read_motion(path, units="gal")
+
+
+def test_what_looks_wrong_is_said(tmp_path):
+    wave = np.sin(2 * np.pi * np.arange(101) / 50)  # two whole periods
+
+    def column(values):
+        return put(tmp_path, "\n".join(f"{a:.12f}" for a in values))
+
+    assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(1, rel=1e-2)  # and not a word
+    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 99\.8 g: are the units right\?"):
+        rj.read_motion(column(100 * wave), units="g", dt=0.01)
+    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 1\.02e-05 g: are the units right\?"):
+        rj.read_motion(column(1e-4 * wave), units="m/s2", dt=0.01)
+    with pytest.warns(
+        rj.RecordWarning, match=r"motion\.txt: ends with a velocity .* 100% of PGV: .*baseline_corrected"
+    ) as said:
+        rj.Record.from_file(column(wave[:26]), units="m/s2", dt=0.01)
+    assert said[0].filename == __file__
+
+
+def test_units_in_a_heading(tmp_path):
+    path = put(tmp_path, "time [s],acceleration [g]\n0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
+    np.testing.assert_allclose(rj.read_motion(path).acceleration, G * np.array([0, 1, -1, 0]))
+    with pytest.raises(ValueError, match=r"gives the unit as g, but units='m/s2' was given; leave units out"):
+        rj.read_motion(path, units="m/s2")
 
 
 @pytest.mark.parametrize(
@@ -95,6 +317,35 @@ def test_one_column_and_numpy(tmp_path):
         ("a.txt", "1\n", {"units": "g", "dt": 0.1}, ["holds 1 sample", "at least two"]),
         ("a.txt", "1 2 3\n4 5 6\n", {"units": "g"}, ["3 columns"]),
         ("a.npy", b"not numpy", {"units": "g", "dt": 0.1}, ["is not a NumPy array"]),
+        ("a.txt", "0 1\n0.1 2\n", {"units": "g", "component": 1}, ["holds one motion, not component 1"]),
+        ("a.v2", csmip(CHANNELS).replace("-260.00000", "-26o.00000"), {"component": 1}, [":47:", "is not a number"]),
+        (
+            "a.v2",
+            csmip(CHANNELS).replace("   106 points of accel", "   107 points of accel"),
+            {"component": 1},
+            [":60:", "due"],
+        ),
+        ("a.v2", "\n".join(csmip(CHANNELS).split("\n")[:50]), {}, [":46:", "points is 106", "32 values", "cut short"]),
+        ("a.v2", csmip(CHANNELS), {"component": 1, "dt": 0.01}, [":46:", "interval is 0.02 s", "leave dt out"]),
+        ("a.v2", csmip(CHANNELS, units=", in counts. (8f10.5)"), {"component": 1}, ["'counts'", "units='g'"]),
+        ("a.v2", csmip(CHANNELS).replace("points of accel", "points of a"), {"component": 1}, [":1:", "no line 'N points"]),
+        ("a.v1", "UNCORRECTED ACCELEROGRAM DATA\n1 2\n", {}, [":1:", "volume 1", ".V2"]),
+        ("a.v2", "1 2\n3 4\n", {}, [":1:", "neither", "CSMIP", "COSMOS"]),
+        ("a.v2c", cosmos(CHANNELS, interval_ms=-999.0), {"component": 1}, [":25:", "value 62", "> 0 ms"]),
+        ("a.v2c", cosmos(CHANNELS).replace("acceleration  ", "velocity  "), {}, [":1:", "holds velocity"]),
+        ("a.asc", esm(GALS, NDATA="107"), {}, [":9:", "NDATA is 107", "106 values", "cut short"]),
+        ("a.asc", esm(GALS, NDATA="many"), {}, [":9:", "whole number", "'many'"]),
+        ("a.asc", esm(GALS, UNITS="cm"), {}, ["gives the unit as 'cm'", "units='g'"]),
+        ("a.asc", esm(GALS, DATA_TYPE="VELOCITY"), {}, [":16:", "'VELOCITY'", "not ACCELERATION"]),
+        ("a.asc", esm(GALS, SAMPLING_INTERVAL_S="0"), {}, [":8:", "must be > 0 s"]),
+        ("a.asc", esm(GALS), {"component": "HNZ"}, ["not component 'HNZ'", "it is 'HNE'"]),
+        ("a.EW", knet([1] * 100)[:-30], {}, [":12:", "is 100", "values follow", "cut short"]),
+        ("a.EW", knet([1] * 100, factor="2000/8388608"), {}, [":14:", "Scale Factor", "2000(gal)/8388608"]),
+        ("a.EW", knet([1] * 100, factor="2000(gal)/0"), {}, [":14:", "> 0"]),
+        ("a.EW", knet([1] * 100).replace("Memo.", "Nemo."), {}, ["no Memo."]),
+        ("a.EW", knet([10] * 100, factor="1e308(gal)/1"), {}, ["sample 1 is not a finite number"]),
+        ("a.txt", "1e308\n1\n", {"units": "g", "dt": 0.1}, ["sample 1 is not a finite number"]),
+        ("a.EW", knet([1] * 100).replace("100Hz", "-5Hz"), {}, [":11:", "> 0 Hz", "-5Hz"]),
     ],
 )
 def test_what_cannot_be_read_says_why(tmp_path, name, text, arguments, words):
@@ -164,6 +415,44 @@ def test_damaged_tables(tmp_path_factory, content, dt, suffix):
         assert np.isfinite(motion.acceleration).all()
         assert len(motion.acceleration) >= 2
         assert motion.dt > 0
+
+
+SHORT = {"90 Deg": GALS[::8], "Up": UP[::8]}
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    content=st.sampled_from([csmip(SHORT), cosmos(SHORT), esm(GALS[::8]), knet([5, -5] * 50)]).flatmap(damaged),
+    component=st.sampled_from([None, 1, "Up"]),
+    suffix=st.sampled_from(["V2", "asc", "EW"]),
+)
+@example(content=csmip(SHORT).replace("(8f10.5)", "(0f10.5)").encode(), component=1, suffix="V2")
+@example(content=csmip(SHORT).replace("(8f10.5)", "(8f0.5)").encode(), component=1, suffix="V2")
+@example(content=knet([1] * 8).replace("0.08", "1e300").encode(), component=None, suffix="EW")
+def test_damaged_files_of_networks(tmp_path_factory, content, component, suffix):
+    path = put(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
+    motion = one_line_or_good(path, lambda: read(path, None, None, component))
+    if motion is not None:
+        assert np.isfinite(motion.acceleration).all()
+        assert len(motion.acceleration) >= 2
+        assert motion.dt > 0
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(content=damaged("file,name,scale,units,dt\na.csv,one,2.0,m/s2,\na.csv,,,,0.1\n"))
+@example(content=b"file\na\x00.csv\n")
+def test_damaged_tables_of_files(tmp_path_factory, content):
+    folder = tmp_path_factory.getbasetemp()
+    put(folder, "0,1\n0.1,-1\n0.2,-1\n0.3,1\n", "a.csv")
+    path = put(folder, content, "fuzz-suite.csv")
+    message = ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rj.RecordWarning)
+            assert len(rj.read_suite(path, units="m/s2")) >= 1
+    except ValueError as error:
+        message = str(error)
+    assert not message or message.startswith(str(path))
 
 
 PROBLEM = """starts = 2
