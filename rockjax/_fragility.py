@@ -225,7 +225,7 @@ def fragility(
     - `at`: intensities of the curve, by default 200 up to the highest level
     - `confidence`, `resamples`, `seed`: bands by bootstrap over the records, percentiles of the resampled fits
 
-    Returns a Dataset with the scalars `median` and `dispersion`; `interval` (dims `quantity`, `bound`); `probability`,
+    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` (dims `quantity`, `bound`); `probability`,
     `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled` (dims `quantity`,
     `resample`), NaN where a resample had no fit; and where the analysis has sensitivities, `median_sensitivity` over
     `parameter` = d ln(median)/d ln y. Raises `ValueError` where no curve fits, and says why.
@@ -268,7 +268,7 @@ def fragility(
     name = analysis.attrs["measure"]
     data = xarray.Dataset(
         {
-            "median": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
+            "median_capacity": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
             "dispersion": ((), float(fit.dispersion), one | {"long_name": "standard deviation of its logarithm"}),
             "interval": (
                 ("quantity", "bound"),
@@ -285,7 +285,7 @@ def fragility(
         coords={
             "at": ("at", x, of | {"long_name": name}),
             "intensity": analysis["intensity"],
-            "quantity": ["median", "dispersion"],
+            "quantity": ["median_capacity", "dispersion"],
             "bound": ["lower", "upper"],
         },
         attrs=analysis.attrs
@@ -325,4 +325,4 @@ def _why_not(method: str, capacity: np.ndarray, overturned: np.ndarray, levels: 
         return f"the capacities of the {known.size} records that overturn do not differ; use other records"
     if not overturned.any():
         return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
-    return "no level has both overturned and surviving records above the first overturning; add levels in between"
+    return "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or more; add some"
