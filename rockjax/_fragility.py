@@ -325,4 +325,6 @@ def _why_not(method: str, capacity: np.ndarray, overturned: np.ndarray, levels: 
         return f"the capacities of the {known.size} records that overturn do not differ; use other records"
     if not overturned.any():
         return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
-    return "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or more; add some"
+    return (
+        "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or more; add some"
+    )

@@ -79,7 +79,7 @@ class Records(AbstractSampled):
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         start, dt, count, _ = (jnp.asarray(y)[..., None] for y in self.sampling)
-        i = jnp.arange(self.acceleration.shape[-1])
+        i = jnp.arange(self.acceleration.shape[-1]).reshape((1,) * self.which.ndim + (-1,))
         return jnp.where(i < count, start + i * dt, jnp.inf)
 
     @property
@@ -93,7 +93,7 @@ class Records(AbstractSampled):
         return table[self.which]
 
     def sizes(self) -> Float[Array, "k n"]:
-        samples = jnp.arange(self.acceleration.shape[-1]) < self.counts[:, None]
+        samples = jnp.arange(self.acceleration.shape[-1])[None] < self.counts[:, None]
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
 
     @property
