@@ -22,8 +22,9 @@ from ._overturning import Boundary, overturning_acceleration, overturning_bounda
 from ._overturning_spectrum import overturning_spectrum
 from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
 from ._record import Record
+from ._response import Energies, Response
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
-from ._simulate import Response, peak_response, simulate
+from ._simulate import peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
 from ._wavelets import Gabor, MavroeidisPapageorgiou
@@ -38,6 +39,7 @@ __all__ = [
     "AntisymmetricRicker",
     "Boundary",
     "Elastic",
+    "Energies",
     "Errors",
     "Gabor",
     "HalfSine",
