@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ._checks import as_float, concrete
@@ -71,6 +72,14 @@ class Response(AbstractPeak):
     def times(self) -> Float[Array, " nodes"]:
         return self.nodes.t
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene rests before."""
+        start, end = float(self.times[0]), float(self.stats.end_time)
+        if not isinstance(self.podium.superstructure, Elastic) and bool(self.result == RESULTS.settled):
+            end = max(end, float(self.excitation.support[1]))
+        return start, end if end > start else start + 1 / float(self.podium.p)
+
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
         """State at times t [s]."""
         return State(*self._map(t, _state, left))
@@ -104,7 +113,7 @@ class Response(AbstractPeak):
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
         """The history as data (host): states, deformation, ground acceleration, mode, moment and energies at times t.
 
-        By default 4001 times from the start to the end. The scalars of [`rockjax.Peak`][] are variables without a dim,
+        By default 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables without a dim,
         impacts have the dim `impact`, with the rates of rotation before and after. Every variable has `units` and
         `long_name`; parameters, tolerances and versions are in the attributes. Raises `ValueError` for times that are not
         1-D.
@@ -112,7 +121,7 @@ class Response(AbstractPeak):
         from ._datasets import history
 
         if t is None:
-            t = np.linspace(float(self.times[0]), float(self.stats.end_time), 4001)
+            t = np.linspace(*self.span, 4001)
         t = np.asarray(t, float)
         if t.ndim != 1:
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")
@@ -123,8 +132,9 @@ class Response(AbstractPeak):
         samples, energies = self._history(times, left)
         before = samples["theta_dot"][t.size :]
         after = self.nodes.v[0][np.isfinite(self.nodes.impact_time)]
-        here = jax.tree.map(lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies))
-        return history(self, t, *here, {"impact_times": struck, "theta_dot_before": before, "theta_dot_after": after})
+        samples, energies = jax.tree.map(lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies))
+        impacts = {"impact_times": struck, "theta_dot_before": before, "theta_dot_after": after}
+        return history(self, t, samples, energies, impacts)
 
     def _map(self, t: Float[ArrayLike, "*times"], quantity: Callable, left: bool = False) -> Any:
         t = as_float(t)
@@ -209,7 +219,7 @@ def _filled(t, left):
 
 
 def _padded(nodes: Nodes) -> Nodes:
-    if concrete(nodes.used) is None or nodes.t.ndim != 1:
+    if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
     more = _room(nodes.t.size, 10)
     filled = jax.tree.map(lambda y: np.pad(np.asarray(y), (0, more), mode="edge") if jnp.ndim(y) else y, nodes)

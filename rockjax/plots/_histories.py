@@ -216,7 +216,7 @@ def response(response: Response | xarray.Dataset, figure: Figure | None = None, 
     """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground acceleration."""
     figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
     if isinstance(response, Response):
-        response = response.dataset(np.linspace(float(response.times[0]), float(response.stats.end_time), points))
+        response = response.dataset(np.linspace(*response.span, points))
     data = as_history(response)
     parts = [rotation_history, deformation_history, ground_motion]
     if data.attrs["superstructure"] != "elastic":
