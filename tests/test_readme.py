@@ -17,7 +17,7 @@ def test_code_of_the_readme_runs(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["overturning", "design"])
+@pytest.mark.parametrize("page", ["overturning", "design", "pictures"])
 def test_code_of_the_pages_runs(page, capsys):
     """The blocks of a page follow one another."""
     names: dict = {}
