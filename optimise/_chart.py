@@ -10,8 +10,8 @@ import numpy as np
 import rockjax as rj
 from rockjax._boundaries import boundaries
 from rockjax._checks import require
+from rockjax._datasets import describe_options
 from rockjax._overturning import BOUNDARY, has_margin
-from rockjax._spectra import describe_options
 
 from ._variables import DIMENSIONS, FIELDS, Structure, _with, as_podium, variables
 
@@ -99,6 +99,7 @@ def design_chart(
     )
     data.attrs = {
         "title": "Design chart",
+        "kind": "design-chart",
         "pulse": getattr(pulse, "__name__", repr(pulse)),
         "varied": name,
         "lowest": low,

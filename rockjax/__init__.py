@@ -28,8 +28,9 @@ from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, On
 from ._readers import read_motion, read_suite
 from ._record import Record
 from ._records import Records
+from ._response import Energies, Response
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
-from ._simulate import Response, peak_response, simulate
+from ._simulate import peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
 from ._synthetic import synthetic_motions
@@ -45,6 +46,7 @@ __all__ = [
     "AntisymmetricRicker",
     "Boundary",
     "Elastic",
+    "Energies",
     "Errors",
     "Gabor",
     "HalfSine",

@@ -1,20 +1,35 @@
-"""The command line: `rockjax spectrum`, `overturning`, `response`, `design`; `motions` and `synthetic` in their module."""
+"""The command line: `rockjax spectrum`, `overturning`, `response`, `plot`, `design`; `motions` and `synthetic` elsewhere."""
 
 from __future__ import annotations
 
 import enum
 import importlib
 import os
+import shlex
 import threading
 import time
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated
 
 import typer
+import typer.core
 
 from rockjax import _cli_motions
 
+_COMMAND: ContextVar[str] = ContextVar("command")
+
+
+class _Commands(typer.core.TyperGroup):
+    """Keeps the command line as it was given, for the files that it makes."""
+
+    def parse_args(self, ctx, args):
+        _COMMAND.set(shlex.join(["rockjax", *args]))
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Rocking podium structures: spectra, overturning boundaries, responses, design. SI units and ratios.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -63,6 +78,14 @@ def _interrupted(output: Path, datasets: list, message: str) -> typer.Exit:
     else:
         typer.echo(f"\nrockjax: {message}; nothing to keep", err=True)
     return typer.Exit(130)
+
+
+def _write(path: str, data) -> Path:
+    """Write a dataset with the command that made it."""
+    from rockjax._files import write_dataset
+
+    data.attrs["command"] = _COMMAND.get()
+    return write_dataset(path, data)
 
 
 def _numbers(text: str) -> list[float]:
@@ -172,13 +195,13 @@ def spectrum(
     except rj.Interrupted as stopped:
         raise _interrupted(output, stopped.partial, str(stopped)) from None
     from rockjax import plots
-    from rockjax._files import write_dataset, write_figure
+    from rockjax._files import write_figure
 
     panels = _panels(spectra, ratios, periods)
     panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     panels.attrs["zeta"] = zeta
-    written = [write_dataset(f"{output}.nc", panels)]
+    written = [_write(f"{output}.nc", panels)]
     for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
         written.append(write_figure(f"{output}-{suffix}.png", draw(panels)))
     _partial.path_of(output).unlink(missing_ok=True)
@@ -248,11 +271,11 @@ def overturning(
         except KeyboardInterrupt:
             raise _interrupted(output, found, f"stopped with {k} of {len(podiums)} podiums done") from None
     from rockjax import plots
-    from rockjax._files import write_dataset, write_figure
+    from rockjax._files import write_figure
 
     panels = _panels(found, ratios, periods)
     panels.attrs["zeta"] = zeta
-    written = [write_dataset(f"{output}.nc", panels)]
+    written = [_write(f"{output}.nc", panels)]
     pictures = {"boundaries": plots.overturning_boundaries(panels)}
     if names:
         pictures["sensitivity"] = plots.sensitivities(panels)
@@ -291,40 +314,43 @@ def response(
 ) -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration. Writes OUTPUT.nc and .png."""
     _prepare()
-    import numpy as np
-    import xarray
+    import math
 
     import rockjax as rj
     from rockjax import plots
-    from rockjax._files import write_dataset, write_figure
-    from rockjax._spectra import describe_options, describe_podium
+    from rockjax._files import write_figure
 
     top = None if eta == 0 else rj.Rigid(eta) if T_s == 0 else rj.Elastic(eta, T_s, zeta)
-    podium = rj.Podium(float(np.arctan(tan_alpha)), R, gamma, top, restitution=restitution.value)
+    podium = rj.Podium(math.atan(tan_alpha), R, gamma, top, restitution=restitution.value)
     motion = _pulse(pulse)(acceleration_ratio * float(podium.g) * tan_alpha, T_p)
     options = rj.Options(rtol=rtol, atol=0.01 * rtol, method=method)
     history = rj.simulate(podium, motion, t_end=t_end, options=options)
-    t = np.linspace(float(history.times[0]), float(history.stats.end_time), 4001)
-    state = history(t)
-    series = {
-        "theta": (state.theta, "rad"),
-        "theta_dot": (state.theta_dot, "rad s-1"),
-        "u_t": (state.u_t, "m"),
-        "u_t_dot": (state.u_t_dot, "m s-1"),
-        "deformation": (history.deformation(t), "m"),
-        "ground_acceleration": (motion(t), "m s-2"),
-    }
-    data = xarray.Dataset(
-        {name: ("time", np.asarray(y), {"units": unit}) for name, (y, unit) in series.items()},
-        coords={"time": ("time", t, {"units": "s"})},
-        attrs={"title": "Response history", "pulse": type(motion).__name__, "a_p_m_s2": float(motion.a_p), "T_p_s": T_p}
-        | describe_podium(podium)
-        | describe_options(options),
-    )
-    data["impact_times"] = ("impact", np.asarray(history.impact_times), {"units": "s"})
+    data = history.dataset()
     typer.echo(repr(history))
-    typer.echo(f"wrote {write_dataset(f'{output}.nc', data)}")
-    typer.echo(f"wrote {write_figure(f'{output}.png', plots.response(history))}")
+    typer.echo(f"wrote {_write(f'{output}.nc', data)}")
+    typer.echo(f"wrote {write_figure(f'{output}.png', plots.response(data))}")
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="A netCDF file that rockjax has written.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Prefix of the pictures; by default the file without its ending.")
+    ] = None,
+    kind: Annotated[
+        str, typer.Option("--kind", help="Pictures, separated by commas; by default those that the command drew.")
+    ] = "",
+) -> None:
+    """Draw a file again: spectra, overturning spectra, responses, design charts.
+
+    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum: boundaries,
+    sensitivity; of a response: response, phase-portrait, moment-rotation, energy, and film, a GIF.
+    """
+    _prepare()
+    from rockjax._redraw import redraw
+
+    for path in redraw(file, output, [name.strip() for name in kind.split(",") if name.strip()]):
+        typer.echo(f"wrote {path}")
 
 
 @app.command()

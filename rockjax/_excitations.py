@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from ._account import readable
 from ._checks import as_float
 
 Value = Float[Array, ""]
@@ -109,6 +110,9 @@ class AbstractExcitation(eqx.Module):
             return self.piece(piece - last)(s)
 
         return jax.vmap(at)(t.ravel()).reshape(t.shape)
+
+    def __repr__(self):
+        return readable(self)
 
 
 class _Silence(AbstractOutlook):

@@ -15,6 +15,7 @@ from ._batch import peak_responses
 from ._branches import LANES
 from ._checks import require
 from ._crossings import scan
+from ._datasets import describe_options, describe_podium, peak_variables
 from ._lognormal import Lognormal, fit_capacities, fit_counts
 from ._options import Options
 from ._overturning import PAST, WIDTH, footing, has_margin, margin_options, overturning_boundary
@@ -23,7 +24,6 @@ from ._records import Records
 from ._sensitivities import along_boundary, check_parameters, varied
 from ._simulate import REST
 from ._solve import solve
-from ._spectra import describe_options, describe_podium, variables
 from ._structures import Podium
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def incremental_dynamic_analysis(
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     data = xarray.Dataset(
-        {name: (("record", "intensity"), y, attributes) for name, y, attributes in variables(peaks, options)}
+        {name: (("record", "intensity"), y, attributes) for name, y, attributes in peak_variables(peaks, options.outputs)}
         | {
             "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
             "boundaries": (("record", "boundary"), places, of | {"long_name": f"{measure.name} where the verdict changes"}),
@@ -225,10 +225,10 @@ def fragility(
     - `at`: intensities of the curve, by default 200 up to the highest level
     - `confidence`, `resamples`, `seed`: bands by bootstrap over the records, percentiles of the resampled fits
 
-    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` (dims `quantity`, `bound`); `probability`,
-    `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled` (dims `quantity`,
-    `resample`), NaN where a resample had no fit; and where the analysis has sensitivities, `median_sensitivity` over
-    `parameter` = d ln(median)/d ln y. Raises `ValueError` where no curve fits, and says why.
+    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`);
+    `probability`, `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled`
+    (dims `quantity`, `resample`), NaN where a resample had no fit; and where the analysis has sensitivities,
+    `median_sensitivity` over `parameter` = d ln(median)/d ln y. Raises `ValueError` where no curve fits, and says why.
     """
     import xarray
 

@@ -147,6 +147,34 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     return total
 
 
+def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> tuple[Value, Value]:
+    """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their difference.
+
+    The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq. (22) takes
+    2ζω_s η (u̇_t − u̇_b)².
+    """
+    _, beam_rate = beam(c, sigma, x[0], v[0])
+    heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
+    if not c.elastic:
+        return -ground * heavy * beam_rate, jnp.zeros_like(beam_rate)
+    given = -ground * (heavy * beam_rate + c.eta * v[1])
+    return given, c.eta * c.damping * (v[1] - beam_rate) ** 2
+
+
+def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Value:
+    """The moment about the edges that holds the frame up, over its value at uplift [–].
+
+    Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground act at the
+    edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15).
+    The columns' centres rise half as fast as the beam. Both are σ at uplift, where v̈_b = 0.
+    """
+    s, cos = sincos(sigma * c.alpha - x[0])
+    theta_ddot = acceleration(c, sigma, ground, x, v)[0]
+    rises = c.two_R * (theta_ddot * s - v[0] ** 2 * cos)
+    rocking = s / c.sin_alpha * (1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g)
+    return jnp.where(sigma == 0, -uplift_demand(c, ground, x, v) / c.uplift, rocking)
+
+
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
     """The most that the energy can ever be again, when ∫|ü_g| dt = `impulse` is still to come.
 

@@ -15,13 +15,14 @@ from ._boundaries import boundaries
 from ._branches import LANES
 from ._checks import require
 from ._crossings import Crossings
+from ._datasets import derived_numbers, describe
 from ._excitations import AbstractExcitation
 from ._options import Options
 from ._overturning import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
 from ._sensitivities import along_boundary, check_parameters, varied
 from ._simulate import REST
 from ._solve import solve
-from ._spectra import check_resumes, derived_numbers, describe
+from ._spectra import check_resumes
 from ._structures import Podium
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def check_overturning_resumes(
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    return {"title": "Overturning spectrum", **describe(podium, pulse, options)}
+    return {"title": "Overturning spectrum", "kind": "overturning-spectrum", **describe(podium, pulse, options)}
 
 
 def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, options: Options) -> xarray.Dataset:

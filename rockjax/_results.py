@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class RESULTS(eqx.Enumeration):
@@ -119,33 +121,21 @@ class AbstractPeak(eqx.Module):
     stats: Stats
 
     def __repr__(self):
-        return describe(self)
+        from ._account import text
+
+        return text(self)
+
+    def _repr_html_(self):
+        from ._account import html
+
+        return html(self)
 
 
 class Peak(AbstractPeak):
     __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
 
+    def dataset(self) -> xarray.Dataset:
+        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and `long_name`."""
+        from ._datasets import peaks
 
-def describe(peak: AbstractPeak) -> str:
-    """A readable account of one scene, or of the size of a batch."""
-    kind = type(peak).__name__
-    if isinstance(peak.peak_rotation, Tracer) or not hasattr(peak.peak_rotation, "ndim"):
-        return f"{kind}(traced)"
-    if peak.peak_rotation.ndim:
-        overturned = int(jnp.sum(peak.overturned))
-        return f"{kind}({peak.peak_rotation.size} scenes, shape {peak.peak_rotation.shape}, {overturned} overturned)"
-    lines = [f"{kind}: {NAMES[int(code_of(peak.result))]}"]
-    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
-    lines.append(
-        f"  peak rotation    {float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
-    )
-    if peak.errors is not None and peak.errors.undecided:
-        lines.append("  undecided: within the estimated error the columns may overturn or not; tighten rtol and atol")
-    if peak.overturned:
-        lines.append(f"  overturned at    {float(peak.overturn_time):.6g} s")
-    lines.append(f"  uplift at        {float(peak.uplift_time):.6g} s" if peak.uplifted else "  never uplifted")
-    lines.append(f"  impacts          {int(peak.impacts)}")
-    lines.append(f"  deformation      {float(peak.peak_deformation):.6g} m")
-    lines.append(f"  shear / weight   {float(peak.peak_shear):.6g}")
-    lines.append(f"  steps            {int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected")
-    return "\n".join(lines)
+        return peaks(self)

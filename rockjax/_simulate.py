@@ -5,96 +5,19 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
 from . import _results as results
 from ._checks import as_float, concrete, require
 from ._estimate import companion, errors
 from ._excitations import AbstractExcitation
-from ._flat import Nodes
-from ._model import acceleration, beam, coefficients, energy
 from ._options import Options
-from ._results import AbstractPeak, Errors, Peak, State, Stats
-from ._runge_kutta import step, tableau
+from ._response import Response
+from ._results import Errors, Peak, State, Stats
 from ._solve import solve
-from ._structures import Elastic, Podium
+from ._structures import Podium
 
 REST = State()
-
-
-class Response(AbstractPeak):
-    """Time history of one scene: everything in [`rockjax.Peak`][], and the motion itself.
-
-    `response(t)` is the state at any times within the scene, with the accuracy of the solve: one step of the method from
-    the nearest node before. At an impact it is the state after it, with `left=True` the one before.
-
-    - `impact_times`: when the columns struck the ground, ascending, padded with NaN under `jit` [s]
-    - `times`: nodes of the history, padded with inf under `jit` [s]
-    """
-
-    impact_times: Float[Array, " impacts"]
-    podium: Podium
-    excitation: AbstractExcitation
-    nodes: Nodes
-    options: Options
-
-    @property
-    def times(self) -> Float[Array, " nodes"]:
-        return self.nodes.t
-
-    def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """State at times t [s]; NaN before the start and after the end of the scene.
-
-        A rigid scene that has settled is at rest for good, so it has no end.
-        """
-        t = as_float(t)
-        theta, theta_dot, u_t, u_t_dot = jax.vmap(lambda s: self._at(s, left))(t.ravel())
-        return State(*(y.reshape(t.shape) for y in (theta, theta_dot, u_t, u_t_dot)))
-
-    def _at(self, t, left: bool):
-        x, v, _ = self._motion(t, left)
-        elastic = isinstance(self.podium.superstructure, Elastic)
-        zero = jnp.where(jnp.isfinite(x[0]), 0.0, x[0])
-        return x[0], v[0], x[1] if elastic else zero, v[1] if elastic else zero
-
-    def _motion(self, t, left: bool):
-        nodes, c = self.nodes, coefficients(self.podium)
-        # The segments engine may have any solver; its nodes are bridged by an explicit one.
-        explicit = (self.options if self.options.engine == "flat" else Options(method="dopri8")).solver
-        k = jnp.searchsorted(nodes.t, t, side="left" if left else "right") - 1
-        k = jnp.clip(k, 0, nodes.used - 1)
-        x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
-        start, sigma = nodes.t[k], nodes.sigma[k]
-        ground = self.excitation.piece(nodes.piece[k])
-
-        def field(t, x, v):
-            return acceleration(c, sigma, ground(t), x, v)
-
-        a = field(start, x, v)
-        tab = tableau(explicit)  # pyright: ignore[reportArgumentType]
-        trial = step(tab, field, start, t - start, x, v, a)
-        at_rest = (self.result == results.RESULTS.settled) & (not c.elastic)
-        inside = (t >= nodes.t[0]) & ((t <= self.stats.end_time) | at_rest)
-        x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (trial.x, trial.v))
-        return x, v, sigma
-
-    def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one."""
-        return self._map(t, lambda c, x, v, sigma: x[1] - beam(c, sigma, x[0], v[0])[0] if c.elastic else 0.0 * x[0])
-
-    def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
-        return self._map(t, lambda c, x, v, sigma: energy(c, sigma, x, v))
-
-    def _map(self, t: Float[ArrayLike, "*times"], quantity) -> Float[Array, "*times"]:
-        t = as_float(t)
-        c = coefficients(self.podium)
-
-        def at(s):
-            x, v, sigma = self._motion(s, left=False)
-            return quantity(c, x, v, sigma)
-
-        return jax.vmap(at)(t.ravel()).reshape(t.shape)
 
 
 def peak_response(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -15,31 +15,16 @@ import numpy as np
 from . import _results as results
 from ._batch import responses
 from ._checks import require
+from ._datasets import derived_numbers, describe, peak_variables
 from ._excitations import AbstractExcitation
 from ._options import Options
 from ._results import Interrupted, Peak
 from ._simulate import REST
-from ._structures import Elastic, GivenRestitution, Podium, Rigid
+from ._structures import Podium
 from ._threads import Pool
 
 if TYPE_CHECKING:
     import xarray
-
-# name: (field of `Peak`, unit, description, output it belongs to)
-_VARIABLES = {
-    "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
-    "peak_rotation_time": ("s", "time of the peak rotation", "peak_rotation"),
-    "exceeded_alpha": ("1", "rotation reached α", None),
-    "overturned": ("1", "rotation reached overturn_ratio α", None),
-    "overturn_time": ("s", "time of overturning", None),
-    "uplifted": ("1", "columns left full contact", None),
-    "uplift_time": ("s", "time of the first uplift", None),
-    "impacts": ("1", "impacts until the scene ended", None),
-    "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
-    "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
-    "margin": ("1", "overturning margin", "margin"),
-    "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
-}
 
 
 def rocking_spectrum(
@@ -206,27 +191,12 @@ def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any],
             raise ValueError(f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
 
 
-@jax.jit
-def _derive(podium: Podium) -> dict[str, Any]:
-    return {
-        "restitution_factor": podium.restitution_factor,
-        "p_rad_s": podium.p,
-        "uplift_acceleration_m_s2": podium.uplift_acceleration,
-        "g_tan_alpha": podium.g * jnp.tan(podium.alpha),
-    }
-
-
-def derived_numbers(podium: Podium) -> dict[str, float]:
-    """Derived numbers of a podium, in one small program."""
-    return {name: float(value) for name, value in _derive(podium).items()}
-
-
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
     import xarray
 
     dims = ("acceleration_ratio", "frequency_ratio")
     dataset = xarray.Dataset(
-        {name: (dims, values, attrs) for name, values, attrs in variables(peaks, options)},
+        {name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)},
         coords={
             "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], {"units": "1", "long_name": "ω_p/p"}),
             "acceleration_ratio": (
@@ -243,67 +213,7 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    return {"title": "Rocking spectrum", **describe(podium, pulse, options)}
-
-
-def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    """What a spectrum is of, for the attributes of a file."""
-    return {"pulse": getattr(pulse, "__name__", repr(pulse)), **describe_podium(podium), **describe_options(options)}
-
-
-def variables(peaks: Peak, options: Options) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """Name, values and attributes of everything wanted in the answers of scenes."""
-    for name, (unit, description, output) in _VARIABLES.items():
-        if output is None or output in options.outputs:
-            yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
-    if peaks.errors is not None:
-        for name in ("peak_rotation", "peak_deformation", "peak_shear"):
-            unit, description, output = _VARIABLES[name]
-            if output in options.outputs:
-                error = np.asarray(getattr(peaks.errors, name))
-                yield f"{name}_error", error, {"units": unit, "long_name": f"estimated error of the {description}"}
-        flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
-        yield "undecided", np.asarray(peaks.errors.undecided), flags
-    code = np.asarray(results.code_of(peaks.result), np.int8)
-    flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
-    yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
-    yield "steps", np.asarray(peaks.stats.steps + peaks.stats.rejected), {"units": "1", "long_name": "trial steps"}
-
-
-def describe_podium(podium: Podium) -> dict[str, Any]:
-    """The parameters of a podium, for the attributes of a file."""
-    top = podium.superstructure
-    law, derived = podium.restitution, derived_numbers(podium)
-    return {
-        "alpha_rad": float(podium.alpha),
-        "R_m": float(podium.R),
-        "gamma": float(podium.gamma),
-        "superstructure": "none" if top is None else type(top).__name__.lower(),
-        **({} if top is None else {"eta": float(top.eta)}),
-        **({"T_s_s": float(top.T_s), "zeta": float(top.zeta)} if isinstance(top, Elastic) else {}),
-        **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
-        "lambda": float(podium.lam),
-        "restitution": float(law.e) if isinstance(law, GivenRestitution) else repr(law).strip("'"),
-        "g_m_s2": float(podium.g),
-        **{name: derived[name] for name in ("restitution_factor", "p_rad_s", "uplift_acceleration_m_s2")},
-    }
-
-
-def describe_options(options: Options) -> dict[str, Any]:
-    """Tolerances, method and versions, for the attributes of a file."""
-    import diffrax
-
-    from . import __version__
-
-    return {
-        "method": options.method if isinstance(options.method, str) else type(options.method).__name__,
-        "rtol": float(options.rtol),
-        "atol": float(options.atol),
-        "overturn_ratio": float(options.overturn_ratio),
-        "rockjax_version": __version__,
-        "jax_version": jax.__version__,
-        "diffrax_version": diffrax.__version__,
-    }
+    return {"title": "Rocking spectrum", "kind": "rocking-spectrum", **describe(podium, pulse, options)}
 
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._checks import as_float, not_negative, positive, require
+from ._account import readable
+from ._checks import as_float, concrete, not_negative, positive, require
 
 STANDARD_GRAVITY = 9.80665
 Number = Float[Array, "*batch"]
@@ -41,6 +42,9 @@ class Elastic(eqx.Module):
         """Fixed-base circular frequency ω_s = 2π/T_s [rad/s]."""
         return 2 * math.pi / self.T_s
 
+    def __repr__(self):
+        return readable(self)
+
 
 class Rigid(eqx.Module):
     """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
@@ -52,6 +56,9 @@ class Rigid(eqx.Module):
 
     def __check_init__(self):
         not_negative("Rigid", eta=self.eta)
+
+    def __repr__(self):
+        return readable(self)
 
 
 class PaperRestitution(eqx.Module):
@@ -94,6 +101,10 @@ class GivenRestitution(eqx.Module):
     def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
         del sin2, gamma, eta, lam
         return self.e
+
+    def __repr__(self):
+        value = concrete(self.e)
+        return "traced" if value is None else f"{float(value):.6g}" if value.ndim == 0 else f"array(shape {value.shape})"
 
 
 Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
@@ -253,3 +264,6 @@ class Podium(eqx.Module):
     def replace(self, **changes) -> Podium:
         """A variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
+
+    def __repr__(self):
+        return readable(self)

@@ -1,4 +1,4 @@
-"""Pictures. Every function takes an `Axes` (or makes one) and returns it; nothing is shown or saved here."""
+"""Pictures of rocking spectra and overturning spectra."""
 
 from __future__ import annotations
 
@@ -10,23 +10,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ._simulate import Response
-from ._spectra import minimum_overturning
+from rockjax._spectra import minimum_overturning
+
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled
 
 if TYPE_CHECKING:
     import xarray
 
-ACCELERATION_RATIO = r"$a_p\,/\,(g\tan\alpha)$"
-FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
-ROTATION = r"$\theta\,/\,\alpha$"
-# Okabe & Ito: distinct for the colour-blind, and by line style in grey.
-COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
-STYLES = ("-", "--", "-.", ":")
 
-
+@on_axes
 def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=None) -> Axes:
     """Contours of peak rotation over ω_p/p and a_p/(g tan α); overturned cells are left blank."""
-    ax = ax or plt.figure(layout="constrained").add_subplot()
+    assert ax is not None
     levels = np.arange(0, 1.01, 0.1) if levels is None else levels
     rotation = dataset["peak_rotation"].where(~dataset["overturned"])
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
@@ -68,15 +63,17 @@ def _period(ratio, p):
         return 2 * math.pi / p / np.asarray(ratio, float)
 
 
+@on_axes
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Minimum overturning acceleration over frequency, read off a rocking spectrum."""
-    ax = ax or plt.figure(layout="constrained").add_subplot()
+    assert ax is not None
     least = minimum_overturning(dataset)
     ax.plot(dataset["frequency_ratio"], least, **line)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
     return ax
 
 
+@styled
 def spectra(panels: xarray.Dataset) -> Figure:
     """Rocking spectra in the layout of the paper's Fig. 6: η/γ down, T_s across.
 
@@ -101,6 +98,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
     return figure
 
 
+@styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
     """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
     return _curves(panels, overturning_curve, "Minimum overturning acceleration")
@@ -114,8 +112,7 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
     for i, ax in enumerate(axes):
         for j in range(panels.sizes["T_s"]):
             panel = panels.isel(eta_over_gamma=i, T_s=j)
-            look = {"color": COLOURS[j % len(COLOURS)], "linestyle": STYLES[j % len(STYLES)]}
-            draw(panel, ax, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
+            draw(panel, ax, label=rf"$T_s = {float(panel.T_s):g}$ s", **look(j))
         x = panels["frequency_ratio"].values
         top = panels.attrs.get("max_acceleration_ratio") or float(panels["acceleration_ratio"].values[-1])
         ax.set(xlim=(x[0], x[-1]), ylim=(0, top), title=rf"$\eta/\gamma = {float(panels.eta_over_gamma[i]):g}$")
@@ -128,6 +125,7 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
     return figure
 
 
+@styled
 def overturning_boundaries(panels: xarray.Dataset) -> Figure:
     """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them shaded.
 
@@ -136,9 +134,10 @@ def overturning_boundaries(panels: xarray.Dataset) -> Figure:
     return _curves(panels, overturning_spectrum, "Overturning boundaries, windows of survival above them shaded")
 
 
+@on_axes
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour, shaded."""
-    ax = ax or plt.figure(layout="constrained").add_subplot()
+    assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
     (curve,) = ax.plot(x, _broken(minimum), **line)
     boundaries = dataset["boundaries"].values
@@ -170,6 +169,7 @@ def _broken(curve: np.ndarray) -> np.ndarray:
     return np.where(jump, np.nan, curve)
 
 
+@styled
 def sensitivities(panels: xarray.Dataset) -> Figure:
     """d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per T_s.
 
@@ -182,10 +182,9 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
             ax = axes[i, j]
             for k in range(panels.sizes["T_s"]):
                 panel = panels.isel(eta_over_gamma=j, T_s=k)
-                look = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
                 slope = panel["sensitivity"].sel(parameter=parameter).values
                 slope = np.where(np.isnan(_broken(panel["minimum"].values)), np.nan, slope)
-                ax.plot(panel["frequency_ratio"], slope, label=rf"$T_s = {float(panel.T_s):g}$ s", **look)
+                ax.plot(panel["frequency_ratio"], slope, label=rf"$T_s = {float(panel.T_s):g}$ s", **look(k))
             ax.axhline(0, color="0.7", lw=0.6, zorder=0)
             ax.set(xlim=(panels["frequency_ratio"].values[0], panels["frequency_ratio"].values[-1]))
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
@@ -230,37 +229,3 @@ def _title(panels: xarray.Dataset) -> str:
         rf"{a['pulse']} pulse, $\gamma = {a['gamma']:g}$, $R = {a['R_m']:g}$ m, "
         rf"$\tan\alpha = {math.tan(a['alpha_rad']):g}$"
     )
-
-
-def response(response: Response, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground acceleration."""
-    figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
-    c = response.podium
-    start, end = float(response.times[0]), float(response.stats.end_time)
-    t = np.linspace(start, end, points)
-    state = response(t)
-    elastic = np.any(np.asarray(response.deformation(t)) != 0)
-    axes = figure.subplots(3 if elastic else 2, 1, sharex=True)
-    alpha = float(c.alpha)
-    ax = axes[0]
-    ax.plot(t, np.asarray(state.theta) / alpha, color=COLOURS[2], lw=1.2)
-    impacts = np.asarray(response.impact_times)
-    ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=9, label=f"{len(impacts)} impacts")
-    peak_time, peak = float(response.peak_rotation_time), float(response.peak_rotation)
-    if peak > 0:
-        side = np.sign(float(response(peak_time, left=True).theta))
-        ax.plot(peak_time, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
-    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
-    ax.set_ylabel(ROTATION)
-    ax.legend(loc="upper right")
-    if elastic:
-        axes[1].plot(t, np.asarray(response.deformation(t)) * 1e3, color=COLOURS[3], lw=1.2)
-        axes[1].axhline(0, color="0.7", lw=0.6, zorder=0)
-        axes[1].set_ylabel("deformation\n$u_t - u_b$ [mm]")
-    g = float(c.g)
-    axes[-1].plot(t, np.asarray(response.excitation(t)) / g, color=COLOURS[0], lw=1.2)
-    axes[-1].axhline(0, color="0.7", lw=0.6, zorder=0)
-    axes[-1].set(ylabel=r"$\ddot u_g$ [g]", xlabel="time [s]", xlim=(start, end))
-    if bool(response.overturned):
-        axes[0].set_title(f"overturns at t = {float(response.overturn_time):.3f} s")
-    return figure

@@ -1,0 +1,79 @@
+"""What results and structures say of themselves: in lines, and as the table of a notebook."""
+
+from __future__ import annotations
+
+import dataclasses
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ._checks import concrete
+
+if TYPE_CHECKING:
+    from ._results import AbstractPeak
+
+Rows = list[tuple[str, str]]
+
+
+def readable(module: eqx.Module) -> str:
+    """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
+    fields = ((field.name, getattr(module, field.name)) for field in dataclasses.fields(module))
+    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in fields)})"
+
+
+def _value(value: Any) -> str:
+    if not isinstance(value, jax.Array | np.ndarray):
+        return repr(value)
+    numbers = concrete(value)
+    if numbers is None:
+        return "traced"
+    if numbers.ndim == 0:
+        return f"{float(numbers):.6g}"
+    span = f", {numbers.min():.4g} … {numbers.max():.4g}" if numbers.size else ""
+    return f"array(shape {numbers.shape}{span})"
+
+
+def text(peak: AbstractPeak) -> str:
+    """A readable account of one scene, or of the size of a batch."""
+    headline, rows = _account(peak)
+    return "\n".join([headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)])
+
+
+def html(peak: AbstractPeak) -> str:
+    """The same as a table."""
+    headline, rows = _account(peak)
+    cells = (
+        f"<tr><td>{escape(label)}</td><td>{escape(value)}</td></tr>"
+        if value
+        else f'<tr><td colspan="2">{escape(label)}</td></tr>'
+        for label, value in rows
+    )
+    return f"<p><b>{escape(headline)}</b></p>" + (f"<table>{''.join(cells)}</table>" if rows else "")
+
+
+def _account(peak: AbstractPeak) -> tuple[str, Rows]:
+    from ._results import NAMES, code_of
+
+    kind = type(peak).__name__
+    codes = concrete(peak.peak_rotation) is not None and concrete(code_of(peak.result))
+    if codes is None or codes is False:
+        return f"{kind}(traced)", []
+    if codes.ndim:
+        overturned = int(np.sum(np.asarray(peak.overturned)))
+        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned)", []
+    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
+    rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
+    rows = [("peak rotation", rotation)]
+    if peak.errors is not None and peak.errors.undecided:
+        rows.append(("undecided: within the estimated error the columns may overturn or not; tighten rtol and atol", ""))
+    if peak.overturned:
+        rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
+    rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
+    rows.append(("impacts", f"{int(peak.impacts)}"))
+    rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
+    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
+    rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
+    return f"{kind}: {NAMES[int(codes)]}", rows

@@ -1,0 +1,118 @@
+"""Pictures of files: what `rockjax plot` can draw of every kind of dataset that rockjax writes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.pyplot as plt
+
+from . import plots
+from ._files import write_figure
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """How to draw one picture of a dataset.
+
+    - `draw`: dataset → figure or axes, or for a film (path, dataset) → path
+    - `default`: drawn where no picture is asked for by name
+    - `needs`: a variable without which there is no such picture
+    """
+
+    draw: Callable[..., Any]
+    default: bool = True
+    needs: str | None = None
+    film: bool = False
+
+
+def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
+    """The drawing of many spectra, for one as well."""
+
+    def figure(data: xarray.Dataset) -> Figure:
+        if "eta_over_gamma" not in data.dims:
+            eta, gamma = data.attrs.get("eta", 0.0), data.attrs["gamma"]
+            ratio = eta / gamma if gamma else float("inf") if eta else 0.0
+            data = data.expand_dims({"eta_over_gamma": [ratio], "T_s": [data.attrs.get("T_s_s", 0.0)]})
+        return draw(data)
+
+    return figure
+
+
+def _chart(data: xarray.Dataset) -> Axes:
+    import optimise
+
+    return optimise.plot_chart(data)
+
+
+# kind of the dataset: {picture: how}
+PICTURES: dict[str, dict[str, Picture]] = {
+    "rocking-spectrum": {
+        "rotation": Picture(_panels(plots.spectra)),
+        "overturning": Picture(_panels(plots.overturning_curves)),
+    },
+    "overturning-spectrum": {
+        "boundaries": Picture(_panels(plots.overturning_boundaries)),
+        "sensitivity": Picture(_panels(plots.sensitivities), needs="sensitivity"),
+    },
+    "response": {
+        "response": Picture(plots.response),
+        "phase-portrait": Picture(plots.phase_portrait, default=False),
+        "moment-rotation": Picture(plots.moment_rotation, default=False),
+        "energy": Picture(plots.energy_balance, default=False),
+        "film": Picture(plots.save_animation, default=False, film=True),
+    },
+    "design-chart": {"chart": Picture(_chart)},
+}
+
+
+def load(path: str | Path) -> xarray.Dataset:
+    """A dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any other file."""
+    import xarray
+
+    if not Path(path).is_file():
+        raise ValueError(f"{path}: there is no such file")
+    try:
+        data = xarray.load_dataset(path, engine="netcdf4")
+    except (OSError, RuntimeError, ValueError, AttributeError) as error:
+        raise ValueError(f"{path}: cannot be read as netCDF: {getattr(error, 'strerror', None) or error}") from None
+    if data.attrs.get("title") == "Interrupted run":
+        raise ValueError(f"{path}: holds an interrupted run; finish it with --resume, then draw it")
+    if "kind" not in data.attrs:
+        raise ValueError(f"{path}: is not a file of rockjax: it has no attribute 'kind'")
+    if data.attrs["kind"] not in PICTURES:
+        raise ValueError(f"{path}: no picture of a {data.attrs['kind']!r} is known; known are {', '.join(PICTURES)}")
+    return data
+
+
+def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = ()) -> list[Path]:
+    """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without its ending.
+
+    `names`: which pictures; by default those that the command which made the file draws. Raises `ValueError` for files that
+    are not rockjax's and for pictures that they do not have.
+    """
+    data = load(path)
+    known = {name: how for name, how in PICTURES[data.attrs["kind"]].items() if how.needs is None or how.needs in data}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ValueError(
+            f"{path}: a {data.attrs['kind']!r} like this has no picture {unknown[0]!r}; it has {', '.join(known)}"
+        )
+    prefix = Path(path).with_suffix("") if prefix is None else prefix
+    written = []
+    for name in names or [name for name, how in known.items() if how.default]:
+        if known[name].film:
+            written.append(known[name].draw(f"{prefix}-{name}.gif", data))
+            continue
+        drawn = known[name].draw(data)
+        figure = getattr(drawn, "figure", drawn)
+        written.append(write_figure(f"{prefix}-{name}.png", figure))
+        plt.close(figure)
+    return written

@@ -1,0 +1,55 @@
+"""Pictures. Functions that take an `Axes` (or make one) return it, the others a `Figure`; nothing is shown or saved here.
+
+Figures made here have the style `STYLE`; settings and axes of the user stay as they are.
+"""
+
+import matplotlib.pyplot as plt
+
+from ._animation import animation, save_animation
+from ._histories import (
+    deformation_history,
+    energy_balance,
+    ground_motion,
+    moment_rotation,
+    phase_portrait,
+    response,
+    rotation_history,
+)
+from ._spectra import (
+    dimensional_axes,
+    overturning_boundaries,
+    overturning_curve,
+    overturning_curves,
+    overturning_spectrum,
+    rocking_spectrum,
+    sensitivities,
+    spectra,
+)
+from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
+
+__all__ = [
+    "ACCELERATION_RATIO",
+    "COLOURS",
+    "FREQUENCY_RATIO",
+    "ROTATION",
+    "STYLE",
+    "STYLES",
+    "animation",
+    "deformation_history",
+    "dimensional_axes",
+    "energy_balance",
+    "ground_motion",
+    "moment_rotation",
+    "overturning_boundaries",
+    "overturning_curve",
+    "overturning_curves",
+    "overturning_spectrum",
+    "phase_portrait",
+    "plt",
+    "response",
+    "rocking_spectrum",
+    "rotation_history",
+    "save_animation",
+    "sensitivities",
+    "spectra",
+]

@@ -1,0 +1,197 @@
+"""The podium as it moves, to scale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from rockjax._checks import require
+from rockjax._files import write_whole
+from rockjax._response import Response
+
+from ._histories import TIME, as_history
+from ._style import COLOURS, ROTATION, STYLE
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class _Film(FuncAnimation):
+    """Shown by Jupyter as it is, with buttons to play and stop."""
+
+    def __init__(self, figure: Figure, *arguments: Any, **options: Any):
+        self.figure = figure
+        super().__init__(figure, *arguments, **options)
+
+    def _repr_html_(self) -> str:
+        plt.close(self.figure)  # or it would be shown a second time, standing still
+        return self.to_jshtml()
+
+
+def animation(
+    response: Response | xarray.Dataset,
+    *,
+    columns: int = 2,
+    exaggerate: float = 1.0,
+    speed: float = 1.0,
+    fps: float = 25.0,
+    start: float | None = None,
+    end: float | None = None,
+    moving_ground: bool = False,
+) -> _Film:
+    """The podium rocking, over its rotation history; in real time by default. Jupyter shows it as it is.
+
+    - `response`: a [`rockjax.Response`][] or its dataset
+    - `columns`: how many columns to draw, ≥ 1; the response is the same for any number
+    - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
+    - `speed`: seconds of the scene per second of the film, > 0; `fps`: frames per second of the film, > 0
+    - `start`, `end`: part of the scene to show [s]; all of it by default
+    - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the history
+
+    Columns of width 2B and height 2H tilt about their edges, the beam moves by u_b and v_b, Eq. (13), the elastic
+    superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; theirs are for the eye.
+    Raises `ValueError` for numbers out of range.
+    """
+    owner = "plots.animation"
+    if not isinstance(columns, int) or columns < 1:
+        raise ValueError(f"{owner}: columns must be a whole number ≥ 1, got {columns!r}")
+    for name, value in (("exaggerate", exaggerate), ("speed", speed), ("fps", fps)):
+        require(owner, name, value, lambda v: v > 0, "finite and > 0")
+    data = as_history(response)
+    t = data["time"].values
+    first, last = (t[0] if start is None else start), (t[-1] if end is None else end)
+    if not t[0] <= first < last <= t[-1]:
+        raise ValueError(f"{owner}: start < end must be within the history, {t[0]:g} … {t[-1]:g} s, got {first:g}, {last:g}")
+    times = np.arange(first, last + 1e-9, speed / fps)
+    with plt.style.context(STYLE):
+        stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
+        return _Film(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
+
+
+def save_animation(path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options) -> Path:
+    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where ffmpeg is installed.
+
+    `options` are those of `animation`. Raises `ValueError` for other endings and `RuntimeError` where ffmpeg is missing.
+    """
+    path, fps = Path(path), options.get("fps", 25.0)
+    if path.suffix not in (".gif", ".mp4"):
+        raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise RuntimeError("plots.save_animation: .mp4 needs ffmpeg, which was not found; install it, or write a .gif")
+    writer = PillowWriter(fps=fps) if path.suffix == ".gif" else FFMpegWriter(fps=fps)
+    film = animation(response, **options)
+    try:
+        return write_whole(path, lambda name: film.save(name, writer=writer, dpi=dpi))
+    finally:
+        plt.close(film.figure)
+
+
+def _displacement(data: xarray.Dataset) -> np.ndarray:
+    """Of the ground over the times of a history, from rest [m]."""
+    from scipy.integrate import cumulative_trapezoid
+
+    t = data["time"].values
+    velocity = cumulative_trapezoid(data["ground_acceleration"].values, t, initial=0)
+    return cumulative_trapezoid(velocity, t, initial=0)
+
+
+class _Stage:
+    """The figure, and how it looks at each time."""
+
+    def __init__(self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool):
+        a, t = data.attrs, data["time"].values
+        self.times, self.alpha, self.R = times, a["alpha_rad"], a["R_m"]
+        self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
+        at = lambda values: exaggerate * np.interp(times, t, values)
+        theta = data["theta"].values
+        self.theta, self.sway = at(theta), at(data["deformation"].values)
+        self.ground = at(_displacement(data)) if moving_ground else np.zeros_like(times)
+        self.ratio = np.interp(times, t, theta) / self.alpha
+        spacing = max(0.9 * self.height, 2.5 * self.width)
+        self.feet = spacing * (np.arange(columns) - 0.5 * (columns - 1))
+        self.half = 0.5 * spacing * (columns - 1) + 0.8 * self.width
+        self.depth = 0.09 * self.height
+
+        self.figure = plt.figure(figsize=(5.2, 5.6), layout="constrained")
+        scene, below = self.figure.subplots(2, 1, height_ratios=(4, 1))
+        self._build(scene, a)
+        notes = ["to scale" if exaggerate == 1 else f"motion × {exaggerate:g}"]
+        notes += [] if speed == 1 else [f"{speed:g} × real time"]
+        scene.text(0.98, 0.98, "\n".join(notes), transform=scene.transAxes, ha="right", va="top", color="0.35")
+        self.clock = scene.text(0.02, 0.98, "", transform=scene.transAxes, va="top")
+        below.axhline(0, color="0.7", lw=0.6)
+        below.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
+        (self.cursor,) = below.plot([], [], "o", color=COLOURS[1], ms=5)
+        below.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
+        # The layout is solved once, not for every frame.
+        self.show(0)
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")
+
+    def _build(self, ax: Axes, attributes) -> None:
+        def part(colour: str, **more) -> Polygon:
+            polygon = Polygon(np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | more)
+            ax.add_patch(polygon)
+            return polygon
+
+        self.columns = [part("0.82") for _ in self.feet]
+        self.beam = part("0.6")
+        self.kind = attributes["superstructure"]
+        self.box = self.stick = None
+        if self.kind != "none":
+            self.box = part(COLOURS[2], alpha=0.75)
+        if self.kind == "elastic":
+            self.stick = [ax.plot([], [], color=COLOURS[0], ls="-", lw=2)[0] for _ in range(2)]
+        reach, lift = self._moves(np.arange(self.times.size))
+        aside = float(np.max(np.abs(reach + self.sway + self.ground)))
+        storey = {"none": 0.0, "rigid": 0.45, "elastic": 1.1}[self.kind] * self.height
+        top = self.height + self.depth + storey + float(np.max(lift))
+        soil = self.width * 0.6
+        x = max(self.half + aside + 0.1 * self.height, 0.55 * (top + soil))
+        # Wider than the picture, so that it can move; the hatching shows it.
+        far = x + float(np.max(np.abs(self.ground)))
+        self.corners = np.array([(-far, 0), (far, 0), (far, -soil), (-far, -soil)])
+        self.soil = part("0.93", edgecolor="0.4", hatch="///")
+        ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * top), aspect="equal", xlabel="[m]", ylabel="[m]")
+
+    def _moves(self, k):
+        """Displacements of the beam relative to the ground (u_b, v_b), Eq. (13)."""
+        theta = self.theta[k]
+        psi = np.where(theta < 0, -1, 1) * self.alpha - theta
+        lift = 2 * self.R * (np.cos(psi) - np.cos(self.alpha))
+        return 2 * self.R * (np.where(theta < 0, -1, 1) * np.sin(self.alpha) - np.sin(psi)), lift
+
+    def show(self, k: int) -> list:
+        theta, ground = self.theta[k], self.ground[k]
+        u, v = (float(y) for y in self._moves(k))
+        half, side = 0.5 * self.width, -1 if theta < 0 else 1
+        upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (side * half, 0)
+        # A positive rotation is clockwise, about the right edge.
+        turn = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
+        for foot, patch in zip(self.feet, self.columns, strict=True):
+            patch.set_xy(upright @ turn + (foot + side * half + ground, 0))
+        base, at = self.height + v, u + ground
+        self.beam.set_xy(_box(at, base, self.half, self.depth))
+        base += self.depth
+        if self.kind == "rigid" and self.box is not None:
+            self.box.set_xy(_box(at, base, 0.8 * self.half, 0.45 * self.height))
+        if self.stick and self.box is not None:
+            z = np.linspace(0, 1, 21)
+            for line, place in zip(self.stick, (-0.45, 0.45), strict=True):
+                line.set_data(at + place * self.half + self.sway[k] * (3 - 2 * z) * z**2, base + 0.8 * self.height * z)
+            self.box.set_xy(_box(at + self.sway[k], base + 0.8 * self.height, 0.6 * self.half, 0.3 * self.height))
+        self.soil.set_xy(self.corners + np.array([ground, 0]))
+        self.clock.set_text(f"t = {self.times[k]:6.2f} s")
+        self.cursor.set_data([self.times[k]], [self.ratio[k]])
+        return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
+
+
+def _box(x: float, y: float, half: float, height: float) -> np.ndarray:
+    return np.array([(x - half, y), (x + half, y), (x + half, y + height), (x - half, y + height)])

@@ -1,0 +1,230 @@
+"""Pictures of one scene: over time, in the phase plane, moment over rotation, and where the energy went.
+
+Each function takes a [`rockjax.Response`][], or the dataset of one, such as `rockjax response` writes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rockjax._datasets import podium_of
+from rockjax._model import coefficients, potential
+from rockjax._response import Response
+from rockjax._structures import Elastic, Rigid
+
+from ._style import COLOURS, ROTATION, look, on_axes, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+TIME = "time [s]"
+# σ: name, colour; light to dark, so that they differ in grey as well.
+_PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
+
+
+def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
+    """The data to draw. Raises `ValueError` for data that are not a response history."""
+    if isinstance(response, Response):
+        return response.dataset()
+    if getattr(response, "attrs", {}).get("kind") != "response":
+        raise ValueError("plots: expected a rockjax.Response or its dataset, with the attribute kind = 'response'")
+    return response
+
+
+@on_axes
+def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """θ/α over time with impacts, first uplift and peak; the strip below tells full contact from rocking left and right."""
+    assert ax is not None
+    data = as_history(response)
+    t, ratio = data["time"].values, data["theta"].values / data.attrs["alpha_rad"]
+    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    ax.plot(t, ratio, color=COLOURS[2], ls="-", lw=1.2)
+    impacts = data["impact_times"].values
+    if impacts.size:
+        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=f"{impacts.size} impacts")
+    if bool(data["uplifted"]):
+        at = float(data["uplift_time"])
+        ax.plot(at, np.interp(at, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {at:.3g} s")
+    _mark_peak(data, ax)
+    _strip(t, data["mode"].values, ax)
+    ax.set(xlabel=TIME, ylabel=ROTATION, xlim=(t[0], t[-1]))
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - 0.08 * (high - low), high + 0.32 * (high - low))  # room for the strip and the legend
+    if bool(data["overturned"]):
+        ax.set_title(f"overturns at t = {float(data['overturn_time']):.3f} s")
+    ax.legend(loc="upper right", ncols=3, fontsize="small")
+    return ax
+
+
+def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
+    peak, at = (float(data[name]) if name in data else 0.0 for name in ("peak_rotation", "peak_rotation_time"))
+    if not peak > 0:
+        return
+    # Between two samples the sign is that of the larger one.
+    near = data["theta"].values[
+        np.clip(np.searchsorted(data["time"].values, at) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
+    ]
+    side = np.sign(near[np.argmax(np.abs(near))])
+    ax.plot(at, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
+
+
+def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
+    """Phases along the lower edge, with their names in the legend."""
+    starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
+    stops = np.append(starts[1:], t.size - 1)
+    for sigma, (name, colour) in _PHASES.items():
+        spans = [(t[i], t[j] - t[i]) for i, j in zip(starts, stops, strict=True) if mode[i] == sigma]
+        if spans:
+            ax.broken_barh(spans, (0, 0.045), transform=ax.get_xaxis_transform(), facecolor=colour, lw=0, label=name)
+
+
+@on_axes
+def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Deformation of the superstructure u_t − u_b over time [mm]; 0 without an elastic one."""
+    assert ax is not None
+    data = as_history(response)
+    return _line(data, data["deformation"].values * 1e3, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
+
+
+@on_axes
+def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Ground acceleration over time [g]."""
+    assert ax is not None
+    data = as_history(response)
+    return _line(data, data["ground_acceleration"].values / data.attrs["g_m_s2"], r"$\ddot u_g$ [g]", COLOURS[0], ax)
+
+
+def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
+    t = data["time"].values
+    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    ax.plot(t, values, color=colour, ls="-", lw=1.2)
+    ax.set(xlabel=TIME, ylabel=label, xlim=(t[0], t[-1]))
+    return ax
+
+
+@on_axes
+def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their separatrices.
+
+    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. The separatrices are those of the
+    frame with its superstructure rigid, without ground motion and impacts: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    """
+    assert ax is not None
+    data = as_history(response)
+    alpha, unit = data.attrs["alpha_rad"], data.attrs["alpha_rad"] * data.attrs["p_rad_s"]
+    times, before, after = (data[name].values for name in ("impact_times", "theta_dot_before", "theta_dot_after"))
+    # At an impact the curve ends at the rate before and begins again at the rate after.
+    gap = np.full_like(times, np.nan)
+    zero = np.zeros_like(times)
+    t = np.concatenate([data["time"].values, times, times, times])
+    order = np.argsort(t, kind="stable")
+    x = np.concatenate([data["theta"].values / alpha, zero, gap, zero])[order]
+    y = np.concatenate([data["theta_dot"].values, before, gap, after])[order] / unit
+
+    reach = 1.15 * max(1.0, float(np.nanmax(np.abs(x))))
+    ratio = np.linspace(-reach, reach, 801)
+    rate = separatrix(data, ratio * alpha) / unit
+    for sign in (1, -1):
+        ax.plot(
+            ratio, sign * rate, color="0.55", ls="--", lw=1.0, label="separatrix, rigid and undamped" if sign > 0 else None
+        )
+    ax.plot([-1, 1], [0, 0], "X", color=COLOURS[0], ms=7, label=r"saddle, $\theta = \pm\alpha$")
+    ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
+    if times.size:
+        jumps = np.stack([before, after, gap]).T.ravel() / unit
+        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=f"{times.size} impacts")
+    ax.set(xlabel=ROTATION, ylabel=r"$\dot\theta\,/\,(p\alpha)$", xlim=(-reach, reach))
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.16 * (high - low))  # room for the legend
+    ax.grid(True, alpha=0.3)
+    ax.legend(loc="upper center", ncols=2, fontsize="small")
+    return ax
+
+
+def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
+    """|θ̇| on the separatrices of the rigid, undamped frame [rad/s]."""
+    podium = podium_of(data.attrs)
+    if isinstance(podium.superstructure, Elastic):
+        podium = podium.replace(superstructure=Rigid(podium.eta))
+    c = coefficients(podium)
+    depth = potential(c, jnp.ones(()), c.alpha) - potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
+    return np.sqrt(np.maximum(2 * np.asarray(depth) / float(c.spin), 0.0))
+
+
+@on_axes
+def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
+
+    In full contact (θ = 0) it is what is asked of the frame, −q/q_up of Eq. (9), between −1 and 1. While rocking it is the
+    moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1 to 0 at θ = α, and of the
+    vertical inertia of beam, columns and superstructure, Eq. (15).
+    """
+    assert ax is not None
+    data = as_history(response)
+    alpha = data.attrs["alpha_rad"]
+    ratio, moment = data["theta"].values / alpha, data["restoring_moment"].values
+    reach = max(1.0, float(np.nanmax(np.abs(ratio))))
+    theta = np.linspace(0, reach, 201) * alpha
+    weights = np.sin(alpha - theta) / np.sin(alpha)
+    backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-weights[::-1], weights])
+    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    ax.axvline(0, color="0.7", lw=0.6, zorder=0)
+    ax.plot(*backbone, color="0.7", ls="-", lw=4, label=r"weights alone, $\sin\psi\,/\,\sin\alpha$")
+    ax.plot(ratio, moment, color=COLOURS[2], ls="-", lw=0.9, label="response")
+    ax.set(xlabel=ROTATION, ylabel=r"restoring moment $M_r\,/\,M_r(\mathrm{uplift})$", xlim=(-1.05 * reach, 1.05 * reach))
+    ax.grid(True, alpha=0.3)
+    ax.legend(loc="upper left")
+    return ax
+
+
+@on_axes
+def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Energy over time, in parts of P(α), what it takes to overturn at rest: `Response.energies`.
+
+    The work of the ground is what the frame has as mechanical energy, plus what impacts and damper have taken. What is
+    left open, the residual, measures the error of the history.
+    """
+    assert ax is not None
+    data = as_history(response)
+    a = data.attrs
+    masses = a.get("eta", 0.0) + a["gamma"] + 0.5
+    unit = 2 * a["R_m"] * a["g_m_s2"] * masses * (1 - np.cos(a["alpha_rad"]))
+    names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
+    given, held, struck, damped = (data[name].values / unit for name in names)
+    residual = float(data["initial_energy"]) / unit + given - held - struck - damped
+    t = data["time"].values
+    curves = [("work of the ground", given), ("mechanical energy", held), ("lost at impacts", struck)]
+    curves += [("lost in the damper", damped)] if a["superstructure"] == "elastic" else []
+    for k, (label, values) in enumerate(curves):
+        ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))
+    most = float(np.nanmax(np.abs(residual)))
+    ax.plot(t, residual, color="0.5", lw=0.8, ls="-", label=f"residual, at most {most:.0e}" if most else "residual, 0")
+    ax.set(xlabel=TIME, ylabel=r"energy / $P(\alpha)$", xlim=(t[0], t[-1]))
+    ax.grid(True, alpha=0.3)
+    ax.legend(loc="best")
+    return ax
+
+
+@styled
+def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
+    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground acceleration."""
+    figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
+    if isinstance(response, Response):
+        response = response.dataset(np.linspace(*response.span, points))
+    data = as_history(response)
+    parts = [rotation_history, deformation_history, ground_motion]
+    if data.attrs["superstructure"] != "elastic":
+        parts.remove(deformation_history)
+    axes = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, draw in zip(axes, parts, strict=True):
+        draw(data, ax)
+        if ax is not axes[-1]:
+            ax.set_xlabel("")
+    figure.align_ylabels(axes)
+    return figure

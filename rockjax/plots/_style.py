@@ -1,0 +1,70 @@
+"""How pictures look: colours, lines, labels, and the frame that a figure of ours is made in."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib.pyplot as plt
+from cycler import cycler
+from matplotlib.axes import Axes
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+ACCELERATION_RATIO = r"$a_p\,/\,(g\tan\alpha)$"
+FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
+ROTATION = r"$\theta\,/\,\alpha$"
+# Okabe & Ito: distinct for the colour-blind, and by line style in grey.
+COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
+STYLES = ("-", "--", "-.", ":")
+
+# For `with plt.style.context(plots.STYLE): …`, or `plt.style.use(plots.STYLE)`.
+STYLE: dict[str, Any] = {
+    "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=STYLES),
+    "axes.axisbelow": True,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 10,
+    "axes.labelsize": 10,
+    "figure.titlesize": 11,
+    "font.size": 9,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.6,
+    "image.cmap": "viridis_r",
+    "legend.fontsize": 8,
+    "legend.title_fontsize": 8,
+    "legend.framealpha": 0.85,
+    "lines.linewidth": 1.3,
+    "savefig.dpi": 150,
+}
+
+
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """For functions that make a whole figure: they make it in our style and leave the user's settings as they are."""
+
+    @functools.wraps(draw)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> T:
+        with plt.style.context(STYLE):
+            return draw(*args, **kwargs)
+
+    return inner
+
+
+def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
+    """For functions (data, ax=None, …): without axes they make a figure in our style; given axes keep theirs."""
+
+    @functools.wraps(draw)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> Axes:
+        if (args[1] if len(args) > 1 else kwargs.get("ax")) is not None:
+            return draw(*args, **kwargs)
+        with plt.style.context(STYLE):
+            ax = plt.figure(layout="constrained").add_subplot()
+            return draw(*args[:1], **{**kwargs, "ax": ax})  # pyright: ignore[reportCallIssue]
+
+    return inner
+
+
+def look(k: int) -> dict[str, Any]:
+    """Colour and line of the k-th curve."""
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
