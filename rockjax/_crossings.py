@@ -71,12 +71,13 @@ def scan(
     options: Options,
     progress: Any = False,
     look_closer: Literal["everywhere", "below"] = "everywhere",
+    finest: float = FINEST,
 ) -> Scan:
     """Every change along the lines x = const, y from one end of `y_range` to the other.
 
     Each line is looked at in `resolution` + 1 places first, and closer where the margin bends so much between neighbours
-    that it may cross zero unseen: everywhere, or only below the first change found. Changes are then narrowed down to a
-    relative width of 1e-12.
+    that it may cross zero unseen: everywhere, or only below the first change found; down to the part `finest` of a line.
+    Changes are then narrowed down to a relative width of 1e-12.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -91,7 +92,7 @@ def scan(
     grid = np.linspace(*y_range, resolution + 1)
     known = look(np.repeat(lines, grid.size), np.tile(grid, x.size))
     for _ in range(DIVES):
-        line, y = _closer(known, FINEST * abs(y_range[1] - y_range[0]), look_closer == "below")
+        line, y = _closer(known, finest * abs(y_range[1] - y_range[0]), look_closer == "below")
         if line.size == 0:
             break
         known = known.and_also(look(line, y))

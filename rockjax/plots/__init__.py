@@ -6,6 +6,7 @@ Figures made here have the style `STYLE`; settings and axes of the user stay as 
 import matplotlib.pyplot as plt
 
 from ._animation import animation, save_animation
+from ._fragility import fragility, incremental_dynamic_analysis
 from ._histories import (
     deformation_history,
     energy_balance,
@@ -38,7 +39,9 @@ __all__ = [
     "deformation_history",
     "dimensional_axes",
     "energy_balance",
+    "fragility",
     "ground_motion",
+    "incremental_dynamic_analysis",
     "moment_rotation",
     "overturning_boundaries",
     "overturning_curve",
