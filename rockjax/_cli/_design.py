@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from ._given import Given
-from ._options import ACCURACY, Column, Output
+from ._options import ACCURACY, Changes, Output
 from ._run import Flags, Report, argument, option, prepare
 
 
@@ -26,7 +26,7 @@ class Search(Flags):
 
 def design(
     problem: Annotated[Path, argument("Problem file (TOML): structure, motions, options, variables, targets.")],
-    structure: Column,
+    structure: Changes,
     search: Search,
     report: Report,
     output: Output = Path("rockjax-design"),

@@ -140,6 +140,8 @@ def fragility(
     suite, levels, statistics = given.settings(suite), given.settings(levels), given.settings(statistics)
     found = _suite(given, suite, statistics.seed, paths)
     options = given.options(accuracy, method="tsit5")
+    if not 0 < statistics.confidence < 1:
+        raise ValueError(f"--confidence: must be in (0, 1), got {statistics.confidence:g}")
     measure = _measure(levels, found)
     unit = np.ones(len(found)) if measure == "scale" else np.array([m.pga for m in found])
     unit = np.asarray(measure.values) if not isinstance(measure, str) else unit
@@ -152,7 +154,7 @@ def fragility(
             raise ValueError(f"--intensity: must have 0 < lowest <= highest, got {low:g} and {high:g}")
     x = np.linspace(low, high, levels.levels)
     report.note(f"{len(found)} records of up to {max(map(len, found))} samples × {x.size} levels, and their boundaries")
-    with report.progress(None, "scenes") as bar:
+    with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
         analysis = rj.incremental_dynamic_analysis(
             podium,
             rj.Records.of(found.records()),

@@ -131,7 +131,8 @@ class Given:
             periods = [float(top.T_s) if isinstance(top, rj.Elastic) else 0.0]
         else:
             periods = numbers("T_s", swept.T_s)
-        zeta = float(top.zeta) if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.zeta
+        zeta = top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.zeta
+        zeta = float(0.05 if zeta is None else zeta)
         if whole and not {"T_s", "eta_over_gamma"} & swept.given and "zeta" not in flags.given:
             return PanelsOf([podium], ratios, periods, zeta)
         with self.reader.at("structure"):

@@ -62,42 +62,52 @@ Periods = Annotated[
         "--T-s", panel=STRUCTURE, help="Superstructure periods T_s [s], separated by commas: a panel for each; 0 is rigid."
     ),
 ]
-ByDimensions = "{} With --width, --height and --column-mass, instead of ratios."
 
 
 def _laws() -> list[str]:
     return ["paper", "compatible"]
 
 
+TanAlpha = Annotated[
+    float | None, option("--tan-alpha", panel=STRUCTURE, help="Slenderness of the columns tan α = B/H [–].")
+]
+Alpha = Annotated[
+    float | None, option("--alpha", panel=STRUCTURE, help="The slenderness as an angle α [rad], instead of --tan-alpha.")
+]
+Radius = Annotated[float | None, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m].")]
+Gamma = Annotated[
+    float | None,
+    option("--gamma", panel=STRUCTURE, help="Mass ratio of the beam γ = m_b/(N m_c) [–]; 0 is a solitary block."),
+]
+Eta = Annotated[
+    float | None, option("--eta", panel=STRUCTURE, help="Mass ratio of the superstructure η = m_t/(N m_c) [–]; 0 is none.")
+]
+Period = Annotated[float | None, option("--T-s", panel=STRUCTURE, help="Period of the superstructure T_s [s]; 0 is rigid.")]
+Zeta = Annotated[float | None, option("--zeta", panel=STRUCTURE, help="Damping ratio of the superstructure ζ [–].")]
+Law = Annotated[
+    str | None,
+    option(
+        "--restitution",
+        panel=STRUCTURE,
+        metavar="LAW",
+        help="Velocity factor of an impact: paper, Eq. (27); compatible, with Eq. (26); or a number in 0…1 [–].",
+        autocompletion=_laws,
+    ),
+]
+
+
 @dataclass
 class Column(Flags):
     """The columns and what they carry, by ratios or by dimensions."""
 
-    tan_alpha: Annotated[
-        float, option("--tan-alpha", panel=STRUCTURE, help="Slenderness of the columns tan α = B/H [–].")
-    ] = 0.15
-    alpha: Annotated[
-        float | None, option("--alpha", panel=STRUCTURE, help="The slenderness as an angle α [rad], instead of --tan-alpha.")
-    ] = None
-    R: Annotated[float, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m].")] = 1.5
-    gamma: Annotated[
-        float, option("--gamma", panel=STRUCTURE, help="Mass ratio of the beam γ = m_b/(N m_c) [–]; 0 is a solitary block.")
-    ] = 10.0
-    eta: Annotated[
-        Any, option("--eta", panel=STRUCTURE, help="Mass ratio of the superstructure η = m_t/(N m_c) [–]; 0 is none.")
-    ] = None
-    T_s: Annotated[Any, option("--T-s", panel=STRUCTURE, help="")] = None
-    zeta: Annotated[float, option("--zeta", panel=STRUCTURE, help="Damping ratio of the superstructure ζ [–].")] = 0.05
-    restitution: Annotated[
-        str,
-        option(
-            "--restitution",
-            panel=STRUCTURE,
-            metavar="LAW",
-            help="Velocity factor of an impact: paper, Eq. (27); compatible, with Eq. (26); or a number in 0…1 [–].",
-            autocompletion=_laws,
-        ),
-    ] = "paper"
+    tan_alpha: TanAlpha = None
+    alpha: Alpha = None
+    R: Radius = None
+    gamma: Gamma = None
+    eta: Eta = None
+    T_s: Any = None
+    zeta: Zeta = None
+    restitution: Law = None
     width: Annotated[float | None, option("--width", panel=STRUCTURE, help="Full width of a column 2B [m].")] = None
     height: Annotated[float | None, option("--height", panel=STRUCTURE, help="Full height of a column 2H [m].")] = None
     column_mass: Annotated[float | None, option("--column-mass", panel=STRUCTURE, help="Mass of one column m_c [kg].")] = (
@@ -117,24 +127,39 @@ class Column(Flags):
 
 
 @dataclass
+class Changes(Column):
+    """Changes of the structure of a file."""
+
+    T_s: Period = None
+
+
+@dataclass
 class Structure(Column):
     """One structure."""
 
-    eta: Annotated[
-        float, option("--eta", panel=STRUCTURE, help="Mass ratio of the superstructure η = m_t/(N m_c) [–]; 0 is none.")
-    ] = 100.0
-    T_s: Annotated[float, option("--T-s", panel=STRUCTURE, help="Period of the superstructure T_s [s]; 0 is rigid.")] = 0.5
+    tan_alpha: TanAlpha = 0.15
+    R: Radius = 1.5
+    gamma: Gamma = 10.0
+    eta: Eta = 100.0
+    T_s: Period = 0.5
+    zeta: Zeta = 0.05
+    restitution: Law = "paper"
 
 
 @dataclass
 class Panels(Column):
     """Structures that differ in what stands on them."""
 
+    tan_alpha: TanAlpha = 0.15
+    R: Radius = 1.5
+    gamma: Gamma = 10.0
     eta: Annotated[
         float | None,
         option("--eta", panel=STRUCTURE, help="One mass ratio η = m_t/(N m_c) [–] instead of --eta-over-gamma; 0 is none."),
     ] = None
     T_s: Periods = "0,0.1,0.5,1"
+    zeta: Zeta = 0.05
+    restitution: Law = "paper"
     eta_over_gamma: MassRatios = "1,5,10"
 
 

@@ -21,7 +21,6 @@ import typer
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
 NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 COMMAND: ContextVar[str] = ContextVar("command")
@@ -98,7 +97,7 @@ class Report(Flags):
         data.attrs["command"] = COMMAND.get()
         self.wrote(write_dataset(path, data, groups))
 
-    def draw(self, path: str | Path, figure: Figure) -> None:
+    def draw(self, path: str | Path, figure: Any) -> None:
         from rockjax._files import write_figure
 
         self.wrote(write_figure(path, figure))
@@ -124,6 +123,8 @@ class Report(Flags):
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """The command that a function is: its groups of options as options one by one, and how it ends."""
+    from rockjax._motions import RecordWarning
+
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters.values()
     groups = {
@@ -152,6 +153,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         report = next((group for group in made.values() if isinstance(group, Report)), Report())
         with warnings.catch_warnings():
             warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
+            warnings.filterwarnings("always", category=RecordWarning)
             warnings.showwarning = _speak
             try:
                 function(**own, **made)
@@ -200,7 +202,7 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
         import matplotlib
 
         matplotlib.use("Agg")
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         jax.config.update("jax_compilation_cache_dir", str(base / "rockjax"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
