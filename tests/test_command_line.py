@@ -268,7 +268,7 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
 def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path):
     """The example with fewer records and levels, and then the same records from files."""
     text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
-    (tmp_path / "small.toml").write_text(text.replace(', "gamma"', ""))
+    (tmp_path / "small.toml").write_text(text.replace('["alpha", "gamma"]', "[]"))
     few = ("--levels", 3, "--intensity", 0.3, 0.9, "--resamples", 50)
     code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
     assert code == 0, err
@@ -276,7 +276,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path):
     curve, analysis = (xarray.load_dataset("a.nc", group=group) for group in (None, "analysis"))
     assert said["median"] == float(curve["median_capacity"])
     assert said["median_interval"] == curve["interval"].values[0].tolist()
-    assert set(said["median_sensitivity"]) == {"alpha"}
+    assert "median_sensitivity" not in said
     assert said["files"] == ["a.nc", "a-fragility.png", "a-ida.png"]
     assert curve.attrs["command"].startswith("rockjax fragility small.toml")
     noise = rj.synthetic_motions(5, seed=1, duration=8.0)

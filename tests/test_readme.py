@@ -72,7 +72,9 @@ def test_commands_exist(page, monkeypatch):
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for line in commands(page):
         words = shlex.split(line, comments=True)
-        if words[0] == "rockjax":
+        if words[0] == "rockjax" and words[1].startswith("-"):
+            assert words[1] in {option for parameter in group.params for option in parameter.opts}, line
+        elif words[0] == "rockjax":
             command = group.commands[words[1]]
             arguments = [word for word in words[2:] if word != "--help"]
             if arguments:

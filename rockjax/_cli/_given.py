@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import typer
+
 from ._options import Accuracy, Column, Motion, Panels
 from ._run import Flags
 
@@ -33,7 +35,7 @@ def numbers(name: str, value: str | list) -> list[float]:
     try:
         return [float(part) for part in value.split(",")]
     except ValueError:
-        raise ValueError(f"{flag(name)}: expected numbers separated by commas, got {value!r}") from None
+        raise typer.BadParameter(f"{flag(name)}: expected numbers separated by commas, got {value!r}") from None
 
 
 def names(value: str | list) -> list[str]:
