@@ -9,6 +9,7 @@ from ._report import before_after, convergence, table
 from ._results import RESULTS
 from ._targets import (
     AbstractTarget,
+    MedianCapacity,
     NoOverturning,
     OverturningAcceleration,
     OverturningProbability,
@@ -26,6 +27,7 @@ __all__ = [
     "Design",
     "Dimensions",
     "Fit",
+    "MedianCapacity",
     "NoOverturning",
     "OverturningAcceleration",
     "OverturningProbability",
