@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import xarray
@@ -40,11 +42,34 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     return path
 
 
-def write_dataset(path: str | Path, data: xarray.Dataset) -> Path:
-    """Write a dataset as netCDF, whole or not at all."""
-    return write_whole(path, lambda name: data.to_netcdf(name, engine="netcdf4"))
+def write_dataset(path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None) -> Path:
+    """Write a dataset as netCDF, and others as groups of the same file, whole or not at all."""
+
+    def write(name: str) -> None:
+        data.to_netcdf(name, engine="netcdf4")
+        for group, more in (groups or {}).items():
+            more.to_netcdf(name, mode="a", group=group, engine="netcdf4")
+
+    return write_whole(path, write)
 
 
 def write_figure(path: str | Path, figure: Figure) -> Path:
     """Write a picture, whole or not at all."""
     return write_whole(path, lambda name: figure.savefig(name, dpi=150))
+
+
+def as_json(data: Any) -> str:
+    """JSON of numbers, texts, arrays, lists and tables; what is not finite is null."""
+    return json.dumps(_plain(data), indent=2, ensure_ascii=False)
+
+
+def _plain(y: Any) -> Any:
+    if isinstance(y, dict):
+        return {key: _plain(value) for key, value in y.items()}
+    if isinstance(y, list | tuple):
+        return [_plain(value) for value in y]
+    if hasattr(y, "tolist"):  # arrays and their scalars
+        return _plain(y.tolist())
+    if isinstance(y, float):
+        return y if math.isfinite(y) else None
+    return y

@@ -25,12 +25,14 @@ class Picture:
     - `draw`: dataset → figure or axes, or for a film (path, dataset) → path
     - `default`: drawn where no picture is asked for by name
     - `needs`: a variable without which there is no such picture
+    - `group`: the group of the file with what is drawn; without it there is no such picture either
     """
 
     draw: Callable[..., Any]
     default: bool = True
     needs: str | None = None
     film: bool = False
+    group: str | None = None
 
 
 def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
@@ -69,6 +71,11 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "energy": Picture(plots.energy_balance, default=False),
         "film": Picture(plots.save_animation, default=False, film=True),
     },
+    "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},
+    "fragility": {
+        "fragility": Picture(plots.fragility),
+        "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
+    },
     "design-chart": {"chart": Picture(_chart)},
 }
 
@@ -92,6 +99,15 @@ def load(path: str | Path) -> xarray.Dataset:
     return data
 
 
+def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
+    import netCDF4
+    import xarray
+
+    with netCDF4.Dataset(path) as file:
+        names = list(file.groups)
+    return {name: xarray.load_dataset(path, group=name, engine="netcdf4") for name in names}
+
+
 def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = ()) -> list[Path]:
     """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without its ending.
 
@@ -99,7 +115,12 @@ def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[s
     are not rockjax's and for pictures that they do not have.
     """
     data = load(path)
-    known = {name: how for name, how in PICTURES[data.attrs["kind"]].items() if how.needs is None or how.needs in data}
+    groups = _groups(path)
+    known = {
+        name: how
+        for name, how in PICTURES[data.attrs["kind"]].items()
+        if (how.needs is None or how.needs in data) and (how.group is None or how.group in groups)
+    }
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
@@ -108,10 +129,12 @@ def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[s
     prefix = Path(path).with_suffix("") if prefix is None else prefix
     written = []
     for name in names or [name for name, how in known.items() if how.default]:
-        if known[name].film:
-            written.append(known[name].draw(f"{prefix}-{name}.gif", data))
+        how = known[name]
+        drawing = data if how.group is None else groups[how.group]
+        if how.film:
+            written.append(how.draw(f"{prefix}-{name}.gif", drawing))
             continue
-        drawn = known[name].draw(data)
+        drawn = how.draw(drawing)
         figure = getattr(drawn, "figure", drawn)
         written.append(write_figure(f"{prefix}-{name}.png", figure))
         plt.close(figure)

@@ -1,17 +1,385 @@
-"""The commands that boundaries and designs are asked from, as a user runs them."""
+"""The commands, as a user runs them."""
 
+import json
 import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 import xarray
 from typer.testing import CliRunner
 
 import optimise
 import rockjax as rj
-from rockjax._cli import app
+from rockjax._cli import app, main
+
+PROBLEMS = Path(__file__).parent.parent / "docs" / "problems"
 
 RUN = CliRunner()
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """`rockjax …` in a folder of its own: exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rockjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return ended.value.code or 0, said.out, said.err
+
+    return call
+
+
+def words(line):
+    return line.split()
+
+
+def attributes(path):
+    with xarray.open_dataset(path) as data:
+        return {name: value for name, value in data.attrs.items() if name != "command"}
+
+
+FRAME = """
+[structure]
+tan_alpha = 0.15
+R = 2.0
+superstructure = { eta = 5.0 }
+[motions.pulses]
+kind = "ricker"
+acceleration_ratio = [2.0, 3.0]
+T_p = 0.8
+[motions.one]
+kind = "ricker"
+a_p = 3.0
+T_p = 0.7
+[response]
+motion = "one"
+t_end = 2.0
+[options]
+rtol = 1e-7
+"""
+
+
+def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
+    (tmp_path / "frame.toml").write_text(FRAME)
+    code, out, _ = run("response", "frame.toml", "-o", "a", "--json")
+    assert code == 0
+    said = json.loads(out)
+    assert said["files"] == ["a.nc", "a.png"]
+    assert said["command"] == "rockjax response frame.toml -o a --json"
+    flags = words("--tan-alpha 0.15 --R 2 --gamma 0 --eta 5 --T-s 0 --a-p 3 --T-p 0.7 --t-end 2 --rtol 1e-7")
+    assert run("response", *flags, "-o", "b")[0] == 0
+    a, b = attributes("a.nc"), attributes("b.nc")
+    assert a == b
+    podium = rj.Podium(math.atan(0.15), 2.0, 0.0, rj.Rigid(5.0))
+    exact = rj.peak_response(podium, rj.Ricker(3.0, 0.7), t_end=2.0)
+    assert said["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
+    assert said["overturn_time"] is None
+    # Options go before the file, here the other set and its second motion, an acceleration and the columns.
+    code, out, _ = run("response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c")
+    assert code == 0
+    assert "peak rotation" in out
+    c = attributes("c.nc")
+    assert c["alpha_rad"] == 0.2
+    assert c["a_p_m_s2"] == pytest.approx(3 * 9.80665 * math.tan(0.2))
+    assert c["rtol"] == 1e-7
+    assert run("response", "frame.toml", "--frequency-ratio", 4, "--rtol", 1e-6, "-o", "d")[:2][0] == 0
+    d = attributes("d.nc")
+    assert d["T_p_s"] == pytest.approx(2 * math.pi / (4 * d["p_rad_s"]))
+    assert (d["rtol"], d["atol"]) == (1e-6, 1e-8)
+
+
+def test_a_response_to_a_record(run, tmp_path):
+    (tmp_path / "record.txt").write_text("\n".join(f"{a:.4f}" for a in 0.3 * np.sin(np.arange(50) * 0.2)))
+    same = words("--gamma 0 --eta 0 --t-end 1 --units g --dt 0.02")
+    # The last velocity is more than a fifth of PGV, which is said in a line.
+    code, out, err = run("response", *same, "--record", "record.txt", "--scale", 1.5, "-o", "a")
+    assert code == 0
+    assert "rockjax: warning: " in err
+    assert "record.txt: ends with a velocity of" in err
+    assert "wrote a.nc" in out
+    with xarray.open_dataset("a.nc") as data:
+        assert float(abs(data["ground_acceleration"]).max()) == pytest.approx(1.5 * 0.3 * 9.80665, rel=1e-2)
+
+
+def test_a_scene_without_an_answer_is_one(run, tmp_path):
+    (tmp_path / "short.toml").write_text(FRAME + "max_steps = 3\n")
+    code, out, err = run("response", "short.toml", "--quiet", "-o", "a")
+    assert code == 1
+    assert out == ""
+    assert err == "rockjax: the scene ended without an answer: out_of_steps\n"
+    assert (tmp_path / "a.nc").exists()
+
+
+def test_a_spectrum_of_a_file(run, tmp_path):
+    code, out, err = run("spectrum", PROBLEMS / "spectrum.toml", "--points", 5, "--T-s", "0", "--verbose", "-o", "a")
+    assert code == 0
+    assert "1 podiums × 5 frequencies × 5 accelerations: 25 scenes" in err
+    assert "programs in" in err
+    assert "25 scenes: " in out
+    data = xarray.load_dataset("a.nc")
+    assert data.attrs["pulse"] == "OneSine"
+    assert float(data["frequency_ratio"][-1]) == 6.0
+    assert float(data["eta_over_gamma"][0]) == 5.0
+    podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
+    options = rj.Options(outputs=("peak_rotation",))
+    one = rj.rocking_spectrum(podium, rj.OneSine, data["frequency_ratio"], data["acceleration_ratio"], options=options)
+    np.testing.assert_array_equal(data["peak_rotation"].squeeze(), one["peak_rotation"])
+    assert sorted(os.listdir()) == ["a-overturning.png", "a-rotation.png", "a.nc"]
+
+
+def panels(*arguments, table=None):
+    """The podiums of a spectrum, without solving it."""
+    from rockjax._cli import _given, _options
+
+    group = typer.main.get_command(app)
+    context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
+    names = list(_options.Panels().values())
+    flags = _options.Panels(**{name: context.params[name] for name in names})
+    flags.given = frozenset(name for name in names if context.get_parameter_source(name).name == "COMMANDLINE")
+    given = _given.Given("spectrum", None, flags)
+    given.table = table or {}
+    return given.panels(flags)
+
+
+def test_panels_are_what_options_and_file_say():
+    every = panels()
+    assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)
+    assert float(every.podiums[-1].eta) == 100
+    one = panels("--eta", 20, "--T-s", "0,0.5", "--zeta", 0.1)
+    assert (one.ratios, one.periods) == ([2.0], [0.0, 0.5])
+    assert isinstance(one.podiums[0].superstructure, rj.Rigid)
+    assert float(one.podiums[1].superstructure.zeta) == pytest.approx(0.1)
+    drawn = words("--width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --top-mass 6e4 --period 0.5")
+    (podium,), ratios, periods, _ = panels(*drawn)
+    assert (ratios, periods) == ([2.0], [0.5])
+    assert float(podium.width) == pytest.approx(0.45)
+    block = {"structure": {"alpha": 0.2, "R": 2.0}}
+    (podium,), ratios, periods, _ = panels(table=block)
+    assert podium.superstructure is None
+    assert (ratios, periods) == ([0.0], [0.0])
+    assert float(panels("--R", 3, "--tan-alpha", 0.1, table=block).podiums[0].alpha) == pytest.approx(math.atan(0.1))
+    many = panels("--gamma", 4, "--eta-over-gamma", "1,2", table=block)
+    assert [float(podium.eta) for podium in many.podiums] == [4, 8]
+
+
+WRONG = [
+    ("response none.toml", "none.toml: cannot be read: No such file"),
+    ("response bad.toml", "bad.toml: structure.foo: is not known; known are alpha, R, gamma"),
+    ("spectrum good.toml --points 1", "'--points'"),
+    ("spectrum worse.toml", "worse.toml: spektrum: is not known; known are structure, motions"),
+    ("overturning points.toml", "points.toml: overturning.points: must be a whole number ≥ 2, got -3"),
+    ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
+    ("response good.toml --motion c", "response.motion: must name a set under [motions], got 'c'; there are a, b"),
+    ("response good.toml --motion a", "motions.a: holds 2 motions: which? ([response] number, or --number, 1 to 2)"),
+    ("response good.toml --motion a --number 3", "there is no number 3"),
+    ("response good.toml --motion a --T-p 2", "which --T-p cannot change one by one"),
+    ("response good.toml --motion b --scale 2", "motions.b: holds a pulse; --scale has no meaning for it"),
+    ("response good.toml --R -1", "good.toml with --R: structure: Podium: R must be finite and > 0, got R = -1.0"),
+    ("response good.toml --width 1", "structure: is given by ratios: --width cannot change it"),
+    ("response --alpha 0.1 --tan-alpha 0.1", "--tan-alpha and --alpha: give one of them"),
+    ("response --T-p 1 --frequency-ratio 2", "--T-p and --frequency-ratio: give one of them"),
+    ("response --width 0.4", "--height is missing: dimensions need --width, --height and --column-mass"),
+    ("response --width 0.4 --R 2", "--R and --width: give the structure by ratios or by dimensions, not both"),
+    ("response --restitution lawless", "restitution must be 'paper', 'compatible' or a factor"),
+    ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
+    ("response --T-p -1", "motion: periods and frequencies must be > 0, got -1.0"),
+    ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
+    ("response --record record.txt", "record.txt: does not say in what units"),
+    ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
+    ("response --record record.txt --T-p 2", "--record and --T-p: give a pulse or a record, not both"),
+    ("response --units g", "--units: is of a record; give --record FILE"),
+    ("response --number 2", "--number: chooses among the motions of a problem file; there are none"),
+    ("spectrum --T-s a,b", "--T-s: expected numbers separated by commas, got 'a,b'"),
+    ("spectrum --eta 5 --eta-over-gamma 3", "--eta and --eta-over-gamma: give one of them"),
+    ("spectrum --pulse sinus", "'sinus' is not one of 'ricker'"),
+    ("fragility", "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"),
+    ("fragility good.toml --motions b", "motions.b.kind: is of a pulse; only records are wanted"),
+    ("fragility good.toml", "fragility: motions is missing: which of a, b?"),
+    ("fragility good.toml bad.toml", "bad.toml: is a second problem file; give one"),
+    ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
+    ("fragility --synthetic 3 --measure-period 1", "--measure-period: has no meaning for PGA"),
+    ("fragility --synthetic 3 --intensity 5 1", "--intensity: must have 0 < lowest <= highest, got 5 and 1"),
+    ("fragility --synthetic 3 --confidence 2", "--confidence: must be in (0, 1), got 2"),
+    ("fragility --synthetic 3 record.txt", "--synthetic: give files or synthetic motions, not both"),
+    ("design good.toml", "good.toml: file: vary is missing"),
+    ("plot none.nc", "none.nc: there is no such file"),
+    ("motions none.AT2", "none.AT2: cannot be read"),
+    ("synthetic --count 0", "'--count'"),
+    ("quake", "No such command 'quake'"),
+]
+GOOD = """[structure]
+alpha = 0.2
+R = 1.0
+[motions.a]
+kind = "ricker"
+a_p = [1.0, 2.0]
+T_p = 1.0
+[motions.b]
+kind = "ricker"
+a_p = 1.0
+T_p = 1.0
+"""
+
+
+@pytest.mark.parametrize(("line", "words"), WRONG, ids=[line for line, _ in WRONG])
+def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
+    for name, text in (
+        ("good", GOOD),
+        ("bad", "[structure]\nalpha = 0.1\nR = 1.0\nfoo = 2\n"),
+        ("worse", GOOD + "[spektrum]\npoints = 3\n"),
+        ("points", GOOD + "[overturning]\npoints = -3\n"),
+    ):
+        (tmp_path / f"{name}.toml").write_text(text)
+    (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
+    there = set(os.listdir())
+    code, out, err = run(*line.split())
+    assert code == 2, err
+    assert out == ""
+    assert words in err
+    assert "Traceback" not in err
+    assert set(os.listdir()) == there
+
+
+def test_ctrl_c_ends_with_130(run, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rj, "simulate", stopped)
+    monkeypatch.setattr(rj, "incremental_dynamic_analysis", stopped)
+    for line in ("response --json", "fragility --synthetic 2 -q"):
+        code, out, err = run(*line.split())
+        assert code == 130
+        assert out == ""
+        assert "rockjax: stopped; nothing is kept" in err
+    assert os.listdir() == []
+
+
+@pytest.mark.slow
+def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path):
+    """The example with fewer records and levels, and then the same records from files."""
+    text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
+    (tmp_path / "small.toml").write_text(text.replace(', "gamma"', ""))
+    few = ("--levels", 3, "--intensity", 0.3, 0.9, "--resamples", 50)
+    code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    curve, analysis = (xarray.load_dataset("a.nc", group=group) for group in (None, "analysis"))
+    assert said["median"] == float(curve["median_capacity"])
+    assert said["median_interval"] == curve["interval"].values[0].tolist()
+    assert set(said["median_sensitivity"]) == {"alpha"}
+    assert said["files"] == ["a.nc", "a-fragility.png", "a-ida.png"]
+    assert curve.attrs["command"].startswith("rockjax fragility small.toml")
+    noise = rj.synthetic_motions(5, seed=1, duration=8.0)
+    np.testing.assert_allclose(analysis["measure"], [motion.pgv for motion in noise], rtol=1e-12)
+    assert analysis["record"].values.tolist() == noise.names
+    assert analysis["intensity"].values.tolist() == pytest.approx([0.3, 0.6, 0.9])
+    drawn = [(tmp_path / name).read_bytes() for name in said["files"][1:]]
+    for name in said["files"][1:]:
+        (tmp_path / name).unlink()
+    assert run("plot", "a.nc")[0] == 0
+    assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [picture[:8] for picture in drawn]
+    # No curve where nothing overturns: the analysis stays, and says so.
+    for k, motion in enumerate(noise):
+        motion.save(tmp_path / "suite" / f"{k}.AT2")
+    frame = words("--tan-alpha 0.2 --eta 50 --T-s 0 --measure PGV --levels 3 --intensity 0.01 0.02")
+    code, out, err = run("fragility", "suite", *frame, "-q", "-o", "b")
+    assert code == 1
+    assert out == ""
+    assert "no curve: fragility: 0 of 5 records overturn up to 0.02; raise the highest intensity" in err
+    assert xarray.load_dataset("b.nc").attrs["kind"] == "incremental-dynamic-analysis"
+    assert run("plot", "b.nc", "-o", "c")[0] == 0
+    assert (tmp_path / "c-ida.png").exists()
+
+
+def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
+    from optimise import _cli
+
+    found = []
+
+    def design_command(problem, *rest):
+        found.append((problem, *rest))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_cli, "design_command", design_command)
+    flags = ("--top-mass", 4e5, "--zeta", 0.1, "--rtol", 1e-6, "--starts", 2)
+    assert run("design", PROBLEMS / "column.toml", *flags)[0] == 130
+    problem, output, starts, seed, quiet = found[0]
+    assert problem.podium.top_mass == 4e5
+    assert problem.podium.damping == 0.1
+    assert problem.podium.width == 0.45
+    assert (problem.options.rtol, problem.options.atol) == (1e-6, 1e-8)
+    assert (str(output), starts, seed, quiet) == ("rockjax-design", 2, None, False)
+    code, _, err = run("design", PROBLEMS / "column.toml", "--gamma", 2)
+    assert code == 2
+    assert "structure: is given by dimensions: --gamma cannot change it" in err
+
+
+COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_teaches(run, name):
+    """Units are shown, not taken for markup; options are in panels; the examples are accepted."""
+    command = typer.main.get_command(app).commands[name]
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    shown = re.sub(r"[\s│]+", "", out)
+    for parameter in command.params:
+        text = (parameter.help or "").replace("\\[", "[")
+        assert re.sub(r"\s+", "", text) in shown, parameter.name
+        assert parameter.name in ("help", "ctx") or text
+    for panel in {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}:
+        assert f" {panel} " in out
+    examples = re.findall(rf"^ +rockjax {name}\b(.*)$", out.split("Examples:")[1], re.M)
+    assert len(examples) >= 2
+    for example in examples:
+        command.make_context(name, example.split())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_numbers_have_units_in_the_help(run, name):
+    lines = [line for line in run(name, "--help")[1].splitlines() if re.search(r"<float|FLOAT", line)]
+    assert lines or name == "plot"
+    for line in lines:
+        assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
+
+
+def test_version_and_completion(run, monkeypatch):
+    assert run("--version") == (0, f"rockjax {rj.__version__}\n", "")
+    for line, words in (
+        ("rockjax spec", "spectrum"),
+        ("rockjax spectrum --pulse half", "half-sine"),
+        ("rockjax response --restitution comp", "compatible"),
+        ("rockjax fragility --meas", "--measure"),
+    ):
+        environment = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1), "_ROCKJAX_COMPLETE": "complete_bash"}
+        result = RUN.invoke(app, [], prog_name="rockjax", env=environment)
+        assert words in result.output.split(), result.output
+
+
+def test_help_loads_nothing_heavy():
+    script = """
+        import sys
+        sys.argv = ["rockjax", "--help"]
+        from rockjax._cli import main
+        try:
+            main()
+        except SystemExit:
+            heavy = {"matplotlib", "xarray", "netCDF4", "tqdm", "optimise", "clarabel", "pandas"} & set(sys.modules)
+            sys.exit(f"loaded {heavy}" if heavy else 0)
+    """
+    done = subprocess.run([sys.executable, "-c", "if True:" + script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

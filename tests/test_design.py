@@ -547,7 +547,7 @@ def test_a_missing_file_is_named(tmp_path):
 def test_the_command_writes_everything(folder, capsys):
     from optimise._cli import design_command
 
-    design_command(written(folder, FILE), folder / "out", starts=1, quiet=True)
+    design_command(optimise.load(written(folder, FILE)), folder / "out", starts=1, quiet=True)
     assert capsys.readouterr().out == ""
     account = json.loads((folder / "out.json").read_text())
     assert account["satisfied"] is True

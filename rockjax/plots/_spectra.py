@@ -121,7 +121,7 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
         if i:
             ax.set_ylabel("")
     axes[0].legend(title="superstructure", loc="upper left")
-    figure.suptitle(f"{title}, " + _title(panels))
+    _headed(figure, title, panels)
     return figure
 
 
@@ -199,7 +199,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
         symbol = _SYMBOLS.get(str(parameter), str(parameter))
         axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\tan\alpha)$")
     axes[0, 0].legend(title="superstructure", loc="upper left", fontsize=8)
-    figure.suptitle("Sensitivity of the least overturning acceleration, " + _title(panels))
+    _headed(figure, "Sensitivity of the least overturning acceleration", panels)
     return figure
 
 
@@ -223,9 +223,15 @@ def _panels(
     return figure, axes, sides["right"]
 
 
+def _headed(figure: Figure, title: str, panels: xarray.Dataset) -> None:
+    """A title over the figure, in two lines where one would be wider."""
+    wide = figure.get_figwidth() > 9
+    figure.suptitle(f"{title}{', ' if wide else chr(10)}{_title(panels)}", fontsize=None if wide else 10)
+
+
 def _title(panels: xarray.Dataset) -> str:
     a = panels.attrs
     return (
-        rf"{a['pulse']} pulse, $\gamma = {a['gamma']:g}$, $R = {a['R_m']:g}$ m, "
-        rf"$\tan\alpha = {math.tan(a['alpha_rad']):g}$"
+        rf"{a['pulse']} pulse, $\gamma = {a['gamma']:g}$, $R = {a['R_m']:.4g}$ m, "
+        rf"$\tan\alpha = {math.tan(a['alpha_rad']):.4g}$"
     )

@@ -1,0 +1,16 @@
+"""The command line. Nothing heavy is imported before a command needs it: help comes at once."""
+
+from ._app import app, main
+from ._design import design
+from ._fragility import fragility
+from ._motions import motions, synthetic
+from ._overturning import overturning
+from ._plot import plot
+from ._response import response
+from ._run import command
+from ._spectrum import spectrum
+
+for _function in (spectrum, overturning, response, fragility, design, motions, synthetic, plot):
+    app.command()(command(_function))
+
+__all__ = ["app", "main"]

@@ -1,0 +1,69 @@
+"""The application, and how it ends: 0 fine, 1 without the wanted answer, 2 wrong input, 130 interrupted."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Annotated
+
+import typer
+import typer.core
+
+from ._run import COMMAND, INTERRUPTED, NO_ANSWER, WRONG_INPUT, flowing
+
+
+class _Commands(typer.core.TyperGroup):
+    """Keeps the command line as it was given, for the files that it makes."""
+
+    def parse_args(self, ctx, args):
+        COMMAND.set(shlex.join(["rockjax", *args]))
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import rockjax
+
+        typer.echo(f"rockjax {rockjax.__version__}")
+        raise typer.Exit
+
+
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Rocking podium structures: responses, spectra, overturning, fragility, design. SI units, radians and ratios.
+
+    A structure and its ground motion are given by options, by a problem file (TOML), or by a file and options, which then
+    override the file. `rockjax COMMAND --help` has examples.
+
+    Exit status: 0 fine; 1 some scenes ended without an answer, no design satisfies the targets, or a file could not be
+    written; 2 wrong input; 130 interrupted.
+    """
+    del version
+
+
+app.callback(help=flowing(about))(about)
+
+
+def main() -> None:
+    try:
+        app()
+    except KeyboardInterrupt:
+        typer.echo("\nrockjax: stopped", err=True)
+        raise SystemExit(INTERRUPTED) from None
+    except ValueError as error:
+        typer.echo(f"rockjax: {error}", err=True)
+        raise SystemExit(WRONG_INPUT) from None
+    except (OSError, RuntimeError) as error:
+        typer.echo(f"rockjax: {error}", err=True)
+        raise SystemExit(NO_ANSWER) from None

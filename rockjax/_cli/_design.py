@@ -1,0 +1,63 @@
+"""`rockjax design`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from ._given import Given
+from ._options import ACCURACY, Changes, Output
+from ._run import Flags, Report, argument, option, prepare
+
+
+@dataclass
+class Search(Flags):
+    starts: Annotated[
+        int | None, option("--starts", panel=ACCURACY, min=1, help="Starting points; replaces those of the file.")
+    ] = None
+    seed: Annotated[
+        int | None, option("--seed", panel=ACCURACY, help="Seed of the starting points; replaces that of the file.")
+    ] = None
+    rtol: Annotated[
+        float | None, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")
+    ] = None
+
+
+def design(
+    problem: Annotated[Path, argument("Problem file (TOML): structure, motions, options, variables, targets.")],
+    structure: Changes,
+    search: Search,
+    report: Report,
+    output: Output = Path("rockjax-design"),
+) -> None:
+    """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to minimise.
+
+    Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and, before and
+    after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no design satisfies the
+    targets.
+
+    \b
+    Examples:
+      rockjax design docs/problems/column.toml
+      rockjax design docs/problems/column.toml --top-mass 400e3 --starts 8 -o heavier
+    """
+    prepare(report)
+    from optimise._cli import account, design_command
+    from optimise._problem import problem_of
+
+    given = Given("design", problem, structure, search)
+    table = given.table
+    if structure.given and "structure" in table:
+        table = table | {"structure": given.structure_table(structure)}
+    if search.rtol is not None:
+        table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
+    found, written = design_command(
+        problem_of(table, problem, given.where), output, search.starts, search.seed, report.quiet
+    )
+    report.say(str(found))
+    for path in written:
+        report.wrote(path)
+    report.facts |= {name: value for name, value in account(found).items() if name != "history"}
+    if not found.satisfied:
+        report.complain("no design that satisfies the targets was found")

@@ -1,0 +1,159 @@
+"""The commands around ground motion files: `rockjax motions` and `rockjax synthetic`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._given import component as channel
+from ._given import numbers
+from ._options import GRID, MOTION, OUTPUT, STRUCTURE, Component, SamplingInterval, Units
+from ._run import Report, argument, option
+
+if TYPE_CHECKING:
+    from rockjax._motions import Motions
+
+Pattern = Annotated[str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")]
+
+
+def motions(
+    paths: Annotated[list[Path], argument("Files, folders, tables of files (suite.csv).")],
+    report: Report,
+    units: Units = None,
+    dt: SamplingInterval = None,
+    component: Component = None,
+    pattern: Pattern = None,
+    periods: Annotated[
+        str, option("--periods", panel=GRID, help="Periods of Sa(T) [s], separated by commas.")
+    ] = "0.2,0.5,1,2",
+    damping: Annotated[float, option("--damping", panel=GRID, help="Damping ratio of Sa(T) [–].")] = 0.05,
+    tan_alpha: Annotated[
+        float | None, option("--tan-alpha", panel=STRUCTURE, help="Slenderness of the columns tan α [–]; with --R.")
+    ] = None,
+    R: Annotated[
+        float | None, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m]; with --tan-alpha.")
+    ] = None,
+    output: Annotated[
+        Path | None, option("--output", "-o", panel=OUTPUT, help="Prefix of the netCDF file to write.")
+    ] = None,
+) -> None:
+    """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
+
+    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc where OUTPUT is given.
+
+    \b
+    Examples:
+      rockjax motions suite/ more/RSN1.AT2
+      rockjax motions record.txt --units g --dt 0.01 --tan-alpha 0.15 --R 1.5 -o measures
+    """
+    import math
+
+    from rockjax._intensity import intensity_measures
+    from rockjax._motions import aligned
+    from rockjax._structures import STANDARD_GRAVITY, Podium
+
+    if (tan_alpha is None) != (R is None):
+        raise typer.BadParameter("--tan-alpha and --R go together")
+    podium = None if tan_alpha is None or R is None else Podium(math.atan(tan_alpha), R)
+    wanted = numbers("periods", periods)
+    found = read(paths, units and units.value, dt, component, pattern)
+    data = intensity_measures(found, periods=wanted, damping=damping, podium=podium)
+    columns: list[tuple[str, list[float]]] = [
+        ("dt [s]", data["dt"].values.tolist()),
+        ("duration [s]", data["duration"].values.tolist()),
+        ("PGA [g]", (data["PGA"].values / STANDARD_GRAVITY).tolist()),
+        ("PGV [m/s]", data["PGV"].values.tolist()),
+        *(
+            (f"Sa({T:g} s) [g]", (data["Sa"].isel(period=k).values / STANDARD_GRAVITY).tolist())
+            for k, T in enumerate(wanted)
+        ),
+        ("Arias [m/s]", data["arias_intensity"].values.tolist()),
+        ("D5–95 [s]", data["D5_95"].values.tolist()),
+    ]
+    if podium is not None:
+        columns += [
+            ("PGA/(g tan α)", data["acceleration_ratio"].values.tolist()),
+            ("p PGV/(g tan α)", data["velocity_ratio"].values.tolist()),
+        ]
+    rows = [("name", *(name for name, _ in columns))]
+    rows += [(name, *(f"{values[k]:.4g}" for _, values in columns)) for k, name in enumerate(found.names)]
+    for line in aligned(rows):
+        report.say(line)
+    report.facts["motions"] = [
+        {"name": name} | {key: values[k] for key, values in columns} for k, name in enumerate(found.names)
+    ]
+    if output is not None:
+        report.write(f"{output}.nc", data)
+
+
+def read(paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None) -> Motions:
+    """Motions of files, folders and tables."""
+    from rockjax._motions import Motions
+    from rockjax._readers import is_table, read_motion, read_suite
+
+    which, found = channel(component), []
+    for path in paths:
+        if path.is_dir():
+            found += list(read_suite(path, units=units, dt=dt, component=which, pattern=pattern))
+        elif is_table(path):
+            found += list(read_suite(path, units=units, dt=dt, component=which))
+        else:
+            found.append(read_motion(path, units=units, dt=dt, component=which))
+    return Motions(tuple(found))
+
+
+def synthetic(
+    report: Report,
+    count: Annotated[int, option("--count", panel=MOTION, min=1, help="How many motions.")] = 20,
+    seed: Annotated[int, option("--seed", panel=MOTION, min=0, help="The same seed gives the same motions.")] = 0,
+    dt: Annotated[float, option("--dt", panel=MOTION, help="Sampling interval [s].")] = 0.01,
+    duration: Annotated[float, option("--duration", panel=MOTION, help="Duration [s].")] = 20.0,
+    pga: Annotated[float, option("--pga", panel=MOTION, help="Peak acceleration of the noise [m/s²].")] = 2.94,
+    pulse: Annotated[
+        tuple[float, float, float, float] | None,
+        option(
+            "--pulse",
+            panel=MOTION,
+            help="Velocity pulse of Mavroeidis & Papageorgiou: A [m/s], f_p [Hz], γ [–], ν [rad].",
+        ),
+    ] = None,
+    omega_g: Annotated[float, option("--omega-g", panel=MOTION, help="Frequency of the soil ω_g [rad/s].")] = 15.0,
+    zeta_g: Annotated[float, option("--zeta-g", panel=MOTION, help="Damping ratio of the soil ζ_g [–].")] = 0.6,
+    output: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="Folder to write into.")] = Path(
+        "rockjax-synthetic"
+    ),
+) -> None:
+    """Synthetic ground motions: filtered noise under an envelope, and a velocity pulse where wanted.
+
+    Writes OUTPUT/synthetic-0001.AT2 … and OUTPUT/suite.csv, the table of them with all parameters.
+
+    \b
+    Examples:
+      rockjax synthetic --count 20 --seed 1 -o suite
+      rockjax synthetic --count 5 --pulse 0.6 0.8 2 0.5 -o near-fault
+    """
+    import csv
+    import io
+
+    from rockjax._files import write_whole
+    from rockjax._synthetic import synthetic_motions
+    from rockjax._wavelets import MavroeidisPapageorgiou
+
+    wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
+    made = synthetic_motions(
+        count, seed=seed, dt=dt, duration=duration, pga=pga, pulse=wavelet, omega_g=omega_g, zeta_g=zeta_g
+    )
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    parameters = [key for key in made[0].metadata if key not in ("format", "event")]
+    writer.writerow(["file", "name", *parameters])
+    for motion in made:
+        motion.save(output / f"{motion.name}.AT2")
+        writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
+    # Last, so that a folder with a table is complete.
+    report.wrote(write_whole(output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")))
+    report.say(repr(made))
+    report.say(f"wrote {len(made)} motions and suite.csv into {output}")
+    report.facts["motions"] = made.names

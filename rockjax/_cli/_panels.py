@@ -1,0 +1,49 @@
+"""Many podiums: their datasets put together, and what is said of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ._run import Report
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def joined(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
+    """The datasets of panels put together, with the dims `eta_over_gamma` and `T_s`."""
+    import numpy as np
+    import xarray
+
+    each = iter(datasets)
+    # Where one has more boundaries than another.
+    join = {
+        "combine_attrs": "drop_conflicts",
+        "join": "outer",
+        "fill_value": {"impacts": -1, "boundaries": np.nan},
+        "coords": "different",
+        "compat": "equals",
+        "data_vars": "all",
+    }
+    rows = [
+        xarray.concat([next(each).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods], "T_s", **join)
+        for ratio in ratios
+    ]
+    panels = xarray.concat(rows, "eta_over_gamma", **join)
+    panels.attrs["zeta"] = zeta
+    return panels
+
+
+def least(
+    report: Report, lowest: xarray.DataArray, ratios: list[float], periods: list[float], where: str, digits: str
+) -> None:
+    """Say the least overturning acceleration of each panel."""
+    values = lowest.transpose("eta_over_gamma", "T_s").values
+    for ratio, row in zip(ratios, values, strict=True):
+        line = ", ".join(f"T_s = {T:g} s: {value:{digits}}" for T, value in zip(periods, row, strict=True))
+        report.say(f"least overturning a_p/(g tan α){where}, η/γ = {ratio:g}: {line}")
+    report.facts["least_overturning"] = [
+        {"eta_over_gamma": ratio, "T_s": T, "acceleration_ratio": value}
+        for ratio, row in zip(ratios, values.tolist(), strict=True)
+        for T, value in zip(periods, row, strict=True)
+    ]

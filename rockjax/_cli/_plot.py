@@ -1,0 +1,39 @@
+"""`rockjax plot`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from ._given import names
+from ._options import OUTPUT
+from ._run import Report, argument, option, prepare
+
+
+def plot(
+    file: Annotated[Path, argument("A netCDF file that rockjax has written.")],
+    report: Report,
+    output: Annotated[
+        Path | None,
+        option("--output", "-o", panel=OUTPUT, help="Prefix of the pictures; by default the file without its ending."),
+    ] = None,
+    kind: Annotated[
+        str, option("--kind", panel=OUTPUT, help="Pictures, separated by commas; by default those that the command drew.")
+    ] = "",
+) -> None:
+    """Draw a file again: spectra, overturning spectra, responses, fragilities, design charts.
+
+    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum: boundaries,
+    sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait, moment-rotation, energy, and film,
+    a GIF.
+
+    \b
+    Examples:
+      rockjax plot study.nc
+      rockjax plot study.nc --kind phase-portrait,energy -o pictures/study
+    """
+    prepare(report)
+    from rockjax._redraw import redraw
+
+    for path in redraw(file, output, names(kind)):
+        report.wrote(path)

@@ -1,0 +1,61 @@
+"""`rockjax response`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from ._given import Given
+from ._options import GRID, Accuracy, Motion, Output, ProblemFile, Structure
+from ._run import Flags, Report, option, prepare
+
+
+@dataclass
+class Span(Flags):
+    t_end: Annotated[
+        float | None, option("--t-end", panel=GRID, help="End of the history [s]; by default when nothing more happens.")
+    ] = None
+
+
+def response(
+    structure: Structure,
+    motion: Motion,
+    span: Span,
+    accuracy: Accuracy,
+    report: Report,
+    problem: ProblemFile = None,
+    output: Output = Path("rockjax-response"),
+) -> None:
+    """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
+
+    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and a film of it.
+
+    \b
+    Examples:
+      rockjax response --acceleration-ratio 2.5 --T-p 1.0 --T-s 0.5
+      rockjax response --width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --a-p 3.7
+      rockjax response --record suite/RSN1.AT2 --scale 2 --eta 0
+      rockjax response problem.toml --motion pulses --number 2
+    """
+    prepare(report)
+    import rockjax as rj
+    from rockjax import plots
+
+    given = Given("response", problem, structure, motion, span, accuracy)
+    podium = given.podium(structure)
+    excitation = given.excitation(motion, podium)
+    options = given.options(accuracy)
+    history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
+    data = history.dataset()
+    report.say(repr(history))
+    report.write(f"{output}.nc", data)
+    report.draw(f"{output}.png", plots.response(data))
+    from rockjax import _results as results
+    from rockjax._datasets import VARIABLES
+
+    code = int(results.code_of(history.result))
+    wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}
+    report.facts |= {"result": results.NAMES[code], **wanted}
+    if code > results.OVERTURNED:
+        report.complain(f"the scene ended without an answer: {results.NAMES[code]}")

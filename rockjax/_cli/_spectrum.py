@@ -1,0 +1,85 @@
+"""`rockjax spectrum`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from ._given import Given
+from ._options import GRID, Accuracy, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
+from ._panels import joined, least
+from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
+
+
+@dataclass
+class Grid(Flags):
+    pulse: Pulse = PulseName.ricker
+    frequency_ratio: Frequencies = (1.0, 8.0)
+    acceleration_ratio: Annotated[
+        tuple[float, float], option("--acceleration", panel=GRID, help="Range of a_p/(g tan α) [–].")
+    ] = (1.0, 12.0)
+    points: Annotated[int, option("--points", panel=GRID, min=2, help="Points along each axis.")] = 100
+
+
+def spectrum(
+    structure: Panels,
+    grid: Grid,
+    accuracy: Accuracy,
+    report: Report,
+    problem: ProblemFile = None,
+    output: Output = Path("rockjax-spectrum"),
+    resume: Resume = False,
+) -> None:
+    """Rocking spectra: peak rotation over pulse frequency and acceleration, and what overturns on the grid.
+
+    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Writes OUTPUT.nc, OUTPUT-rotation.png and
+    OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume solves the others.
+
+    \b
+    Examples:
+      rockjax spectrum
+      rockjax spectrum --points 40 --eta-over-gamma 5 --T-s 0,0.5 -o study
+      rockjax spectrum --width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --points 40
+      rockjax spectrum problem.toml --points 200
+    """
+    prepare(report)
+    prepare_pictures()
+    import numpy as np
+
+    import rockjax as rj
+    from rockjax import _partial
+    from rockjax._pulses import PULSES
+
+    given = Given("spectrum", problem, structure, grid, accuracy)
+    podiums, ratios, periods, zeta = given.panels(structure)
+    grid = given.settings(grid)
+    options = given.options(accuracy, outputs=("peak_rotation",))
+    if "peak_rotation" not in options.outputs:
+        options = options.replace(outputs=("peak_rotation", *options.outputs))
+    x, y = np.linspace(*grid.frequency_ratio, grid.points), np.linspace(*grid.acceleration_ratio, grid.points)
+    total = len(podiums) * grid.points**2
+    report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
+    known = _partial.load(_partial.path_of(output), len(podiums)) if resume else None
+    try:
+        with report.progress(total, "scenes") as bar:
+            spectra = rj.rocking_spectra(podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known)
+    except rj.Interrupted as stopped:
+        raise interrupted(output, stopped.partial, str(stopped)) from None
+    from rockjax import plots
+
+    panels = joined(spectra, ratios, periods, zeta)
+    panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
+    panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
+    report.write(f"{output}.nc", panels)
+    for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
+        report.draw(f"{output}-{suffix}.png", draw(panels))
+    _partial.path_of(output).unlink(missing_ok=True)
+    failed = int((panels["result"] > 2).sum())
+    overturned = float(panels["overturned"].mean())
+    report.say(f"{total} scenes: {overturned:.1%} overturned, {failed} without an answer")
+    lowest = rj.minimum_overturning(panels).min("frequency_ratio")
+    least(report, lowest, ratios, periods, " on the grid", ".2f")
+    report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
+    if failed:
+        report.complain(f"{failed} of {total} scenes ended without an answer")

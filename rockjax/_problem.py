@@ -1,0 +1,358 @@
+"""Problems in TOML files: a structure, ground motions, options, and what each command is to do with them.
+
+[structure]                      # by ratios: alpha [rad] or tan_alpha, R [m], gamma, lam, restitution, g …
+tan_alpha = 0.15
+R = 1.5
+gamma = 10.0
+superstructure = { eta = 100.0, T_s = 0.5, zeta = 0.05 }   # without T_s a rigid one; optional
+
+[structure]                      # … or by dimensions, as Podium.from_dimensions
+width = 0.45
+height = 3.0
+column_mass = 1500.0
+beam_mass = 30e3
+top_mass = 300e3
+period = 0.5
+
+[motions.pulses]                 # sets of motions, by names of your own
+kind = "ricker"                  # antisymmetric-ricker, one-sine, one-cosine, half-sine
+a_p = [3.0, 4.0]                 # [m/s²], or acceleration_ratio: multiples of g tan α of the structure above
+T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the structure above
+                                 # lists of one length go together, a single number goes with all
+
+[[motions.records]]              # a set may have several entries
+file = "record.csv"              # beside this file; any format that rockjax.read_motion reads
+units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; only where the file does not say it, as text does
+dt = 0.01                        # only where the file does not say it, as one column does [s]
+scale = 1.0                      # optional
+component = 1                    # number or name of a channel, where the file has several
+[[motions.records]]
+suite = "folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it
+pattern = "*.AT2"                # optional, of a folder; as are units, dt, scale, component for all of its motions
+[[motions.records]]
+synthetic = 20                   # so many of rockjax.synthetic_motions; optional: seed, dt, duration, pga, omega_g, zeta_g
+
+[options]                        # optional: rtol, atol, method, … of rockjax.Options
+rtol = 1e-8
+
+[response]                       # of `rockjax response`
+motion = "pulses"                # which set; optional where there is one
+number = 1                       # which motion of it; optional where there is one
+t_end = 10.0                     # [s], optional
+
+[spectrum]                       # of `rockjax spectrum`; everything is optional
+pulse = "ricker"
+frequency_ratio = [1.0, 8.0]     # range of ω_p/p
+acceleration_ratio = [1.0, 12.0] # range of a_p/(g tan α)
+points = 100                     # along each axis
+eta_over_gamma = [1.0, 5.0]      # one panel for each instead of that of the structure
+T_s = [0.0, 0.5]                 # … and for each of these [s], 0 is rigid
+
+[overturning]                    # as [spectrum], without acceleration_ratio
+max_acceleration_ratio = 12.0    # end of the search, a_p/(g tan α)
+sensitivities = ["alpha"]        # parameters y of d a_ov/d ln y
+
+[fragility]                      # of `rockjax fragility`; everything is optional
+motions = "records"              # which set; optional where there is one
+measure = "PGA"                  # "PGV", "Sa" with measure_period [s], "scale"
+intensity = [0.5, 8.0]           # lowest and highest level, in units of the measure
+levels = 20
+method = "capacities"            # or "stripes"
+confidence = 0.9
+resamples = 1000
+seed = 0                         # of the resampling
+sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
+
+What `rockjax design` reads besides is at the head of optimise/_problem.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ._excitations import AbstractExcitation
+from ._motions import Motions
+from ._options import Options
+from ._pulses import PULSES, AbstractPulse
+from ._readers import read_motion, read_suite
+from ._structures import Elastic, Podium, Rigid
+from ._synthetic import synthetic_motions
+
+# Everything that a file may hold: one file can serve all commands.
+DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")
+MEASURES = ("PGA", "PGV", "Sa", "scale")
+FITS = ("capacities", "stripes")
+SOURCES = ("kind", "file", "suite", "synthetic")
+
+
+class Reported(ValueError):
+    """A complaint that names the file and the key already."""
+
+
+def load_table(path: Path) -> dict[str, Any]:
+    """The table of a TOML file. Raises `ValueError` that names the file and the cause."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is not TOML: {error}") from None
+
+
+def _is_number(value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_list(value, holds: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(map(holds, value))
+
+
+def _is_text(value) -> bool:
+    return isinstance(value, str)
+
+
+# In words, and how to tell.
+Kind = tuple[str, Callable[[Any], bool]]
+NUMBER: Kind = ("a number", _is_number)
+NUMBERS: Kind = ("a list of numbers", lambda value: _is_list(value, _is_number))
+RANGE: Kind = ("two numbers [lowest, highest]", lambda value: _is_list(value, _is_number) and len(value) == 2)
+TEXT: Kind = ("a text", _is_text)
+TEXTS: Kind = ("a list of texts", lambda value: value == [] or _is_list(value, _is_text))
+LABEL: Kind = ("a whole number or text", lambda value: _is_text(value) or (_is_number(value) and isinstance(value, int)))
+
+
+def _whole(least: int) -> Kind:
+    return f"a whole number ≥ {least}", lambda value: _is_number(value) and isinstance(value, int) and value >= least
+
+
+def _one_of(names) -> Kind:
+    return f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names
+
+
+_PANELS: dict[str, Kind] = {
+    "pulse": _one_of(PULSES),
+    "frequency_ratio": RANGE,
+    "points": _whole(2),
+    "eta_over_gamma": NUMBERS,
+    "T_s": NUMBERS,
+}
+COMMANDS: dict[str, dict[str, Kind]] = {
+    "response": {"motion": TEXT, "number": _whole(1), "t_end": NUMBER},
+    "spectrum": _PANELS | {"acceleration_ratio": RANGE},
+    "overturning": _PANELS | {"max_acceleration_ratio": NUMBER, "sensitivities": TEXTS},
+    "fragility": {
+        "motions": TEXT,
+        "measure": _one_of(MEASURES),
+        "measure_period": NUMBER,
+        "intensity": RANGE,
+        "levels": _whole(1),
+        "method": _one_of(FITS),
+        "confidence": NUMBER,
+        "resamples": _whole(1),
+        "seed": _whole(0),
+        "sensitivities": TEXTS,
+    },
+}
+_RECORD: dict[str, Kind] = {"units": TEXT, "dt": NUMBER, "scale": NUMBER, "component": LABEL}
+_SOURCES: dict[str, tuple[Kind, dict[str, Kind]]] = {
+    "file": (TEXT, _RECORD),
+    "suite": (TEXT, _RECORD | {"pattern": TEXT}),
+    "synthetic": (
+        _whole(1),
+        {"seed": _whole(0), "dt": NUMBER, "duration": NUMBER, "pga": NUMBER, "omega_g": NUMBER, "zeta_g": NUMBER},
+    ),
+}
+
+
+class Reader:
+    """Reads tables; every complaint names the file, the key and the cause.
+
+    - `path`: the file, which others are named relative to; None for tables that come from no file
+    - `where`: what complaints begin with, by default the path
+    - `by_dimensions`: what is made of a structure that is given by dimensions
+    """
+
+    def __init__(
+        self, path: Path | None = None, where: str | None = None, by_dimensions: Callable[..., Any] = Podium.from_dimensions
+    ):
+        self.folder = Path() if path is None else path.parent
+        where = ("" if path is None else str(path)) if where is None else where
+        self.prefix = f"{where}: " if where else ""
+        self.by_dimensions = by_dimensions
+
+    @contextlib.contextmanager
+    def at(self, key: str) -> Iterator[None]:
+        try:
+            yield
+        except Reported:
+            raise
+        except (ValueError, TypeError) as error:
+            raise Reported(f"{self.prefix}{key}: {error}") from None
+
+    def fail(self, key: str, why: str) -> NoReturn:
+        raise Reported(f"{self.prefix}{key}: {why}")
+
+    def table(self, value, key: str, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            self.fail(key, f"must be a table, got {value!r}")
+        for name in value:
+            if name not in needed + optional:
+                self.fail(f"{key}.{name}" if key else name, f"is not known; known are {', '.join(needed + optional)}")
+        for name in needed:
+            if name not in value:
+                self.fail(key or "file", f"{name} is missing")
+        return value
+
+    def whole(self, table: dict[str, Any], needed: tuple[str, ...] = ()) -> dict[str, Any]:
+        """The table of a whole file."""
+        everything = ("structure", "motions", "options", *COMMANDS, *DESIGN)
+        return self.table(table, "", needed, tuple(name for name in everything if name not in needed))
+
+    def typed(self, value, key: str, kinds: Mapping[str, Kind]) -> dict[str, Any]:
+        """A table of optional keys, each of its kind."""
+        table = self.table(value, key, (), tuple(kinds))
+        for name, entry in table.items():
+            words, good = kinds[name]
+            if not good(entry):
+                self.fail(f"{key}.{name}", f"must be {words}, got {entry!r}")
+        return table
+
+    def settings(self, table: Mapping[str, Any], command: str) -> dict[str, Any]:
+        """What a file says to a command."""
+        return self.typed(table.get(command, {}), command, COMMANDS[command])
+
+    def options(self, table: Mapping[str, Any], **changes) -> Options:
+        """The options of a file; `changes` are what it need not say."""
+        with self.at("options"):
+            given = table.get("options", {})
+            return Options(**({"throw": False} | changes | given))
+
+    def numbers(self, value, key: str) -> np.ndarray:
+        if not _is_number(value) and not _is_list(value, _is_number):
+            self.fail(key, f"must be a number or a list of numbers, got {value!r}")
+        return np.asarray(value, float)
+
+    def structure(self, value) -> Any:
+        key = "structure"
+        if not isinstance(value, dict):
+            self.fail(key, f"must be a table, got {value!r}")
+        if "column_mass" in value:
+            names = ("beam_mass", "columns", "top_mass", "period", "damping", "lam", "restitution", "g")
+            self.table(value, key, ("width", "height", "column_mass"), names)
+            with self.at(key):
+                return self.by_dimensions(**value)
+        slenderness = [name for name in ("alpha", "tan_alpha") if name in value]
+        if len(slenderness) != 1:
+            self.fail(key, "needs alpha or tan_alpha with R, or width, height and column_mass")
+        optional = ("gamma", "superstructure", "lam", "restitution", "g")
+        numbers = dict(self.table(value, key, (slenderness[0], "R"), optional))
+        with self.at(key):
+            if "tan_alpha" in numbers:
+                numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
+            if "superstructure" in numbers:
+                top = self.table(numbers["superstructure"], f"{key}.superstructure", ("eta",), ("T_s", "zeta"))
+                if "zeta" in top and "T_s" not in top:
+                    self.fail(f"{key}.superstructure", "zeta needs T_s; without it the superstructure is rigid")
+                numbers["superstructure"] = Elastic(**top) if "T_s" in top else Rigid(**top)
+            return Podium(**numbers)
+
+    def motions(self, value, podium: Podium) -> dict[str, list[AbstractExcitation]]:
+        """All sets of motions, to simulate with."""
+        return {name: self.motion_set(entries, f"motions.{name}", podium) for name, entries in self.sets(value).items()}
+
+    def sets(self, value) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            self.fail("motions", f"must be tables [motions.name], got {value!r}")
+        return value
+
+    def motion_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation]:
+        found: list[AbstractExcitation] = []
+        for entry, at, source in self._entries(entries, key):
+            found += self.pulses(entry, at, podium) if source == "kind" else self.recorded(entry, at, source).records()
+        if not found:
+            self.fail(key, "is empty")
+        return found
+
+    def recorded_set(self, entries, key: str) -> Motions:
+        """A set of records only, with their names."""
+        found = []
+        for entry, at, source in self._entries(entries, key):
+            if source == "kind":
+                self.fail(f"{at}.kind", "is of a pulse; only records are wanted: file, suite or synthetic")
+            found += list(self.recorded(entry, at, source))
+        if not found:
+            self.fail(key, "is empty")
+        return Motions(tuple(found))
+
+    def _entries(self, entries, key: str) -> Iterator[tuple[dict, str, str]]:
+        several = isinstance(entries, list)
+        for k, entry in enumerate(entries if several else [entries]):
+            at = f"{key}[{k}]" if several else key
+            sources = [name for name in SOURCES if isinstance(entry, dict) and name in entry]
+            if len(sources) != 1:
+                self.fail(
+                    at, "needs one of kind (of a pulse), file (of a record), suite (of records) and synthetic (how many)"
+                )
+            yield entry, at, sources[0]
+
+    def pulse(self, value, key: str) -> type[AbstractPulse]:
+        if not isinstance(value, str) or value not in PULSES:
+            self.fail(key, f"must be one of {', '.join(PULSES)}, got {value!r}")
+        return PULSES[value]
+
+    def either(self, entry: dict, key: str, plain: str, ratio: str) -> tuple[np.ndarray, bool]:
+        """The numbers of one of two keys, and whether it is the ratio."""
+        given = [name for name in (plain, ratio) if name in entry]
+        if len(given) != 1:
+            self.fail(key, f"needs {plain} or {ratio}")
+        return self.numbers(entry[given[0]], f"{key}.{given[0]}"), given[0] == ratio
+
+    def periods(self, entry: dict, key: str, podium: Podium) -> np.ndarray:
+        numbers, ratio = self.either(entry, key, "T_p", "frequency_ratio")
+        if not (numbers > 0).all():
+            self.fail(key, f"periods and frequencies must be > 0, got {numbers.tolist()}")
+        return 2 * math.pi / (float(podium.p) * numbers) if ratio else numbers
+
+    def pulses(self, entry: dict, key: str, podium: Podium) -> list[AbstractExcitation]:
+        self.table(entry, key, ("kind",), ("a_p", "acceleration_ratio", "T_p", "frequency_ratio"))
+        kind = self.pulse(entry["kind"], f"{key}.kind")
+        a_p, ratio = self.either(entry, key, "a_p", "acceleration_ratio")
+        a_p = a_p * float(podium.g) * math.tan(float(podium.alpha)) if ratio else a_p
+        T_p = self.periods(entry, key, podium)
+        if a_p.ndim and T_p.ndim and len(a_p) != len(T_p):
+            self.fail(key, f"has {len(a_p)} amplitudes and {len(T_p)} periods; give as many of both, or one")
+        with self.at(key):
+            pairs = zip(*(np.atleast_1d(y) for y in np.broadcast_arrays(a_p, T_p)), strict=True)
+            return [kind(float(a), float(T)) for a, T in pairs]
+
+    def recorded(self, entry: dict, key: str, source: str) -> Motions:
+        """The records of one entry."""
+        own, others = _SOURCES[source]
+        self.typed(self.table(entry, key, (source,), tuple(others)), key, {source: own} | others)
+        more: dict[str, Any] = {name: entry[name] for name in entry if name != source}
+        with self.at(key):
+            if source == "synthetic":
+                seeded: dict[str, Any] = {"seed": 0} | more
+                return synthetic_motions(entry[source], **seeded)
+            path = self.folder / entry[source]
+            if source == "suite":
+                return read_suite(path, **more)
+            scale = more.pop("scale", 1.0)
+            motion = read_motion(path, **more)
+            return Motions((motion if scale == 1 else motion.scaled(scale),))
+
+    def chosen(self, entry: dict, key: str, motions: Mapping[str, Any]) -> Any:
+        """The set that `entry["motions"]` names."""
+        return self.set_named(entry["motions"], f"{key}.motions", motions)
+
+    def set_named(self, name, key: str, motions: Mapping[str, Any]) -> Any:
+        if not isinstance(name, str) or name not in motions:
+            self.fail(key, f"must name a set under [motions], got {name!r}; there are {', '.join(motions) or 'none'}")
+        return motions[name]
