@@ -80,7 +80,7 @@ for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio
 # the levels, each record's least overturning intensity is found exactly.
 
 # %%
-records = rj.Records.of(list(suite.records()))
+records = rj.Records.of(suite.records())
 levels = np.linspace(0.5, 12.0, 8 if REDUCED else 60)
 resolution = 32 if REDUCED else 128  # places of the first scan for boundaries
 options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("peak_rotation",))
@@ -90,14 +90,7 @@ analysis = rj.incremental_dynamic_analysis(
 print(f"{analysis.attrs['scenes']} scenes; {int(np.isfinite(analysis.capacity).sum())} of {len(records)} records overturn")
 
 # %%
-ax = plt.figure(figsize=(6, 4), layout="constrained").add_subplot()
-for name in analysis.record.values:
-    one = analysis.sel(record=name)
-    ax.plot(one.peak_rotation.where(~one.overturned), one.intensity, ".-", color="0.6", lw=0.8, ms=3)
-ax.plot(np.ones(len(records)), analysis.capacity, "x", color=plots.COLOURS[1], label="least overturning PGA")
-ax.set(xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$", ylabel="PGA [m/s²]", xlim=(0, 1.05))
-ax.grid(alpha=0.3)
-legend = ax.legend(loc="lower right")
+ax = plots.incremental_dynamic_analysis(analysis)
 
 # %% [markdown]
 # Curves weave: a stronger motion may turn the columns less. Some records survive again above their first
@@ -120,16 +113,7 @@ print(f"median {fragility.median_capacity.item():.3f} m/s² (90 %: {low:.3f} to 
 print(f"dispersion {fragility.dispersion.item():.3f}")
 
 # %%
-ax = plt.figure(figsize=(6, 3.6), layout="constrained").add_subplot()
-ax.fill_between(fragility["at"], fragility.lower, fragility.upper, color="0.88", label="90 % band")
-ax.plot(fragility["at"], fragility.probability, color=plots.COLOURS[2], label="lognormal")
-order = np.sort(analysis.capacity.values)
-ax.step(
-    order, (np.arange(order.size) + 1) / order.size, where="post", color=plots.COLOURS[0], linestyle=":", label="capacities"
-)
-ax.set(xlabel="PGA [m/s²]", ylabel="probability of overturning", xlim=(0, levels[-1]), ylim=(0, 1))
-ax.grid(alpha=0.3)
-legend = ax.legend()
+ax = plots.fragility(fragility)
 
 # %% [markdown]
 # ## What shifts the median
@@ -160,4 +144,4 @@ print(f"from two analyses: {ratio:+.3f} % per %")
 #
 # - `07_gradients_explained`: derivatives of boundaries
 # - `optimise.OverturningProbability` in [Design](../docs/design.md): columns for a given probability
-# - [Ground motion files](../docs/records.md)
+# - [Ground motion files](../docs/records.md), [Fragility](../docs/fragility.md)

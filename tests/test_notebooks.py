@@ -1,5 +1,8 @@
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -82,3 +85,19 @@ def test_they_become_notebooks(notebook):
 def test_the_page_lists_them_all():
     page = (ROOT / "docs" / "notebooks.md").read_text()
     assert re.findall(r"`(\d\d_\w+)\.py`", page) == [notebook.stem for notebook in NOTEBOOKS]
+
+
+@pytest.mark.parametrize("decorator", ["styled", "on_axes"])
+def test_our_style_leaves_a_notebook_interactive(decorator, tmp_path):
+    """The first figure of a session loads the backend, which in a notebook switches interactive mode on."""
+    (tmp_path / "lively.py").write_text(
+        "from matplotlib.backends.backend_agg import *\nimport matplotlib\nmatplotlib.interactive(True)\n"
+    )
+    code = (
+        "import matplotlib, matplotlib.pyplot as plt\nfrom rockjax.plots import _style\n"
+        f"_style.{decorator}(lambda data, ax=None: ax or plt.figure())(None)\n"
+        "assert plt.get_fignums()\nassert matplotlib.is_interactive()"
+    )
+    paths = os.pathsep.join([str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"MPLBACKEND": "module://lively", "PYTHONPATH": paths}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
