@@ -28,7 +28,7 @@ ROOT = Path(__file__).parent.parent
 FUNCTIONS = {
     "_model.py": (
         "coefficients", "beam", "beam_acceleration", "acceleration", "uplift_demand", "impact", "potential", "energy",
-        "energy_after", "shear",
+        "energy_after", "shear", "power", "restoring_moment",
     ),
     "_structures.py": ("factor", "omega_s", "p", "width", "height", "uplift_acceleration", "restitution_factor",
                        "uplifted_frequency", "equivalent_block", "from_dimensions"),

@@ -2,6 +2,7 @@
 
 from ._chart import design_chart, plot_chart
 from ._design import Design, design
+from ._explore import Explorer, explore
 from ._fit import Fit, fit
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._problem import Problem, load
@@ -9,6 +10,7 @@ from ._report import before_after, convergence, table
 from ._results import RESULTS
 from ._targets import (
     AbstractTarget,
+    MedianCapacity,
     NoOverturning,
     OverturningAcceleration,
     OverturningProbability,
@@ -25,7 +27,9 @@ __all__ = [
     "AbstractTarget",
     "Design",
     "Dimensions",
+    "Explorer",
     "Fit",
+    "MedianCapacity",
     "NoOverturning",
     "OverturningAcceleration",
     "OverturningProbability",
@@ -41,6 +45,7 @@ __all__ = [
     "convergence",
     "design",
     "design_chart",
+    "explore",
     "fit",
     "load",
     "plot_chart",

@@ -18,7 +18,7 @@ Margins = Float[Array, " k"]
 
 
 class Suite(eqx.Module):
-    """Ground motions of any kinds, those of one kind and size stacked, so that one compiled loop serves them all."""
+    """Ground motions of any kinds, in groups that one compiled loop serves: records of any lengths, motions of one kind."""
 
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
@@ -30,14 +30,16 @@ class Suite(eqx.Module):
             raise ValueError("excitations: at least one ground motion is needed, got none")
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
+            if isinstance(motion, rj.Record) and motion.acceleration.ndim == 1 and not np.ndim(motion.dt):
+                kinds.setdefault(rj.Record, []).append(k)
+                continue
             if not isinstance(motion, rj.AbstractExcitation):
                 raise ValueError(f"excitations: entry {k} must be a rockjax excitation, got {motion!r}")
             if any(np.ndim(t) for t in motion.support):
                 raise ValueError(f"excitations: entry {k} must be a single motion, got a batch; give a list of motions")
             leaves, structure = jax.tree.flatten(motion)
             kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
-        members = [[motions[k] for k in places] for places in kinds.values()]
-        self.groups = tuple(jax.tree.map(lambda *ys: jnp.stack(ys), *group) for group in members)
+        self.groups = tuple(_stacked([motions[k] for k in places]) for places in kinds.values())
         placed = [k for places in kinds.values() for k in places]
         self.order = tuple(placed.index(k) for k in range(len(motions)))
 
@@ -46,7 +48,7 @@ class Suite(eqx.Module):
 
     def each(self, function) -> Any:
         """`function(motion)` of every motion, its outputs stacked in the order in which the motions were given."""
-        parts = [jax.vmap(function)(group) for group in self.groups]
+        parts = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
         return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
 
@@ -71,6 +73,21 @@ class Suite(eqx.Module):
         options = options.replace(outputs=("margin",), throw=False)
         parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
         return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
+
+
+def _stacked(motions: list[Any]) -> rj.AbstractExcitation:
+    if isinstance(motions[0], rj.Record):
+        table = rj.Records.of(motions)
+        return table.scaled(jnp.ones(len(table)))
+    return jax.tree.map(lambda *ys: jnp.stack(ys), *motions)
+
+
+def _axes(group: rj.AbstractExcitation) -> Any:
+    """What differs between the motions of a group: of records in a table only which one and its scale."""
+    if not isinstance(group, rj.Records):
+        return 0
+    none = jax.tree.map(lambda _: None, group)
+    return eqx.tree_at(lambda g: (g.which, g.scale), none, (0, 0), is_leaf=lambda y: y is None)
 
 
 def same(a: Suite, b: Suite) -> bool:

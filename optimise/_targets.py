@@ -16,6 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._lognormal import fit_capacities
 
 from ._suite import Margins, Suite
 
@@ -261,6 +262,50 @@ class OverturningScale(AbstractTarget):
 
     def describe(self) -> str:
         return f"overturning scale ≥ {self.at_least:g}"
+
+    @property
+    def scenes(self) -> int:
+        return len(self.suite)
+
+
+class MedianCapacity(AbstractTarget):
+    """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
+
+    - `at_least`: > 0 [–]; `suite`: two motions or more
+    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of them overturns
+      are known to lie above it (censored)
+
+    The median is that of the lognormal distribution fitted by maximum likelihood, as in [`rockjax.fragility`][]. The margin
+    is median/at_least − 1; where fewer than two motions overturn it is that of `max_scale`, with zero derivative. Raises
+    `ValueError` for limits that the range does not hold.
+    """
+
+    at_least: Any
+    max_scale: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+
+    def __init__(self, at_least, suite, *, max_scale=None, name: Name = None):
+        _limit("MedianCapacity", "at_least", at_least)
+        max_scale = 3.0 * at_least if max_scale is None else max_scale
+        _limit("MedianCapacity", "max_scale", max_scale)
+        if not at_least < max_scale:
+            raise ValueError(f"MedianCapacity: max_scale = {max_scale} must exceed at_least = {at_least}")
+        self.at_least, self.max_scale, self.name = float(at_least), float(max_scale), name
+        self.suite = Suite(suite)
+        if len(self.suite) < 2:
+            raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        def least(motion):
+            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
+
+        found = self.suite.each(least)
+        median = fit_capacities(found, jnp.full_like(found, self.max_scale)).median
+        return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
+
+    def describe(self) -> str:
+        return f"median overturning scale ≥ {self.at_least:g}"
 
     @property
     def scenes(self) -> int:

@@ -214,6 +214,45 @@ def test_beam_and_shear_from_the_geometry(sigma):
     assert float(model.shear(c, s, ground, (x, u), (v, u_dot), acc)) == pytest.approx(spring / G, rel=1e-12)
 
 
+@pytest.mark.parametrize("name", ["frame", "rigid", "elastic"])
+@pytest.mark.parametrize("sigma", [1.0, -1.0])
+def test_power_and_moment_by_hand(name, sigma):
+    """What the ground gives and the damper takes is the change of energy; the moment is that of the vertical forces."""
+    podium = PODIUMS[name]
+    c = model.coefficients(podium)
+    n, s = (2 if c.elastic else 1), jnp.asarray(sigma)
+    R, alpha, g = (float(y) for y in (podium.R, podium.alpha, podium.g))
+    heavy = float(podium.gamma + podium.eta)  # beam and top mass, which rise alike
+
+    @jax.jit
+    def evaluated(x, v, ground):
+        a = model.acceleration(c, s, ground, x, v)
+        _, rate = jax.jvp(lambda x, v: model.energy(c, s, x, v), (x, v), (v, a))
+        return a[0], rate, *model.power(c, s, ground, x, v), model.restoring_moment(c, s, ground, x, v)
+
+    for state in STATES[:6]:
+        theta = sigma * abs(state[0])
+        x, v = (jnp.asarray(theta), jnp.asarray(state[2]))[:n], (jnp.asarray(state[1]), jnp.asarray(state[3]))[:n]
+        acceleration, rate, given, taken, moment = (float(y) for y in evaluated(x, v, jnp.asarray(state[4])))
+        psi, omega = sigma * alpha - theta, float(v[0])
+        u_b_dot = 2 * R * omega * np.cos(psi)
+        top = float(podium.eta) * (float(v[1]) if c.elastic else u_b_dot)
+        assert given == pytest.approx(-state[4] * ((0.5 + float(podium.gamma)) * u_b_dot + top), rel=1e-12)
+        if c.elastic:
+            damper = 2 * float(podium.superstructure.zeta * podium.superstructure.omega_s * podium.eta)
+            assert taken == pytest.approx(damper * (float(v[1]) - u_b_dot) ** 2, rel=1e-12)
+        else:
+            assert taken == 0
+        assert rate == pytest.approx(given - taken, rel=1e-9, abs=1e-10)
+        rises = 2 * R * (acceleration * np.sin(psi) - omega**2 * np.cos(psi))
+        arm, at_uplift = np.sin(psi), np.sin(alpha) * g * (2 * heavy + 1)  # of the beam twice that of the columns
+        assert moment == pytest.approx(arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11)
+    zero = jnp.zeros(())
+    q = 0.4 * float(c.uplift)
+    down = model.restoring_moment(c, zero, jnp.asarray(q), (zero,) * n, (zero,) * n)
+    assert float(down) == pytest.approx(-0.4, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", PODIUMS)
 def test_potential_is_the_work_against_gravity(name):
     podium = PODIUMS[name]

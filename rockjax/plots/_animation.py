@@ -17,7 +17,7 @@ from rockjax._files import write_whole
 from rockjax._response import Response
 
 from ._histories import TIME, as_history
-from ._style import COLOURS, ROTATION, STYLE
+from ._style import COLOURS, ROTATION, in_style
 
 if TYPE_CHECKING:
     import xarray
@@ -70,7 +70,7 @@ def animation(
     if not t[0] <= first < last <= t[-1]:
         raise ValueError(f"{owner}: start < end must be within the history, {t[0]:g} … {t[-1]:g} s, got {first:g}, {last:g}")
     times = np.arange(first, last + 1e-9, speed / fps)
-    with plt.style.context(STYLE):
+    with in_style():
         stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
         return _Film(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
 

@@ -40,12 +40,19 @@ STYLE: dict[str, Any] = {
 }
 
 
+def in_style():
+    """The context of our style. A backend that was loaded inside would have its interactive mode taken back at the end,
+    and a notebook would not show the figures of later cells; so it is loaded before."""
+    plt.draw_if_interactive()
+    return plt.style.context(STYLE)
+
+
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """For functions that make a whole figure: they make it in our style and leave the user's settings as they are."""
 
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> T:
-        with plt.style.context(STYLE):
+        with in_style():
             return draw(*args, **kwargs)
 
     return inner
@@ -58,7 +65,7 @@ def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
     def inner(*args: P.args, **kwargs: P.kwargs) -> Axes:
         if (args[1] if len(args) > 1 else kwargs.get("ax")) is not None:
             return draw(*args, **kwargs)
-        with plt.style.context(STYLE):
+        with in_style():
             ax = plt.figure(layout="constrained").add_subplot()
             return draw(*args[:1], **{**kwargs, "ax": ax})  # pyright: ignore[reportCallIssue]
 

@@ -1,0 +1,147 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Records and fragility
+#
+# Earthquakes are not pulses. This notebook reads a suite of records, measures them, scales them up until
+# the podium overturns, and ends with a fragility curve and what would shift it.
+
+# %%
+import os
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rockjax as rj
+from rockjax import plots
+
+REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for the tests
+
+podium = rj.Podium.from_dimensions(width=0.36, height=2.4, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3)
+
+# %% [markdown]
+# ## A suite of files
+#
+# **Put your own records here.** Fill the folder `suite/` with files of PEER, ESM, CSMIP, COSMOS, K-NET, or
+# plain text, and leave out the next cell. [Ground motion files](../docs/records.md) has the formats, units
+# and tables of scale factors.
+#
+# Without records at hand the cell writes synthetic ones: filtered noise under an envelope, with a pulse
+# like those near a fault. They are good for trying things out, and do not replace records.
+
+# %%
+pulse = rj.MavroeidisPapageorgiou(A=0.5, f_p=0.7, gamma=2.0, nu=0.5)
+count = 6 if REDUCED else 40
+for motion in rj.synthetic_motions(count, seed=1, duration=8.0 if REDUCED else 20.0, dt=0.02, pga=2.0, pulse=pulse):
+    motion.save(f"suite/{motion.name}.AT2")
+
+# %%
+suite = rj.read_suite("suite")
+suite
+
+# %% [markdown]
+# One of them, and its velocity. The pulse shows in the velocity.
+
+# %%
+motion = suite[0]
+axes = plt.figure(figsize=(8, 3.6), layout="constrained").subplots(2, 1, sharex=True)
+axes[0].plot(motion.time, motion.acceleration / podium.g, color=plots.COLOURS[0], lw=0.8)
+axes[1].plot(motion.time, motion.velocity, color=plots.COLOURS[2])
+axes[0].set(ylabel=r"$\ddot u_g$ [g]", title=motion.name)
+axes[1].set(xlabel="time [s]", ylabel=r"$\dot u_g$ [m/s]", xlim=(0, motion.duration))
+
+# %% [markdown]
+# ## Intensity measures
+#
+# An `xarray.Dataset` with units. With a podium, also the ratios of rocking: $\mathrm{PGA}/(g\tan\alpha)$
+# must exceed 1 for uplift.
+
+# %%
+measures = rj.intensity_measures(suite, periods=(0.5, 1.0), podium=podium)
+for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio"):
+    values, units = measures[name].values, measures[name].attrs["units"]
+    print(f"{name:20s} {np.median(values):8.3f}  from {values.min():.3f} to {values.max():.3f}  [{units}]")
+
+# %% [markdown]
+# ## Incremental dynamic analysis
+#
+# Every record at rising intensity. `rj.Records` holds the samples once for all scenes, whatever their
+# lengths and intervals. The intensity is PGA here; `rj.Measure` makes any other. Beside the responses on
+# the levels, each record's least overturning intensity is found exactly.
+
+# %%
+records = rj.Records.of(suite.records())
+levels = np.linspace(0.5, 12.0, 8 if REDUCED else 60)
+resolution = 32 if REDUCED else 128  # places of the first scan for boundaries
+options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("peak_rotation",))
+analysis = rj.incremental_dynamic_analysis(
+    podium, records, levels, names=suite.names, sensitivities=("alpha", "R"), resolution=resolution, options=options
+)
+print(f"{analysis.attrs['scenes']} scenes; {int(np.isfinite(analysis.capacity).sum())} of {len(records)} records overturn")
+
+# %%
+ax = plots.incremental_dynamic_analysis(analysis)
+
+# %% [markdown]
+# Curves weave: a stronger motion may turn the columns less. Some records survive again above their first
+# overturning.
+
+# %%
+revived = (analysis.boundaries.notnull().sum("boundary") > 1).sum().item()
+print(f"{revived} of {len(records)} records survive again somewhere above their least overturning intensity")
+
+# %% [markdown]
+# ## Fragility
+#
+# A lognormal distribution of the capacities, by maximum likelihood. Records that never overturn are
+# censored at the highest level. The band is a bootstrap over the records.
+
+# %%
+fragility = rj.fragility(analysis, resamples=200 if REDUCED else 1000)
+low, high = fragility.interval.sel(quantity="median_capacity").values
+print(f"median {fragility.median_capacity.item():.3f} m/s² (90 %: {low:.3f} to {high:.3f})")
+print(f"dispersion {fragility.dispersion.item():.3f}")
+
+# %%
+ax = plots.fragility(fragility)
+
+# %% [markdown]
+# ## What shifts the median
+#
+# The derivatives of each capacity give that of the median, by the implicit function theorem at the maximum
+# of the likelihood. One per cent more slenderness or size raises the median by so many per cent:
+
+# %%
+for name in fragility.parameter.values:
+    print(f"{name:6s} {fragility.median_sensitivity.sel(parameter=name).item():+.3f} % per %")
+
+# %% [markdown]
+# A check: the median of a podium whose columns are five per cent more slender, at the same size.
+
+# %%
+wider = rj.incremental_dynamic_analysis(
+    podium.replace(alpha=1.05 * podium.alpha), records, levels, resolution=resolution, options=options
+)
+shifted = rj.fragility(wider, resamples=200 if REDUCED else 1000)
+ratio = np.log(shifted.median_capacity.item() / fragility.median_capacity.item()) / np.log(1.05)
+print(f"from two analyses: {ratio:+.3f} % per %")
+
+# %% [markdown]
+# The two agree only as far as the records keep to their branches. A capacity that jumps from one branch to
+# another moves the median, and no derivative sees it coming.
+#
+# ## Next
+#
+# - `07_gradients_explained`: derivatives of boundaries
+# - `optimise.OverturningProbability` in [Design](../docs/design.md): columns for a given probability
+# - [Ground motion files](../docs/records.md), [Fragility](../docs/fragility.md)

@@ -1,0 +1,156 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Speed and accuracy
+#
+# What does accuracy cost? All numbers below are measured as the notebook runs, on the machine that runs it.
+# Other work on the machine shows in them. [Performance](../docs/performance.md) has careful measurements
+# and other solvers beside them.
+
+# %%
+import os
+import time
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rockjax as rj
+from rockjax import plots
+
+REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids and a rigid building, for the tests
+
+building = rj.Rigid(eta=100.0) if REDUCED else rj.Elastic(eta=100.0, T_s=0.5)
+podium = rj.Podium(alpha=np.arctan(0.15), R=1.5, gamma=10.0, superstructure=building)
+n = 16 if REDUCED else 100
+grid = np.linspace(1, 8, n), np.linspace(1, 12, n)  # ω_p/p and a_p/(g tan α)
+
+
+def timed(run, repeats=3):
+    """The answer, and the least of the times of several runs [s]."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        answer = run()
+        times.append(time.perf_counter() - began)
+    return answer, min(times)
+
+
+def spectrum(rtol, *outputs):
+    options = rj.Options(rtol=rtol, atol=0.01 * rtol, outputs=outputs)
+    return rj.rocking_spectrum(podium, rj.Ricker, *grid, options=options)
+
+
+# %% [markdown]
+# ## The first call
+#
+# The first call compiles a program. Later ones use it, whatever the numbers: other podiums of the same
+# kind, other pulses, other tolerances.
+
+# %%
+_, first = timed(lambda: spectrum(1e-8, "peak_rotation"), repeats=1)
+_, later = timed(lambda: spectrum(1e-8, "peak_rotation"))
+each = 1e6 * later / n**2
+print(f"first {first:.2f} s, later {later:.3f} s: {each:.1f} µs for each of {n**2} scenes, {os.cpu_count()} cores")
+
+# %% [markdown]
+# ## Run time against error
+#
+# The same spectrum at rising accuracy, against one with `rtol=1e-13`. The error is that of
+# $\max|\theta|/\alpha$ in the scenes that survive at both tolerances.
+
+# %%
+reference = spectrum(1e-13, "peak_rotation")
+tolerances = 10.0 ** -np.arange(3, 13, 3 if REDUCED else 1)
+rows = []
+for rtol in tolerances:
+    answer, seconds = timed(lambda rtol=rtol: spectrum(rtol, "peak_rotation"))
+    same = ~answer.overturned & ~reference.overturned
+    error = np.abs(answer.peak_rotation - reference.peak_rotation).values[same]
+    changed = int((answer.overturned != reference.overturned).sum())
+    rows.append((rtol, 1e6 * seconds / n**2, np.median(error), np.percentile(error, 99), changed))
+
+print(" rtol    µs/scene   median error   99 % below   verdicts that differ")
+for row in rows:
+    print("{:.0e}   {:7.2f}       {:.1e}      {:.1e}   {:10d}".format(*row))
+
+# %%
+_, cost, median, high, _ = np.array(rows).T
+ax = plt.figure(figsize=(6, 3.6), layout="constrained").add_subplot()
+ax.semilogx(median, cost, "o-", color=plots.COLOURS[2], label="median")
+ax.semilogx(high, cost, "s--", color=plots.COLOURS[1], label="99 % below")
+ax.set(xlabel=r"error of $\max|\theta|\,/\,\alpha$", ylabel="time per scene [µs]", ylim=(0, None))
+ax.invert_xaxis()
+ax.grid(alpha=0.3)
+legend = ax.legend()
+
+# %% [markdown]
+# A method of order eight pays little for more digits, so there is no reason to be loose. The errors fall
+# with the tolerance down to rounding. Scenes close to the overturning boundary are the exception: there
+# small errors become large ones.
+#
+# ## What is asked for
+#
+# A scene ends as soon as nothing that is wanted can change any more. Rotation alone is decided early. To
+# count impacts to the end, all of the rocking has to be followed.
+
+# %%
+wanted = [("peak_rotation",), ("peak_rotation", "impacts")]
+wanted += [] if REDUCED else [("peak_rotation", "margin"), ("peak_rotation", "peak_deformation", "peak_shear")]
+for outputs in wanted:
+    spectrum(1e-8, *outputs)  # compiles
+    answer, seconds = timed(lambda outputs=outputs: spectrum(1e-8, *outputs))
+    steps = float(answer.steps.mean())
+    print(f"{1e6 * seconds / n**2:8.1f} µs/scene  {steps:6.0f} steps  {', '.join(outputs)}")
+
+# %% [markdown]
+# ## Errors without a reference
+#
+# In practice there is no reference. `"errors"` estimates the error of each scene by a second solution. Here
+# beside the true one, at a tolerance of 1e-6:
+
+# %%
+checked = spectrum(1e-6, "peak_rotation", "errors")
+same = (~checked.overturned & ~reference.overturned & np.isfinite(checked.peak_rotation_error)).values
+true = np.abs(checked.peak_rotation - reference.peak_rotation).values[same]
+estimate = checked.peak_rotation_error.values[same]
+seen = (true > 0) & (estimate > 0)
+
+ax = plt.figure(figsize=(5, 4), layout="constrained").add_subplot()
+ax.loglog(true[seen], estimate[seen], ".", ms=3, color=plots.COLOURS[2])
+ends = np.array([1e-14, 1e-2])
+ax.plot(ends, ends, color=plots.COLOURS[0], linestyle="--", label="estimate = error")
+ax.set(xlabel=r"error of $\max|\theta|\,/\,\alpha$", ylabel="estimated error", xlim=ends, ylim=ends)
+ax.grid(alpha=0.3)
+ax.legend()
+print(f"error below ten times its estimate in {np.mean(true <= 10 * estimate):.2%} of the scenes")
+print(f"{int(checked.undecided.sum())} scenes undecided")
+
+# %% [markdown]
+# ## A single scene
+#
+# A single scene costs more than one of a batch: no other scenes share its instructions, and the call itself
+# takes time.
+
+# %%
+pulse = rj.Ricker(a_p=3.0, T_p=1.0)
+only = rj.Options(outputs=("peak_rotation",))
+rj.peak_response(podium, pulse, options=only)  # compiles
+_, seconds = timed(lambda: rj.peak_response(podium, pulse, options=only).peak_rotation.block_until_ready(), repeats=20)
+print(f"{1e3 * seconds:.2f} ms for one scene")
+
+# %% [markdown]
+# ## Next
+#
+# - [Performance](../docs/performance.md): methods, other solvers, batches up to a million scenes
+# - [Trust](../docs/stress.md): how the estimates were calibrated, and the hard cases
+# - [Sharp bits](../docs/sharp-bits.md): what makes a program compile again

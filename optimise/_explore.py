@@ -1,0 +1,283 @@
+"""A study by hand: sliders for the numbers of a structure and a ground motion, and the response to them at once.
+
+All numbers go through one compiled function, so that a slider costs a few milliseconds of simulation and a picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+import rockjax as rj
+
+from ._variables import DIMENSIONS, FIELDS, Structure, _numbers_as_arrays, _value, _with, as_podium, variables
+
+if TYPE_CHECKING:
+    import ipywidgets
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "margin")
+POINTS = 1001  # of the curves
+SHOWN = 12.0  # of the time after the motion, over 1/p
+_MOTION = {"a_p": "m/s²", "T_p": "s", "A": "m/s", "f_p": "Hz", "gamma": "–", "nu": "rad", "scale": "–", "t_start": "s"}
+_WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
+
+
+class Explorer:
+    """Sliders on a structure and a ground motion, and the response to them.
+
+    - `widget`: what a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
+    - `values`: name → value in user units; `structure`, `podium`, `excitation`, `peak`: those of the sliders as they stand
+    - `picture`: the picture, as PNG
+    """
+
+    def __init__(self, structure, excitation, vary, options):
+        import ipywidgets
+
+        self._study = _Study(_numbers_as_arrays(structure), excitation, tuple(vary))
+        self._options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
+        self.sliders = {name: _slider(name, bounds, *self._study.now(name)) for name, bounds in vary.items()}
+        self._image, self._text = ipywidgets.Image(format="png"), ipywidgets.HTML()
+        self.widget = ipywidgets.VBox([*self.sliders.values(), self._text, self._image])
+        self._first = self._solved()
+        self._drawing = _Drawing(self._first, self._study.structure)
+        self._update()
+        for slider in self.sliders.values():
+            slider.observe(self._update, "value")
+
+    @property
+    def values(self) -> dict[str, float]:
+        return {name: slider.value for name, slider in self.sliders.items()}
+
+    @property
+    def structure(self) -> Structure:
+        return self._study.at(self._numbers())[0]
+
+    @property
+    def podium(self) -> rj.Podium:
+        return as_podium(self.structure)
+
+    @property
+    def excitation(self) -> rj.AbstractExcitation:
+        return self._study.at(self._numbers())[1]
+
+    @property
+    def peak(self) -> rj.Peak:
+        return self._last.peak
+
+    @property
+    def picture(self) -> bytes:
+        return self._image.value
+
+    def _numbers(self) -> np.ndarray:
+        return np.array([slider.value for slider in self.sliders.values()])
+
+    def _solved(self) -> _Answer:
+        return jax.tree.map(np.asarray, _answer(self._study, self._numbers(), self._options))
+
+    def _update(self, _=None) -> None:
+        self._last = self._solved()
+        self._text.value = _account(self._first.peak, self._last.peak)
+        self._image.value = self._drawing(self._last)
+
+    def _repr_mimebundle_(self, **kwargs) -> Any:
+        return self.widget._repr_mimebundle_(**kwargs)
+
+
+def explore(
+    structure: Structure,
+    excitation: rj.AbstractExcitation,
+    vary: Mapping[str, tuple[float, float]],
+    *,
+    options: rj.Options = rj.Options(),
+) -> Explorer:
+    """Sliders for a notebook, and the response to them at once; needs ipywidgets, of the extra `notebook`.
+
+    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. What is not varied stays
+    - `vary`: name → (lowest, highest) in user units: names of the structure as in [`optimise.design`][], and fields of the
+      motion, such as `a_p`, `T_p` of a pulse or the `scale` of a record. A name that both have is the structure's
+    - `options`: of the simulations; their `outputs` and `throw` are set as needed
+
+    The picture has the response at first in grey beside the present one. The first one compiles for some seconds; then a
+    slider is answered in some hundredths of a second, and nothing is compiled again. Raises `ValueError` for names that
+    are not there, and for ranges that are none or do not hold the present value.
+    """
+    if not isinstance(excitation, rj.AbstractExcitation):
+        raise ValueError(f"explore: excitation must be a rockjax ground motion, got {excitation!r}")
+    if not isinstance(vary, Mapping) or not vary:
+        raise ValueError('explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}')
+    moved = _moved(structure, excitation, tuple(vary))
+    own = {name: bounds for name, bounds in vary.items() if name not in moved}
+    if own or not isinstance(structure, Structure):
+        variables(structure, own, "explore")
+    study = _Study(structure, excitation, tuple(vary))
+    for name, pair in vary.items():
+        try:
+            low, high = (float(bound) for bound in pair)
+        except (TypeError, ValueError):
+            raise ValueError(f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}") from None
+        value, _ = study.now(name)
+        if not low <= value <= high or not low < high:
+            raise ValueError(f"explore: vary[{name!r}] = ({low:g}, {high:g}) must be a range around the present {value:g}")
+        for bound in (low, high) if name in moved else ():
+            try:
+                dataclasses.replace(excitation, **{name: bound})
+            except ValueError as error:
+                raise ValueError(f"explore: vary[{name!r}] = ({low:g}, {high:g}) leaves the possible: {error}") from None
+    return Explorer(structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False))
+
+
+def _outputs(options: rj.Options) -> tuple[str, ...]:
+    """A rotation past α has no margin."""
+    return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
+
+
+def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]) -> list[str]:
+    """Those of the names that are single numbers of the motion, and none of the structure."""
+    numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
+    own = FIELDS if isinstance(structure, rj.Podium) else DIMENSIONS
+    fields = [name for name, y in numbers.items() if eqx.is_inexact_array(y) and y.ndim == 0]
+    return [name for name in names if name in fields and name not in own]
+
+
+class _Study(eqx.Module):
+    """What the sliders move."""
+
+    structure: Structure
+    excitation: rj.AbstractExcitation
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def at(self, numbers: Any) -> tuple[Structure, rj.AbstractExcitation]:
+        values = dict(zip(self.names, numbers, strict=True))
+        motion = {name: values.pop(name) for name in _moved(self.structure, self.excitation, self.names)}
+        structure = _with(self.structure, values) if values else self.structure
+        return structure, dataclasses.replace(self.excitation, **motion)
+
+    def now(self, name: str) -> tuple[float, str]:
+        """The present value of a number, and its unit."""
+        if name in _moved(self.structure, self.excitation, self.names):
+            return float(getattr(self.excitation, name)), _MOTION.get(name, "")
+        table = FIELDS if isinstance(self.structure, rj.Podium) else DIMENSIONS
+        value: Any = _value(self.structure, name)
+        return float(value), table[name]
+
+
+class _Answer(eqx.Module):
+    """Peaks, and curves over time: rotation over α, deformation [m], ground acceleration [g]."""
+
+    peak: rj.Peak
+    t: Float[Array, " n"]
+    rotation: Float[Array, " n"]
+    deformation: Float[Array, " n"]
+    ground: Float[Array, " n"]
+
+
+@eqx.filter_jit
+def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
+    structure, excitation = study.at(numbers)
+    podium = as_podium(structure)
+    response = rj.simulate(podium, excitation, options=options)
+    start, end = excitation.support
+    t = jnp.linspace(start, end + SHOWN / podium.p, POINTS)
+    peak = rj.Peak(**{field.name: getattr(response, field.name) for field in dataclasses.fields(rj.Peak)})
+    return _Answer(peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g)
+
+
+def _slider(name: str, bounds: tuple[float, float], value: float, unit: str) -> ipywidgets.FloatSlider:
+    import ipywidgets
+
+    low, high = bounds
+    unit = f" [{unit}]" if unit else ""
+    return ipywidgets.FloatSlider(
+        value=value,
+        min=low,
+        max=high,
+        step=(high - low) / 500,
+        description=f"{name}{unit}",
+        readout_format=".3g",
+        style={"description_width": "12em"},
+        layout={"width": "42em"},
+    )
+
+
+class _Drawing:
+    """One figure, whose curves are moved."""
+
+    def __init__(self, first: _Answer, structure: Structure):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        from rockjax.plots import COLOURS, ROTATION, STYLE, plt
+
+        elastic = isinstance(as_podium(structure).superstructure, rj.Elastic)
+        rows = [
+            (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
+            (lambda a: 1e3 * np.asarray(a.deformation), "deformation\n[mm]", COLOURS[3]),
+            (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
+        ]
+        if not elastic:
+            del rows[1]
+        with plt.style.context(STYLE):
+            # Laid out by hand: solving for the layout takes longer than the drawing.
+            self.figure = Figure(figsize=(_WIDTH, _HEIGHT * len(rows)), dpi=_DPI)
+            FigureCanvasAgg(self.figure)
+            axes = self.figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+            self.figure.subplots_adjust(left=0.11, right=0.98, top=0.97, bottom=0.25 / len(rows), hspace=0.12)
+            self.curves: list[tuple[Axes, Line2D, Any]] = []
+            for ax, (quantity, label, colour) in zip(axes, rows, strict=True):
+                ax.plot(np.asarray(first.t), quantity(first), color="0.6", ls="--", label="at first")
+                (line,) = ax.plot([], [], color=colour, ls="-", label="now")
+                ax.set_ylabel(label)
+                ax.grid(visible=True)
+                self.curves.append((ax, line, quantity))
+            axes[0].set_ylim(-1.05, 1.05)
+            axes[0].legend(loc="upper right", ncols=2)
+            axes[-1].set_xlabel("time [s]")
+
+    def __call__(self, answer: _Answer) -> bytes:
+        for ax, line, quantity in self.curves:
+            line.set_data(np.asarray(answer.t), quantity(answer))
+            if ax.get_autoscaley_on():
+                ax.relim()
+            ax.autoscale_view(scalex=False)
+        self.curves[0][0].set_xlim(float(answer.t[0]), float(answer.t[-1]))
+        file = io.BytesIO()
+        self.figure.savefig(file, format="png", pil_kwargs={"compress_level": 1})
+        return file.getvalue()
+
+
+_ROWS = {
+    "peak rotation [α]": ("peak_rotation", 1.0),
+    "overturning margin": ("margin", 1.0),
+    "impacts": ("impacts", 1.0),
+    "peak deformation [mm]": ("peak_deformation", 1e3),
+    "peak shear over weight": ("peak_shear", 1.0),
+}
+
+
+def _account(first: rj.Peak, now: rj.Peak) -> str:
+    """A table of the peaks at first and now."""
+
+    def number(peak: rj.Peak, field: str, factor: float) -> str:
+        return f"{factor * float(getattr(peak, field)):.3g}"
+
+    rows = [f"<td>{name}</td>" + "".join(f"<td>{number(p, *of)}</td>" for p in (first, now)) for name, of in _ROWS.items()]
+    ends = "".join(f"<td>{_end(peak)}</td>" for peak in (first, now))
+    lines = ["<th></th><th>at first</th><th>now</th>", *rows, f"<td>the scene</td>{ends}"]
+    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
+def _end(peak: rj.Peak) -> str:
+    if bool(peak.overturned):
+        return f"overturns at {float(peak.overturn_time):.3g} s"
+    good = (rj.RESULTS.settled, rj.RESULTS.end_of_time)
+    return "survives" if any(bool(peak.result == result) for result in good) else str(rj.RESULTS[peak.result])

@@ -1,0 +1,94 @@
+import io
+import logging
+
+import jax
+import matplotlib.image
+import numpy as np
+import pytest
+
+import optimise
+import rockjax as rj
+
+pytest.importorskip("ipywidgets")
+
+COLUMN = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+PULSE = rj.Ricker(3.2, 1.0)
+
+
+@pytest.fixture(scope="module")
+def study():
+    ranges = {"width": (0.2, 1.5), "period": (0.1, 1.5), "a_p": (0.5, 8.0), "T_p": (0.3, 2.0)}
+    return optimise.explore(COLUMN, PULSE, ranges)
+
+
+def test_sliders_move_the_scene(study):
+    for name, value in {"width": 0.6, "period": 0.8, "a_p": 4.0, "T_p": 0.7}.items():
+        study.sliders[name].value = value
+    assert study.values == {"width": 0.6, "period": 0.8, "a_p": 4.0, "T_p": 0.7}
+    expected = COLUMN.replace(width=0.6, period=0.8).podium()
+    assert study.podium.alpha == pytest.approx(float(expected.alpha), rel=1e-15)
+    assert study.excitation.a_p == 4.0
+    peak = rj.peak_response(expected, rj.Ricker(4.0, 0.7), options=rj.Options())
+    for field in ("peak_rotation", "peak_deformation", "peak_shear"):
+        assert getattr(study.peak, field) == pytest.approx(float(getattr(peak, field)), rel=1e-6)
+    assert 0 < study.peak.margin < 1
+    assert study._image.value == study.picture
+
+
+def test_pictures_follow(study):
+    study.sliders["a_p"].value = 1.0
+    low = study.picture
+    study.sliders["a_p"].value = 8.0
+    study.sliders["width"].value = 0.3
+    assert study.peak.overturned
+    assert "overturns at" in study._text.value
+    low, high = (matplotlib.image.imread(io.BytesIO(png)) for png in (low, study.picture))
+    assert low.shape == high.shape
+    assert np.any(low != high)
+
+
+def test_no_compilation_when_sliders_move(study, caplog):
+    study.sliders["a_p"].value = 2.0  # whatever the first answer needs
+    with jax.log_compiles(), caplog.at_level(logging.DEBUG, "jax"):
+        for name, slider in study.sliders.items():
+            for part in (0.1, 0.5, 0.9):
+                slider.value = slider.min + part * (slider.max - slider.min)
+            assert study.values[name] == slider.value
+        assert not [record for record in caplog.records if "ompil" in record.getMessage()]
+        jax.jit(lambda x: x + 1)(0.0)
+        assert [record for record in caplog.records if "ompil" in record.getMessage()]  # it would have been seen
+
+
+@pytest.mark.slow
+def test_records_and_rigid_buildings():
+    motion = rj.synthetic_motions(1, seed=3, duration=4.0, dt=0.02)[0]
+    podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(20.0))
+    study = optimise.explore(podium, motion.record(), {"scale": (0.1, 5.0), "alpha": (0.1, 0.3)})
+    study.sliders["scale"].value = 3.0
+    expected = rj.peak_response(podium, motion.record(3.0)).peak_rotation
+    assert study.peak.peak_rotation == pytest.approx(float(expected), rel=1e-6)
+    assert len(study._drawing.figure.axes) == 2  # nothing deforms
+
+
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ({}, "must name at least one number"),
+        ({"widht": (0.2, 1.0)}, "widht"),
+        ({"width": 0.5}, "must be a pair"),
+        ({"width": (0.5, 1.0)}, "must be a range around the present 0.45"),
+        ({"a_p": "no"}, "must be a pair"),
+        ({"T_p": (2.0, 0.5)}, "must be a range around the present 1"),
+        ({"T_p": (-1.0, 2.0)}, r"vary\['T_p'\] = \(-1, 2\) leaves the possible: Ricker: T_p must be"),
+    ],
+)
+def test_what_makes_no_sense_is_said(vary, said):
+    with pytest.raises(ValueError, match=said):
+        optimise.explore(COLUMN, PULSE, vary)
+
+
+def test_other_things_are_not_explored():
+    with pytest.raises(ValueError, match="ground motion"):
+        optimise.explore(COLUMN, "Ricker", {"width": (0.2, 1.0)})
+    with pytest.raises(ValueError, match=r"optimise\.Dimensions"):
+        optimise.explore("podium", PULSE, {"a_p": (1.0, 5.0)})
