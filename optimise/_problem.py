@@ -21,6 +21,8 @@ kind = "overturning-acceleration"  # at_least, pulse, T_p or frequency_ratio, ra
 [[targets]]
 kind = "overturning-scale"       # at_least, motions, max_scale
 [[targets]]
+kind = "median-capacity"         # at_least, motions, max_scale
+[[targets]]
 kind = "overturning-probability" # at_most, motions, intensity, smoothing
 """
 
@@ -37,6 +39,7 @@ from ._design import Design, design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._targets import (
     AbstractTarget,
+    MedianCapacity,
     NoOverturning,
     OverturningAcceleration,
     OverturningProbability,
@@ -147,6 +150,7 @@ class _Reader(Reader):
                 ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio"),
             ),
             "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale",)),
+            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale",)),
             "overturning-probability": (OverturningProbability, ("at_most", "motions"), ("intensity", "smoothing")),
         }
         if not isinstance(entry, dict) or "kind" not in entry:
