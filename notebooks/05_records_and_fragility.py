@@ -59,6 +59,8 @@ axes[0].plot(motion.time, motion.acceleration / podium.g, color=plots.COLOURS[0]
 axes[1].plot(motion.time, motion.velocity, color=plots.COLOURS[2])
 axes[0].set(ylabel=r"$\ddot u_g$ [g]", title=motion.name)
 axes[1].set(xlabel="time [s]", ylabel=r"$\dot u_g$ [m/s]", xlim=(0, motion.duration))
+for ax in axes:
+    ax.grid(alpha=0.3)
 
 # %% [markdown]
 # ## Intensity measures
@@ -81,7 +83,7 @@ for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio
 
 # %%
 records = rj.Records.of(suite.records())
-levels = np.linspace(0.5, 12.0, 8 if REDUCED else 60)
+levels = np.linspace(0.5, 6.0, 8 if REDUCED else 60)
 resolution = 32 if REDUCED else 128  # places of the first scan for boundaries
 options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("peak_rotation",))
 analysis = rj.incremental_dynamic_analysis(

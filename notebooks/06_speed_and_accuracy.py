@@ -31,7 +31,7 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids and a 
 
 building = rj.Rigid(eta=100.0) if REDUCED else rj.Elastic(eta=100.0, T_s=0.5)
 podium = rj.Podium(alpha=np.arctan(0.15), R=1.5, gamma=10.0, superstructure=building)
-n = 16 if REDUCED else 100
+n = 16 if REDUCED else 60
 grid = np.linspace(1, 8, n), np.linspace(1, 12, n)  # ω_p/p and a_p/(g tan α)
 
 
@@ -94,9 +94,9 @@ ax.grid(alpha=0.3)
 legend = ax.legend()
 
 # %% [markdown]
-# A method of order eight pays little for more digits, so there is no reason to be loose. The errors fall
-# with the tolerance down to rounding. Scenes close to the overturning boundary are the exception: there
-# small errors become large ones.
+# Each further digit adds little to the time, since the method is of order eight. The errors fall with the
+# tolerance down to rounding. Scenes close to the overturning boundary are the exception: there small errors
+# become large ones.
 #
 # ## What is asked for
 #
