@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Self
 
@@ -73,6 +74,9 @@ class Record(AbstractSampled):
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1]) * self.dt[..., None]
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, scale=factor * self.scale)
 
     @property
     def table(self) -> Float[Array, " n"]:

@@ -82,6 +82,9 @@ class Records(AbstractSampled):
         i = jnp.arange(self.acceleration.shape[-1]).reshape((1,) * self.which.ndim + (-1,))
         return jnp.where(i < count, start + i * dt, jnp.inf)
 
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, scale=factor * self.scale)
+
     @property
     def table(self) -> Float[Array, "k n"]:
         return self.acceleration

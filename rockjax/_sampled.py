@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import abc
-import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,9 +62,6 @@ class AbstractSampled(AbstractExcitation):
     @property
     def last_piece(self) -> Any:
         return self.sampling.count
-
-    def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, scale=factor * self.sampling.scale)
 
     def breakpoint(self, index: Index) -> Value:
         start, dt, count, _ = self.sampling

@@ -173,6 +173,8 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
+    if t_end is None:
+        return
     start = concrete(excitation.support[0])
-    if t_end is not None and start is not None and start.ndim == 0:
+    if start is not None and start.ndim == 0:
         require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
