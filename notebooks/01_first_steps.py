@@ -138,7 +138,7 @@ n = 12 if REDUCED else 80
 only = rj.Options(outputs=("peak_rotation",))
 spectrum = rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, n), np.linspace(1, 12, n), options=only)
 ax = plots.rocking_spectrum(spectrum)
-ax.figure.colorbar(ax._rockjax_contours, ax=ax, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
+plots.rotation_bar(ax)
 print(f"{spectrum.overturned.values.mean():.0%} of {spectrum.peak_rotation.size} scenes overturn: the blank part")
 
 # %% [markdown]

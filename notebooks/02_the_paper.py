@@ -66,7 +66,7 @@ for panel, ax, podium in zip(spectra, axes.flat, podiums, strict=True):
     plots.rocking_spectrum(panel, ax)
     ax.set_title(rf"$\eta/\gamma = {podium.superstructure.eta / 10:g}$, $T_s = {panel.attrs['T_s_s']:g}$ s", fontsize=9)
     ax.label_outer()
-bar = figure.colorbar(axes.flat[0]._rockjax_contours, ax=axes, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
+bar = plots.rotation_bar(axes)
 
 # %% [markdown]
 # Blank is overturned. A flexible building overturns at lower amplitudes for long pulses, but not

@@ -44,7 +44,7 @@ options = rj.Options(outputs=("peak_rotation", "margin", "errors"))
 spectrum = rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, n), np.linspace(1, 12, n), options=options)
 ax = plots.rocking_spectrum(spectrum)
 plots.dimensional_axes(spectrum, ax)
-bar = ax.figure.colorbar(ax._rockjax_contours, ax=ax, pad=0.15, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
+bar = plots.rotation_bar(ax, pad=0.15)
 
 # %% [markdown]
 # The least overturning amplitude can be read off the grid, to within a step of it.

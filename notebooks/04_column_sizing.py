@@ -185,7 +185,7 @@ unit = spectrum.attrs["g_m_s2"] * np.tan(spectrum.attrs["alpha_rad"])
 p = spectrum.attrs["p_rad_s"]
 x, y = ([float(v) for v in values] for values in zip(*((2 * np.pi / p / q.T_p, q.a_p / unit) for q in pulses), strict=True))
 ax.plot(x, y, "o", color=plots.COLOURS[1], label="the pulses of the design")
-bar = ax.figure.colorbar(ax._rockjax_contours, ax=ax, pad=0.15, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
+bar = plots.rotation_bar(ax, pad=0.15)
 legend = ax.legend()
 
 # %% [markdown]

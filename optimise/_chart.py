@@ -13,7 +13,7 @@ from rockjax._checks import require
 from rockjax._datasets import describe_options
 from rockjax._overturning import BOUNDARY, has_margin
 
-from ._variables import DIMENSIONS, FIELDS, Structure, _with, as_podium, variables
+from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, replaced, variables
 
 if TYPE_CHECKING:
     import xarray
@@ -71,7 +71,7 @@ def design_chart(
     for amplitude in amplitudes:
 
         def plane(x, y, amplitude=amplitude):
-            varied = _with(podium, {name: y})
+            varied = replaced(podium, {name: y})
             return as_podium(varied), pulse(amplitude, x)
 
         found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)

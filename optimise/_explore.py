@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
 
-from ._variables import DIMENSIONS, FIELDS, Structure, _numbers_as_arrays, _value, _with, as_podium, variables
+from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, numbers_as_arrays, replaced, value_of, variables
 
 if TYPE_CHECKING:
     import ipywidgets
@@ -43,7 +43,7 @@ class Explorer:
     def __init__(self, structure, excitation, vary, options):
         import ipywidgets
 
-        self._study = _Study(_numbers_as_arrays(structure), excitation, tuple(vary))
+        self._study = _Study(numbers_as_arrays(structure), excitation, tuple(vary))
         self._options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
         self.sliders = {name: _slider(name, bounds, *self._study.now(name)) for name, bounds in vary.items()}
         self._image, self._text = ipywidgets.Image(format="png"), ipywidgets.HTML()
@@ -159,7 +159,7 @@ class _Study(eqx.Module):
     def at(self, numbers: Any) -> tuple[Structure, rj.AbstractExcitation]:
         values = dict(zip(self.names, numbers, strict=True))
         motion = {name: values.pop(name) for name in _moved(self.structure, self.excitation, self.names)}
-        structure = _with(self.structure, values) if values else self.structure
+        structure = replaced(self.structure, values) if values else self.structure
         return structure, dataclasses.replace(self.excitation, **motion)
 
     def now(self, name: str) -> tuple[float, str]:
@@ -167,7 +167,7 @@ class _Study(eqx.Module):
         if name in _moved(self.structure, self.excitation, self.names):
             return float(getattr(self.excitation, name)), _MOTION.get(name, "")
         table = FIELDS if isinstance(self.structure, rj.Podium) else DIMENSIONS
-        value: Any = _value(self.structure, name)
+        value: Any = value_of(self.structure, name)
         return float(value), table[name]
 
 

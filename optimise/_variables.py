@@ -123,7 +123,7 @@ class Variables(eqx.Module):
     def structure(self, x: Float[Array, " n"]) -> Structure:
         """The structure at scaled variables, in the user's form."""
         values = self.values(x)
-        return _with(self.base, {name: values[k] for k, name in enumerate(self.names)})
+        return replaced(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"]) -> rj.Podium:
         """The podium at scaled variables."""
@@ -131,7 +131,7 @@ class Variables(eqx.Module):
 
     def start(self) -> Float[Array, " n"]:
         """The base structure in scaled variables, clipped into the box."""
-        return self.scaled(jnp.stack([jnp.asarray(_value(self.base, name), float) for name in self.names]))
+        return self.scaled(jnp.stack([jnp.asarray(value_of(self.base, name), float) for name in self.names]))
 
 
 def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
@@ -165,16 +165,16 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
             raise ValueError(f"{owner}: vary[{name!r}] must be finite with lowest < highest, got ({low}, {high})")
         for bound in (low, high):
             try:
-                _with(base, {name: bound})
+                replaced(base, {name: bound})
             except ValueError as error:
                 raise ValueError(f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}") from None
         bounds.append((low, high))
     lower, upper = (jnp.asarray(side, float) for side in zip(*bounds, strict=True))
     logarithmic = tuple(low > 0 and high / low > LOG_FROM for low, high in bounds)
-    return Variables(_numbers_as_arrays(base), lower, upper, names, logarithmic)
+    return Variables(numbers_as_arrays(base), lower, upper, names, logarithmic)
 
 
-def _numbers_as_arrays(base: Structure) -> Structure:
+def numbers_as_arrays(base: Structure) -> Structure:
     """Python numbers would each be compiled in. A top mass of exactly 0 says that there is no superstructure: it stays."""
     if isinstance(base, rj.Podium):
         return base
@@ -209,7 +209,7 @@ def _no_factor(owner: str, law) -> str:
     return f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
 
 
-def _value(base: Structure, name: str):
+def value_of(base: Structure, name: str):
     if name == "restitution" and isinstance(base, rj.Podium):
         return base.restitution.e  # pyright: ignore[reportAttributeAccessIssue]
     value = base
@@ -218,7 +218,7 @@ def _value(base: Structure, name: str):
     return value
 
 
-def _with(base: Structure, values: Mapping[str, Any]) -> Structure:
+def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
     if isinstance(base, Dimensions):
         return base.replace(**values)
     own = {name: value for name, value in values.items() if name not in ("width", "height") and "." not in name}

@@ -63,6 +63,11 @@ def test_pictures_have_the_axes_of_the_field(spectrum):
     assert "omega_p" in ax.get_xlabel()
     assert "tan" in ax.get_ylabel()
     plots.dimensional_axes(spectrum, ax)
+    bar = plots.rotation_bar(ax, pad=0.2)
+    assert "peak rotation" in bar.ax.get_ylabel()
+    assert bar.mappable in ax.collections
+    with pytest.raises(ValueError, match="hold no rocking spectrum"):
+        plots.rotation_bar(bar.ax.figure.add_subplot())
     curve = plots.overturning_curve(spectrum, label="rigid")
     assert len(curve.lines) == 1
     figure = plots.response(rj.simulate(PODIUMS["elastic"], pulse(), t_end=2.0))

@@ -23,6 +23,7 @@ from ._spectra import (
     overturning_curves,
     overturning_spectrum,
     rocking_spectrum,
+    rotation_bar,
     sensitivities,
     spectra,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "plt",
     "response",
     "rocking_spectrum",
+    "rotation_bar",
     "rotation_history",
     "save_animation",
     "sensitivities",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from rockjax._spectra import minimum_overturning
@@ -25,10 +27,23 @@ def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=Non
     levels = np.arange(0, 1.01, 0.1) if levels is None else levels
     rotation = dataset["peak_rotation"].where(~dataset["overturned"])
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
-    picture = ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=1)
-    ax._rockjax_contours = picture  # pyright: ignore[reportAttributeAccessIssue]
+    ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=1)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
+
+
+def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Colorbar:
+    """The colour bar of one rocking spectrum or of several in a figure, beside `axes` or in `cax`.
+
+    `bar` are arguments of `Figure.colorbar`. Raises `ValueError` for axes without a spectrum.
+    """
+    first: Axes = np.ravel(np.asarray(axes, object))[0]
+    contours = next((drawn for drawn in first.collections if isinstance(drawn, ContourSet)), None)
+    if contours is None:
+        raise ValueError("rotation_bar: the axes hold no rocking spectrum; draw one with plots.rocking_spectrum first")
+    place: dict[str, Any] = {"ax": axes} if cax is None else {"cax": cax}
+    figure: Any = first.figure
+    return figure.colorbar(contours, **place, **{"label": r"peak rotation $\max|\theta|\,/\,\alpha$", **bar})
 
 
 def dimensional_axes(dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True) -> Axes:
@@ -91,9 +106,8 @@ def spectra(panels: xarray.Dataset) -> Figure:
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
             if bool(panel["overturned"].any()):
                 ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
-    contours = axes[0, 0]._rockjax_contours
     bar = figure.add_axes((rest + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
-    figure.colorbar(contours, cax=bar, label=r"peak rotation $\max|\theta|\,/\,\alpha$")
+    rotation_bar(axes, cax=bar)
     figure.suptitle(_title(panels))
     return figure
 
