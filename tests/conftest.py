@@ -1,4 +1,5 @@
 import os
+import sys
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -24,9 +25,14 @@ def pytest_sessionstart():
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs():
-    """Compiled programs hold memory maps, of which a process may have 65530 on Linux: a whole run would need more."""
+    """Compiled programs hold memory maps, of which a process may have 65530 on Linux: a whole run would need more.
+
+    And open figures of one module would make matplotlib warn in another.
+    """
     yield
     jax.clear_caches()
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.fixture(params=["block", "frame", "rigid", "elastic"])

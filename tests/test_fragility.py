@@ -32,12 +32,13 @@ TABLE = rj.Records.of(RECORDS)
 def test_a_table_answers_as_its_records_do(kind):
     podium = PODIUMS[kind]
     scales = np.linspace(0.4, 3.0, 30)
-    together = rj.peak_responses(podium, TABLE.pick(np.arange(3)[:, None]).scaled(scales))
+    options = rj.Options(outputs=("peak_rotation", "peak_shear") if kind == "rigid" else ("peak_rotation",))
+    together = rj.peak_responses(podium, TABLE.pick(np.arange(3)[:, None]).scaled(scales), options=options)
     assert together.peak_rotation.shape == (3, 30)
     assert 0 < together.overturned.sum() < 90
     for j, record in enumerate(RECORDS):
-        alone = rj.peak_responses(podium, record.scaled(scales))
-        for name in ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "impacts", "overturned"):
+        alone = rj.peak_responses(podium, record.scaled(scales), options=options)
+        for name in ("peak_rotation", "peak_shear", "uplift_time", "overturned"):
             a, b = getattr(together, name)[j], getattr(alone, name)
             np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9, err_msg=f"{name} of record {j}")
 

@@ -31,6 +31,7 @@ def test_notebooks_run(notebook, tmp_path, monkeypatch):
         pytest.importorskip("ipywidgets")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ROCKJAX_NOTEBOOKS", "reduced")
+    plt.close("all")
     try:
         exec(compile(notebook.read_text(), notebook, "exec"), {"__name__": "__main__"})
         assert plt.get_fignums()
