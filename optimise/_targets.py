@@ -229,7 +229,37 @@ class OverturningAcceleration(AbstractTarget):
         return len(self.T_p)
 
 
-class OverturningScale(AbstractTarget):
+class AbstractScaleTarget(AbstractTarget):
+    """A target on the least factors by which the motions of a suite overturn the columns."""
+
+    at_least: eqx.AbstractVar[Any]
+    max_scale: eqx.AbstractVar[Any]
+    suite: eqx.AbstractVar[Suite]
+
+    def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
+        """Of every motion; inf where no factor up to `max_scale` overturns."""
+
+        def least(motion):
+            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
+
+        return self.suite.each(least)
+
+    @property
+    def scenes(self) -> int:
+        return len(self.suite)
+
+
+def _scale_range(owner: str, at_least, max_scale) -> tuple[float, float]:
+    """`at_least`, and `max_scale` or what it is by default."""
+    _limit(owner, "at_least", at_least)
+    max_scale = 3.0 * at_least if max_scale is None else max_scale
+    _limit(owner, "max_scale", max_scale)
+    if not at_least < max_scale:
+        raise ValueError(f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}")
+    return float(at_least), float(max_scale)
+
+
+class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
@@ -245,30 +275,18 @@ class OverturningScale(AbstractTarget):
     name: Name = eqx.field(static=True)
 
     def __init__(self, at_least, excitations, *, max_scale=None, name: Name = None):
-        _limit("OverturningScale", "at_least", at_least)
-        max_scale = 3.0 * at_least if max_scale is None else max_scale
-        _limit("OverturningScale", "max_scale", max_scale)
-        if not at_least < max_scale:
-            raise ValueError(f"OverturningScale: max_scale = {max_scale} must exceed at_least = {at_least}")
-        self.at_least, self.max_scale, self.name = float(at_least), float(max_scale), name
-        self.suite = Suite(excitations)
+        self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale)
+        self.suite, self.name = Suite(excitations), name
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        def least(motion):
-            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
-
-        found = self.suite.each(least)
+        found = self.least_scales(podium, options)
         return jnp.where(found < jnp.inf, found, self.max_scale) / self.at_least - 1
 
     def describe(self) -> str:
         return f"overturning scale ≥ {self.at_least:g}"
 
-    @property
-    def scenes(self) -> int:
-        return len(self.suite)
 
-
-class MedianCapacity(AbstractTarget):
+class MedianCapacity(AbstractScaleTarget):
     """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more
@@ -286,30 +304,18 @@ class MedianCapacity(AbstractTarget):
     name: Name = eqx.field(static=True)
 
     def __init__(self, at_least, suite, *, max_scale=None, name: Name = None):
-        _limit("MedianCapacity", "at_least", at_least)
-        max_scale = 3.0 * at_least if max_scale is None else max_scale
-        _limit("MedianCapacity", "max_scale", max_scale)
-        if not at_least < max_scale:
-            raise ValueError(f"MedianCapacity: max_scale = {max_scale} must exceed at_least = {at_least}")
-        self.at_least, self.max_scale, self.name = float(at_least), float(max_scale), name
-        self.suite = Suite(suite)
+        self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale)
+        self.suite, self.name = Suite(suite), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        def least(motion):
-            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
-
-        found = self.suite.each(least)
+        found = self.least_scales(podium, options)
         median = fit_capacities(found, jnp.full_like(found, self.max_scale)).median
         return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
 
     def describe(self) -> str:
         return f"median overturning scale ≥ {self.at_least:g}"
-
-    @property
-    def scenes(self) -> int:
-        return len(self.suite)
 
 
 class OverturningProbability(AbstractResponseTarget):

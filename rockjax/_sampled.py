@@ -122,7 +122,7 @@ class SampledOutlook(AbstractOutlook):
         record = self.record
         first, last = record.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
-        size = record.row(record.sizes())
+        size = jnp.abs(record.row(record.table))  # what fills up the row is past the end
         samples = first + jnp.arange(size.shape[0]) * record.sampling.dt
         inside = jnp.where((samples >= start) & (samples <= end), size, -1.0)
         times = jnp.stack([samples[jnp.argmax(inside)], start, end])

@@ -7,11 +7,11 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from ._given import Given, flag, names
 from ._motions import Pattern, read
-from ._options import ACCURACY, GRID, MOTION, Component, Output, SamplingInterval, Structure, Units
+from ._options import ACCURACY, GRID, MOTION, Component, Output, Rtol, SamplingInterval, Structure, Units
 from ._run import Flags, Report, argument, option, prepare
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Statistics(Flags):
 @dataclass
 class Tolerance(Flags):
     limit: Annotated[float, option("--limit", panel=ACCURACY, help="Limit state max|θ|/α [–]; 1 is overturning.")] = 1.0
-    rtol: Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")] = 1e-9
+    rtol: Rtol = 1e-9
 
 
 def fragility(
@@ -143,10 +143,13 @@ def fragility(
     if not 0 < statistics.confidence < 1:
         raise ValueError(f"--confidence: must be in (0, 1), got {statistics.confidence:g}")
     measure = _measure(levels, found)
-    unit = np.ones(len(found)) if measure == "scale" else np.array([m.pga for m in found])
-    unit = np.asarray(measure.values) if not isinstance(measure, str) else unit
     if levels.intensity is None:
-        highest = HIGHEST * float(podium.g) * math.tan(float(podium.alpha)) * float(np.median(unit / [m.pga for m in found]))
+        highest = (
+            HIGHEST
+            * float(podium.g)
+            * math.tan(float(podium.alpha))
+            * float(np.median(measure.values / np.array([m.pga for m in found])))
+        )
         low, high = highest / levels.levels, highest
     else:
         low, high = levels.intensity
@@ -249,7 +252,7 @@ def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
     return given.reader.recorded_set(given.reader.set_named(name, "fragility.motions", sets), f"motions.{name}")
 
 
-def _measure(levels: Levels, found: Motions) -> rj.Measure | Literal["PGA", "scale"]:
+def _measure(levels: Levels, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
@@ -260,14 +263,11 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure | Literal["PGA", "sca
         raise ValueError(f"--measure-period: has no meaning for {name}; it is of Sa")
     if name == "Sa" and levels.measure_period is None:
         raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
-    if name in ("PGA", "scale"):
-        return name
+    if name == "scale":
+        return rj.Measure(name, np.ones(len(found)), "1")
     values = np.array([measured(motion, name, levels.measure_period, 0.05)[0] for motion in found])
-    return (
-        rj.Measure(f"Sa({levels.measure_period:g} s)", values, "m s-2")
-        if name == "Sa"
-        else rj.Measure(name, values, "m s-1")
-    )
+    label = f"Sa({levels.measure_period:g} s)" if name == "Sa" else name
+    return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
 
 
 def _distinct(labels: list[str]) -> list[str]:

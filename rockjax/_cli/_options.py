@@ -42,6 +42,7 @@ ProblemFile = Annotated[
 Output = Annotated[Path, option("--output", "-o", panel=OUTPUT, help="Prefix of the files to write.")]
 Resume = Annotated[bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")]
 Pulse = Annotated[PulseName, option("--pulse", panel=MOTION, help="Kind of the pulse.")]
+Rtol = Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")]
 Units = Annotated[
     UnitName | None, option("--units", panel=MOTION, help="Unit of the samples, where the file does not say it.")
 ]
@@ -200,4 +201,4 @@ class Accuracy(Flags):
     """How scenes are solved."""
 
     method: Annotated[MethodName, option("--method", panel=ACCURACY, help="Runge–Kutta method.")] = MethodName.dopri8
-    rtol: Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")] = 1e-8
+    rtol: Rtol = 1e-8

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from ._given import Given, names
-from ._options import ACCURACY, GRID, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
+from ._options import GRID, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume, Rtol
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 
@@ -28,7 +28,7 @@ class Search(Flags):
 
 @dataclass
 class Tolerance(Flags):
-    rtol: Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")] = 1e-11
+    rtol: Rtol = 1e-11
 
 
 def overturning(
