@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax._batch import _broadcast, drive
+from rockjax._batch import drive
+from rockjax._scenes import broadcast
 
 from .families import family
 from .measure import keep, options, podium, show
@@ -30,7 +31,7 @@ def main() -> None:
             if points == 32:
                 rj.peak_responses(structure, motions, options=how)  # compiles
             before = resident()
-            batch, _ = _broadcast(structure, motions, jax.tree.map(np.asarray, rj.State()), None)
+            batch, _ = broadcast("scaling", structure, motions, jax.tree.map(np.asarray, rj.State()), None)
             best = np.inf
             for _ in range(1 if points == 1000 else 3):
                 began = time.perf_counter()

@@ -21,7 +21,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 
 from . import _results as results
-from ._checks import as_float, concrete
+from ._checks import concrete
 from ._contact import glide
 from ._estimate import companion, errors
 from ._excitations import AbstractExcitation
@@ -29,6 +29,7 @@ from ._flat import closed, runs
 from ._options import Options
 from ._results import Interrupted, Peak, State
 from ._scene import Flag, Lane, Plan, Scene, plan, prepare
+from ._scenes import Scenes, broadcast
 from ._simulate import REST, check_range, check_types, fields
 from ._solve import answers
 from ._step import leap, trial
@@ -38,7 +39,6 @@ from ._threads import Pool
 LANES = 64  # fit the first-level cache, and still fill the vector unit
 CHUNK = 1024  # scenes prepared at once
 PATIENCE = 5  # lanes that may wait before they are served
-WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
 
 _REPORTING = threading.Lock()  # batches side by side may share one progress bar
 
@@ -79,9 +79,7 @@ def responses(podiums, excitations, initial: State, t_end, options: Options, pro
             f"peak_responses: options.engine must be 'flat', got {options.engine!r}; loop over peak_response for the "
             "segments engine"
         )
-    initial = jax.tree.map(as_float, initial)
-    t_end = None if t_end is None else as_float(t_end)
-    scenes, shape = _broadcast(podiums, excitations, initial, t_end)
+    scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solutions = [drive(scenes, options, progress, stop)[:2]]
     if "errors" in options.outputs and not stop.is_set():
         solutions.append(drive(scenes, companion(options), False, stop)[:2])
@@ -104,66 +102,6 @@ def responses(podiums, excitations, initial: State, t_end, options: Options, pro
         kinds = {results.NAMES[k] for k in np.unique(integers["code"]) if k > results.OVERTURNED}
         warnings.warn(f"{failed} of {scenes.total} scenes ended without an answer: {kinds}", RuntimeWarning, stacklevel=2)
     return Peak(**fields(floats, integers), errors=doubt)
-
-
-class Scenes(NamedTuple):
-    """A flat batch: the leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
-
-    leaves: list[Any]
-    rows: list[np.ndarray | None]  # which row of a leaf belongs to each scene; None where it is common to all
-    structure: Any
-    total: int
-
-    @property
-    def axes(self) -> tuple[int | None, ...]:
-        return tuple(None if rows is None else 0 for rows in self.rows)
-
-    @property
-    def wide(self) -> bool:
-        return any(rows is not None and y[0].size > WIDE for y, rows in zip(self.leaves, self.rows, strict=True))
-
-    def part(self, start: int, stop: int, size: int) -> list[Any]:
-        """The leaves of some scenes, filled up to the compiled size with copies that are never run."""
-
-        def take(y, rows):
-            chosen = rows[start:stop]
-            fill = np.broadcast_to(chosen[:1] if len(chosen) else rows[:1], size - len(chosen))
-            return y[np.concatenate([chosen, fill])]
-
-        return [y if rows is None else take(y, rows) for y, rows in zip(self.leaves, self.rows, strict=True)]
-
-
-def _broadcast(podiums, excitations, initial, t_end) -> tuple[Scenes, tuple[int, ...]]:
-    leaves, structure = jax.tree.flatten((podiums, excitations, initial, t_end))
-    own = _own_dimensions(structure, excitations)
-    outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
-    try:
-        shape = np.broadcast_shapes(*outer)
-    except ValueError as error:
-        raise ValueError(f"peak_responses: the arrays in the arguments do not broadcast: {error}") from None
-    if not any(outer):
-        outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
-    count = int(np.prod(shape, dtype=int))
-    if not count:
-        raise ValueError(f"peak_responses: the arrays in the arguments hold no scene, their shape is {shape}")
-    rows: list[np.ndarray | None] = []
-    for k, (batch, n) in enumerate(zip(outer, own, strict=True)):
-        if not batch:
-            rows.append(None)
-            continue
-        # A row is stored once, however many scenes share it.
-        index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
-        rows.append(np.broadcast_to(index, shape).reshape(-1) if shape else index.reshape(-1))
-        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[leaves[k].ndim - n :])
-    return Scenes(leaves, rows, structure, count), shape
-
-
-def _own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
-    """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
-    podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
-    for name, dimensions in excitations.own_dimensions.items():
-        object.__setattr__(motion, name, dimensions)
-    return jax.tree.leaves((podium, motion, *rest))
 
 
 class Tally(NamedTuple):

@@ -120,11 +120,12 @@ class _no_compiles:
 
 def test_lanes_are_busy_and_no_scene_is_lost():
     """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
-    from rockjax._batch import _broadcast, drive
+    from rockjax._batch import drive
+    from rockjax._scenes import broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
     for podium in (PODIUMS["rigid"], elastic(0.5)):
-        scenes, _ = _broadcast(podium, rj.Ricker(a_p, 1.0), rj.State(), None)
+        scenes, _ = broadcast("", podium, rj.Ricker(a_p, 1.0), rj.State(), None)
         floats, integers, tally = drive(scenes, options(1e-6, outputs=("peak_rotation",)), False)
         assert tally.useful > 0.9 * tally.possible
         assert np.all(integers["code"] <= 2)
@@ -132,13 +133,28 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 
 
 def test_rows_are_stored_once_however_many_scenes_share_them():
-    from rockjax._batch import _broadcast
+    from rockjax._scenes import broadcast
 
-    scenes, shape = _broadcast(PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None)
+    scenes, shape = broadcast("", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None)
     assert shape == (3, 400)
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * 500 + 400 + 50
+    assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
     own = scenes.part(395, 405, 64)
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
+
+
+def test_a_box_of_the_grid_is_its_scenes():
+    from rockjax._scenes import broadcast
+
+    podiums = rj.Podium(0.2, np.array([1.0, 1.5, 2.5])[:, None])
+    motions = rj.Ricker(np.arange(5.0), np.linspace(0.5, 1.5, 15).reshape(3, 5))
+    scenes, shape = broadcast("", podiums, motions, rj.State(), None)
+    box = scenes.box(slice(1, 3), slice(2, 4))
+    assert (box.total, shape) == (4, (3, 5))
+    flat = np.arange(15).reshape(shape)[1:3, 2:4].ravel()
+    for one, whole in zip(box.part(0, 4, 4), scenes.part(0, 15, 15), strict=True):
+        np.testing.assert_array_equal(one, whole[flat] if np.ndim(whole) else whole)
+    assert all(a is b for a, b in zip(box.leaves, scenes.leaves, strict=True))
 
 
 def test_the_segments_engine_is_not_silently_replaced():

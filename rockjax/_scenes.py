@@ -1,0 +1,87 @@
+"""A batch of scenes: the arrays in the arguments against each other, every row kept once."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ._checks import as_float
+from ._excitations import AbstractExcitation
+from ._results import State
+from ._structures import Podium
+
+WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
+
+
+class Scenes(NamedTuple):
+    """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
+
+    leaves: list[Any]
+    rows: list[np.ndarray | None]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
+    structure: Any
+    total: int
+
+    @property
+    def axes(self) -> tuple[int | None, ...]:
+        return tuple(None if rows is None else 0 for rows in self.rows)
+
+    @property
+    def wide(self) -> bool:
+        return any(rows is not None and y[0].size > WIDE for y, rows in zip(self.leaves, self.rows, strict=True))
+
+    def part(self, start: int, stop: int, size: int) -> list[Any]:
+        """The leaves of some scenes in C order, filled up to the compiled size with copies that are never run."""
+
+        def take(y, rows):
+            chosen = rows.flat[start:stop]
+            fill = np.broadcast_to(chosen[:1] if len(chosen) else rows.flat[:1], size - len(chosen))
+            return y[np.concatenate([chosen, fill])]
+
+        return [y if rows is None else take(y, rows) for y, rows in zip(self.leaves, self.rows, strict=True)]
+
+    def box(self, *where: slice) -> Scenes:
+        """The scenes of a part of the grid, a slice for each of its first axes; nothing is copied."""
+        rows = [None if rows is None else rows[where] for rows in self.rows]
+        return self._replace(rows=rows, total=next(rows.size for rows in rows if rows is not None))
+
+
+def broadcast(
+    owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
+) -> tuple[Scenes, tuple[int, ...]]:
+    """All scenes of the arguments, and the shape of their grid.
+
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    """
+    arguments = podiums, excitations, jax.tree.map(as_float, initial), None if t_end is None else as_float(t_end)
+    leaves, structure = jax.tree.flatten(arguments)
+    own = _own_dimensions(structure, excitations)
+    outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
+    try:
+        shape = np.broadcast_shapes(*outer)
+    except ValueError as error:
+        raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
+    if not any(outer):
+        outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
+    count = int(np.prod(shape, dtype=int))
+    if not count:
+        raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
+    rows: list[np.ndarray | None] = []
+    for k, (batch, n) in enumerate(zip(outer, own, strict=True)):
+        if not batch:
+            rows.append(None)
+            continue
+        # A row is stored once, however many scenes share it.
+        index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
+        rows.append(np.broadcast_to(index, shape or batch))
+        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[leaves[k].ndim - n :])
+    return Scenes(leaves, rows, structure, count), shape
+
+
+def _own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
+    """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
+    podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
+    for name, dimensions in excitations.own_dimensions.items():
+        object.__setattr__(motion, name, dimensions)
+    return jax.tree.leaves((podium, motion, *rest))
