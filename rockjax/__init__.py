@@ -18,6 +18,7 @@ if "JAX_ENABLE_X64" not in _os.environ:
 from ._batch import peak_responses
 from ._excitations import AbstractExcitation, AbstractOutlook, Rest
 from ._fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+from ._grid import Grid, grid
 from ._intensity import intensity_measures
 from ._lognormal import Lognormal
 from ._motions import Motion, Motions, RecordWarning
@@ -33,6 +34,7 @@ from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
 from ._simulate import peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
+from ._sweep import SweepPlan, sweep
 from ._synthetic import synthetic_motions
 from ._wavelets import Gabor, MavroeidisPapageorgiou
 
@@ -49,6 +51,7 @@ __all__ = [
     "Energies",
     "Errors",
     "Gabor",
+    "Grid",
     "HalfSine",
     "Interrupted",
     "Lognormal",
@@ -70,7 +73,9 @@ __all__ = [
     "Rigid",
     "State",
     "Stats",
+    "SweepPlan",
     "fragility",
+    "grid",
     "incremental_dynamic_analysis",
     "intensity_measures",
     "minimum_overturning",
@@ -86,5 +91,6 @@ __all__ = [
     "rocking_spectra",
     "rocking_spectrum",
     "simulate",
+    "sweep",
     "synthetic_motions",
 ]

@@ -63,6 +63,15 @@ resamples = 1000
 seed = 0                         # of the resampling
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
+[sweep]                          # of `rockjax sweep`
+motion = "records"               # which set; optional where there is one. Several motions are an axis of their own
+outputs = ["peak_rotation"]      # optional
+chunk = 100000                   # scenes in a chunk, optional
+
+[sweep.axes]                     # as rockjax.grid: names of the structure and of the motion
+alpha = [0.12, 0.15, 0.18]
+gamma = { from = 1.0, to = 100.0, points = 7, log = true }
+
 What `rockjax design` reads besides is at the head of optimise/_problem.py.
 """
 
@@ -128,6 +137,9 @@ TEXTS: Kind = ("a list of texts", lambda value: value == [] or _is_list(value, _
 LABEL: Kind = ("a whole number or text", lambda value: _is_text(value) or (_is_number(value) and isinstance(value, int)))
 
 
+TABLE: Kind = ("a table", lambda value: isinstance(value, dict))
+
+
 def _whole(least: int) -> Kind:
     return f"a whole number ≥ {least}", lambda value: _is_number(value) and isinstance(value, int) and value >= least
 
@@ -159,6 +171,7 @@ COMMANDS: dict[str, dict[str, Kind]] = {
         "seed": _whole(0),
         "sensitivities": TEXTS,
     },
+    "sweep": {"motion": TEXT, "number": _whole(1), "outputs": TEXTS, "chunk": _whole(1), "axes": TABLE},
 }
 _RECORD: dict[str, Kind] = {"units": TEXT, "dt": NUMBER, "scale": NUMBER, "component": LABEL}
 _SOURCES: dict[str, tuple[Kind, dict[str, Kind]]] = {
@@ -169,6 +182,24 @@ _SOURCES: dict[str, tuple[Kind, dict[str, Kind]]] = {
         {"seed": _whole(0), "dt": NUMBER, "duration": NUMBER, "pga": NUMBER, "omega_g": NUMBER, "zeta_g": NUMBER},
     ),
 }
+
+
+def axis_values(value: Any) -> np.ndarray:
+    """The values of an axis: a list of them, or { from, to, points } with `log` for equal ratios.
+
+    Raises `ValueError` for anything else, and for a range that makes none.
+    """
+    if _is_list(value, _is_number):
+        return np.asarray(value, float)
+    names = {"from", "to", "points", "log"}
+    if not isinstance(value, dict) or not {"from", "to", "points"} <= value.keys() <= names:
+        raise ValueError(f"must be a list of numbers, or {{ from, to, points }} and log = true, got {value!r}")
+    low, high, points, log = value["from"], value["to"], value["points"], value.get("log", False)
+    if not (_is_number(low) and _is_number(high) and isinstance(log, bool) and _whole(2)[1](points)):
+        raise ValueError(f"from and to must be numbers, points a whole number ≥ 2, log true or false, got {value!r}")
+    if log and not (low > 0 and high > 0):
+        raise ValueError(f"equal ratios need from and to > 0, got {low:g} and {high:g}")
+    return np.geomspace(low, high, points) if log else np.linspace(low, high, points)
 
 
 class Reader:

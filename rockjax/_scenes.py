@@ -56,7 +56,7 @@ def broadcast(
     """
     arguments = podiums, excitations, jax.tree.map(as_float, initial), None if t_end is None else as_float(t_end)
     leaves, structure = jax.tree.flatten(arguments)
-    own = _own_dimensions(structure, excitations)
+    own = own_dimensions(structure, excitations)
     outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
     try:
         shape = np.broadcast_shapes(*outer)
@@ -79,7 +79,7 @@ def broadcast(
     return Scenes(leaves, rows, structure, count), shape
 
 
-def _own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
+def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
     """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
     for name, dimensions in excitations.own_dimensions.items():

@@ -11,16 +11,17 @@ class Pool(ThreadPoolExecutor):
     """A thread pool whose threads have the floating-point precision of the caller, which JAX keeps for each thread."""
 
     def submit(self, fn, /, *args, **kwargs) -> Future:
-        precision = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+        x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
         def run():
-            with _precision(precision):
+            with precision(x64):
                 return fn(*args, **kwargs)
 
         return super().submit(run)
 
 
-def _precision(x64: bool):
+def precision(x64: bool):
+    """In this context and thread, float64 or float32."""
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(x64)
     return jax.experimental.enable_x64(x64)  # pyright: ignore[reportAttributeAccessIssue]

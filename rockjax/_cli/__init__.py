@@ -9,8 +9,9 @@ from ._plot import plot
 from ._response import response
 from ._run import command
 from ._spectrum import spectrum
+from ._sweep import sweep
 
-for _function in (spectrum, overturning, response, fragility, design, motions, synthetic, plot):
+for _function in (spectrum, overturning, response, fragility, design, sweep, motions, synthetic, plot):
     app.command()(command(_function))
 
 __all__ = ["app", "main"]
