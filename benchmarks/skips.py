@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax import _batch, _contact, _step
+from rockjax import _contact, _lanes, _step
 from rockjax._pulses import _PulseOutlook
 
 from .families import PERIODS, Family, family
@@ -41,10 +41,10 @@ def unknown_before_the_end(self, t, piece):
 
 
 SKIPS = {
-    "full contact crossed in panels": lambda: mock.patch.object(_batch, "glide", lambda scene, how, lane: lane),
+    "full contact crossed in panels": lambda: mock.patch.object(_lanes, "glide", lambda scene, how, lane: lane),
     "certificate before the end of the pulse": lambda: mock.patch.object(_PulseOutlook, "impulse", unknown_before_the_end),
     "certificate at all": lambda: mock.patch.object(_step, "certificate", never),
-    "lanes refilled": lambda: mock.patch.object(_batch, "PATIENCE", _batch.LANES + 1),
+    "lanes refilled": lambda: mock.patch.object(_lanes, "PATIENCE", 2.0),
     "only the wanted outputs": contextlib.nullcontext,
     "chatter ended at rest velocity": contextlib.nullcontext,
 }

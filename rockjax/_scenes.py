@@ -28,18 +28,22 @@ class Scenes(NamedTuple):
         return tuple(None if rows is None else 0 for rows in self.rows)
 
     @property
+    def numbers(self) -> int:
+        """The most numbers that a scene has to itself in one leaf."""
+        return max(y[0].size for y, rows in zip(self.leaves, self.rows, strict=True) if rows is not None)
+
+    @property
     def wide(self) -> bool:
-        return any(rows is not None and y[0].size > WIDE for y, rows in zip(self.leaves, self.rows, strict=True))
+        return self.numbers > WIDE
 
-    def part(self, start: int, stop: int, size: int) -> list[Any]:
-        """The leaves of some scenes in C order, filled up to the compiled size with copies that are never run."""
+    def part(self, start: int, stop: int, size: int, hands: int = 1) -> list[Any]:
+        """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many hands in turn.
 
-        def take(y, rows):
-            chosen = rows.flat[start:stop]
-            fill = np.broadcast_to(chosen[:1] if len(chosen) else rows.flat[:1], size - len(chosen))
-            return y[np.concatenate([chosen, fill])]
-
-        return [y if rows is None else take(y, rows) for y, rows in zip(self.leaves, self.rows, strict=True)]
+        Hands lie one after another, each filled up to the compiled size with copies that are never run.
+        """
+        dealt = start + np.arange(hands)[:, None] + hands * np.arange(size)
+        dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
+        return [y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)]
 
     def box(self, *where: slice) -> Scenes:
         """The scenes of a part of the grid, a slice for each of its first axes; nothing is copied."""
