@@ -15,6 +15,7 @@ import math
 import os
 import shutil
 import tempfile
+import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -304,8 +305,14 @@ def _in_one_move(path: str) -> Iterator[str]:
         os.umask(umask)
         os.chmod(place, 0o777 & ~umask)
         os.rename(place, target)
-    except BaseException:
-        shutil.rmtree(place, ignore_errors=True)
+    except BaseException as error:
+        for _ in range(20):  # other threads of zarr may still be writing into it
+            shutil.rmtree(place, ignore_errors=True)
+            if not os.path.exists(place):
+                break
+            time.sleep(0.05)
+        if isinstance(error, OSError):
+            raise OSError(f"{path} could not be written: {error.strerror or error}") from error
         raise
 
 

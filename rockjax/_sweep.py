@@ -24,8 +24,9 @@ import jax
 import numpy as np
 
 from . import _results as results
-from ._batch import LANES, responses, workers
+from ._batch import LANES, responses
 from ._checks import as_float
+from ._crews import crew
 from ._datasets import describe_options, describe_versions, peak_variables
 from ._excitations import AbstractExcitation
 from ._numbers import Arguments, Numbers
@@ -329,11 +330,10 @@ def _pilot(numbers: Numbers, options: Options, chunk: int | None, threads: int |
     answers = {name: (values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)}
     variables = {name: stored_as(values, attrs) for name, (values, attrs) in answers.items()}
     kept = {name: values.astype(variables[name].dtype) for name, (values, _) in answers.items()}
-    cores = (threads or workers()) if devices is None else len(_devices(devices))
     (short, of_few), (seconds, of_all) = timed
     # What a call costs besides its steps is not what a chunk costs.
     slope = (seconds - short) / (of_all - of_few) if of_all > of_few else 0.0
-    per_step = (slope if slope > 0 else seconds / of_all) * min(cores, -(-count // LANES))
+    per_step = (slope if slope > 0 else seconds / of_all) * min(_cores(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, per_step, variables, compressed_size(kept) / count, _resident())
 
 
@@ -354,11 +354,19 @@ def _solved(
     podiums, excitations, initial, t_end = arguments
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted for the whole sweep
-        return responses(podiums, excitations, initial, t_end, options, progress, stop)
+        return responses(podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads))
 
 
-def _devices(devices: Devices) -> Any:
-    return jax.local_devices() if isinstance(devices, str) else devices
+def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:
+    """Who solves, as arguments of the batch."""
+    if devices is None:
+        return {"threads": threads}
+    return {"devices": jax.local_devices() if isinstance(devices, str) else devices}
+
+
+def _cores(devices: Devices, threads: int | None) -> int:
+    who = crew("sweep", **_hands(devices, threads))
+    return who.hosts * who.devices
 
 
 class Job(NamedTuple):
@@ -551,7 +559,7 @@ class _Here:
 
     def __init__(self, devices: Devices):
         self.devices = devices
-        self.cores = self.cores_of_chunk = workers() if devices is None else len(_devices(devices))
+        self.cores = self.cores_of_chunk = _cores(devices, None)
 
     def pilot(self, study: Study, chunk: int | None) -> Pilot:
         return _pilot(study.numbers, study.options, chunk, None, self.devices, study.precision)
@@ -639,12 +647,17 @@ def _task(job: Job, k: int, devices: Devices) -> Row:
 
 def _result(task: Any) -> Any:
     """The result of a task. Raises `RuntimeError` where Dask has given it up."""
+    from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
     kept = "what was solved until then is kept, the same call goes on"
     try:
         return task.result()
-    except (asyncio.CancelledError, concurrent.futures.CancelledError) as error:
-        raise RuntimeError(f"sweep: the scheduler is lost, or has dropped the work ({error}); {kept}") from error
+    except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
+        raise RuntimeError(f"sweep: the scheduler is lost, or has dropped the work ({_line(error)}); {kept}") from error
     except KilledWorker as error:
-        raise RuntimeError(f"sweep: workers died over one chunk again and again ({error}); {kept}") from error
+        raise RuntimeError(f"sweep: workers died over one chunk again and again ({_line(error)}); {kept}") from error
+
+
+def _line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

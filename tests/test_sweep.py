@@ -246,7 +246,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
         ({"grid": (*GRID[:2], ("a", "b", "a"))}, "names an axis twice"),
         ({"grid": (*GRID[:2], "abc")}, "one text"),
         ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must hold 4 labels"),
-        ({"grid": (GRID.structures, rj.Ricker(np.ones(7), 1.0), None)}, "do not broadcast"),
+        ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
         ({"grid": (GRID.structures, 3.0, None)}, "must be a rockjax AbstractExcitation"),
     ],
 )
@@ -264,7 +264,7 @@ def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
     assert (plan.scenes, plan.chunks, plan.chunk, plan.done) == (1200, 4, (1, 20, 15), 0)
     assert plan.steps == pytest.approx(float(data["steps"].sum()), rel=0.2)
     assert plan.core_seconds > 0
-    assert 0.2 * size < plan.disk < size  # small stores are mostly names
+    assert 0.5 * size < plan.disk < 2 * size
     assert plan.memory > 50e6
     assert "1200 (4 × 20 × 15)" in repr(plan)
     done = sweep(tmp_path / "a.zarr", dry_run=True)
@@ -272,9 +272,9 @@ def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
 
 
 def test_costly_chunks_come_first(tmp_path, counted):
-    sweep(tmp_path / "a.zarr", chunk=100)
+    sweep(tmp_path / "a.zarr", chunk=75)
     expected = Store.open(tmp_path / "a.zarr").expected
-    assert len(counted) == 12
+    assert sorted(counted) == list(range(16))
     assert np.all(np.diff(expected[counted]) <= 0)
     assert expected.max() > 1.05 * expected.min()
 
