@@ -647,7 +647,7 @@ def _task(job: Job, k: int, devices: Devices) -> Row:
 
 def _result(task: Any) -> Any:
     """The result of a task. Raises `RuntimeError` where Dask has given it up."""
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
     kept = "what was solved until then is kept, the same call goes on"

@@ -1,0 +1,198 @@
+"""Sweeps: throughput over local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
+
+Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rockjax as rj
+
+from .measure import keep, show
+
+OUTPUTS = ("peak_rotation",)
+RUNS = 3
+
+
+def grid(alphas: int, points: int) -> rj.Grid:
+    """Rigid podiums of many proportions under Ricker pulses."""
+    podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(50.0))
+    return rj.grid(
+        podium,
+        rj.Ricker(1.0, 1.0),
+        alpha=np.linspace(0.1, 0.25, alphas),
+        acceleration_ratio=np.linspace(1.0, 8.0, points),
+        frequency_ratio=np.linspace(1.0, 8.0, points),
+    )
+
+
+def sweep(scenes: rj.Grid, folder: Path, **more: Any) -> float:
+    """Wall time [s] of a sweep into a new store, without its pilot: created first, and then gone on with."""
+    store = folder / "a.zarr"
+    shutil.rmtree(store, ignore_errors=True)
+    call = {"store": store, "outputs": OUTPUTS, "progress": False} | more
+    _created(scenes, call)
+    began = time.perf_counter()
+    rj.sweep(*scenes, **call)
+    return time.perf_counter() - began
+
+
+def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
+    """The store with its pilot, and nothing solved."""
+    from rockjax import _sweep
+
+    solve = _sweep.Job.solve
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    _sweep.Job.solve = stop  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        rj.sweep(*scenes, **{name: value for name, value in call.items() if name != "client"})
+    except KeyboardInterrupt:
+        pass
+    finally:
+        _sweep.Job.solve = solve
+
+
+def overhead(folder: Path) -> list[dict]:
+    """A sweep in this process against the batch path, over the size of its chunks."""
+    rows = []
+    scenes = grid(32, 100)  # 320 000
+    options = rj.Options(outputs=OUTPUTS)
+    whole = lambda: rj.peak_responses(*scenes[:2], options=options)
+    whole()
+    batch = min(timed(whole) for _ in range(RUNS))
+    for chunk in (10_000, 40_000, 160_000, None):
+        best = min(sweep(scenes, folder, chunk=chunk) for _ in range(RUNS))
+        from rockjax._store import Store
+
+        store = Store.open(folder / "a.zarr")
+        assert store is not None
+        inside = float(store.rows()[:, 1].sum())
+        rows.append(
+            {
+                "chunk": int(store.layout.sizes().max()),
+                "chunks": store.layout.number,
+                "s": best,
+                "over batch": best / batch - 1,
+                "ms a chunk": (best - batch) / store.layout.number * 1e3,
+                "outside chunks": best / inside - 1,
+            }
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def timed(function) -> float:
+    began = time.perf_counter()
+    function()
+    return time.perf_counter() - began
+
+
+def processes(folder: Path) -> list[dict]:
+    """The same sweep on 1, 2 and more local processes than there are cores."""
+    from distributed import Client, LocalCluster
+
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "programs")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.5"
+    scenes = grid(64, 100)  # 640 000
+    here = min(sweep(scenes, folder, chunk=20_000) for _ in range(RUNS))
+    rows = [{"workers": "this process", "s": here, "scenes / s": scenes.size / here}]
+    for count in (1, 2, 5):
+        local = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
+        with local, Client(local) as client:
+            sweep(grid(10, 100), folder, chunk=1000, client=client)  # compiles everywhere
+            best = min(sweep(scenes, folder, chunk=20_000, client=client) for _ in range(RUNS))
+        rows.append({"workers": str(count), "s": best, "scenes / s": scenes.size / best})
+        print(rows[-1], flush=True)
+    for row in rows:
+        row["over one"] = rows[1]["s"] / row["s"]
+    return rows
+
+
+MEMORY = """
+import json, sys
+from pathlib import Path
+from benchmarks.sweeps import memory_of
+print(json.dumps(memory_of(int(sys.argv[1]), Path(sys.argv[2]))))
+"""
+
+
+def memory_of(alphas: int, folder: Path) -> dict:
+    """Resident memory while a sweep runs: its largest in each tenth of the run [MiB]."""
+    import psutil
+
+    seen: list[tuple[float, float]] = []
+    over = threading.Event()
+    process = psutil.Process()
+
+    def watch():
+        while not over.wait(0.05):
+            seen.append((time.perf_counter(), process.memory_info().rss / 2**20))
+
+    thread = threading.Thread(target=watch)
+    scenes = grid(alphas, 100)
+    _created(scenes, {"store": folder / "m.zarr", "outputs": OUTPUTS, "progress": False, "chunk": 50_000})
+    thread.start()
+    rj.sweep(*scenes, store=folder / "m.zarr", outputs=OUTPUTS, progress=False, chunk=50_000)
+    over.set()
+    thread.join()
+    values = np.array([value for _, value in seen])
+    parts = [float(part.max()) for part in np.array_split(values, 10) if len(part)]
+    return {
+        "scenes": scenes.size,
+        "first tenth [MiB]": parts[0],
+        "last tenth [MiB]": parts[-1],
+        "most [MiB]": float(values.max()),
+    }
+
+
+def memory(folder: Path) -> list[dict]:
+    rows = []
+    for alphas in (10, 30, 100, 300):
+        place = folder / f"memory-{alphas}"
+        place.mkdir()
+        done = subprocess.run(
+            [sys.executable, "-c", MEMORY, str(alphas), str(place)], capture_output=True, text=True, check=True
+        )
+        rows.append(json.loads(done.stdout.splitlines()[-1]))
+        print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        wanted = sys.argv[1:] or ["overhead", "processes", "memory"]
+        if "overhead" in wanted:
+            rows = overhead(folder)
+            keep("sweeps-overhead", rows)
+            show(
+                rows,
+                {"chunk": "d", "chunks": "d", "s": ".2f", "over batch": ".1%", "ms a chunk": ".0f", "outside chunks": ".1%"},
+            )
+        if "processes" in wanted:
+            rows = processes(folder)
+            keep("sweeps-processes", rows)
+            show(rows, {"workers": "", "s": ".2f", "scenes / s": ".0f", "over one": ".2f"})
+        if "memory" in wanted:
+            rows = memory(folder)
+            keep("sweeps-memory", rows)
+            show(rows, {"scenes": "d", "first tenth [MiB]": ".0f", "last tenth [MiB]": ".0f", "most [MiB]": ".0f"})
+
+
+if __name__ == "__main__":
+    main()
