@@ -31,7 +31,7 @@ from ._threads import Pool
 LANES = 64  # fit the first-level cache, and still fill the vector unit
 CHUNK = 1024  # scenes prepared at once
 
-# An accelerator has far more units than a core has vector lanes, and a trial of all lanes takes it as long as one of few.
+# An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
 ACCELERATOR_LANES = 1024, 32768  # at least, so that few programs serve all sizes of batches; and at most
 ACCELERATOR_CHUNK = 4  # scenes prepared at once for each lane
 ACCELERATOR_NUMBERS = 2**26  # of all lanes in one array: wide scenes have fewer lanes
@@ -154,7 +154,7 @@ def drive(
 
     def store(done: Done) -> None:
         nonlocal useful, possible
-        done = jax.device_get(done)
+        done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
         rows = (np.arange(done.which.size // used.size) < used).ravel()
         index = done.which[rows]

@@ -109,6 +109,7 @@ def found():
     cache = {
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1",
+        "JAX_NUMPY_RANK_PROMOTION": "raise",
     }
     done = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.test_devices"], cwd=root, capture_output=True, text=True, timeout=300,
