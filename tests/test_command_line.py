@@ -194,7 +194,7 @@ WRONG = [
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
     ("response --T-p -1", "motion: periods and frequencies must be > 0, got -1.0"),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
-    ("response --record record.txt", "record.txt: does not say in what units"),
+    ("response --record record.txt", "record.txt: does not say in what units; give units (on the command line --units)"),
     ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
     ("response --record record.txt --T-p 2", "--record and --T-p: give a pulse or a record, not both"),
     ("response --units g", "--units: is of a record; give --record FILE"),
