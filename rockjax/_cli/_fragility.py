@@ -117,7 +117,7 @@ def fragility(
     Every record is scaled to all levels, and the least intensity that overturns is found for each (incremental dynamic
     analysis); a lognormal curve is fitted, with intervals by bootstrap over the records. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group), OUTPUT-fragility.png and
-    OUTPUT-ida.png. Ctrl-C keeps nothing.
+    OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then less.
 
     \b
     Examples:
