@@ -37,6 +37,7 @@ from rockjax._problem import Reader, load_table
 
 from ._design import Design, design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
+from ._report import problem
 from ._targets import (
     AbstractTarget,
     MedianCapacity,
@@ -69,6 +70,9 @@ class Problem(NamedTuple):
         """The design; `changes` are further arguments of [`optimise.design`][] or replace those of the file."""
         settings: dict[str, Any] = {"options": self.options} | self.settings | changes
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
+
+    def __repr__(self):
+        return problem(self)
 
 
 def load(path: str | Path) -> Problem:

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
+from rockjax._account import readable
 
+from . import _variables
+from ._objectives import AbstractObjective
 from ._results import NAMES, RESULTS
 
 if TYPE_CHECKING:
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ._design import Design
+    from ._problem import Problem
 
 
 def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
@@ -40,11 +44,38 @@ def table(design: Design) -> str:
     headline, variables, targets = _account(design)
     lines = [f"Design: {headline}"]
     for rows in (variables, targets):
-        if len(rows) > 1:
-            widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-            lines += ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+        lines += _aligned(rows)
     lines += [f"  {sentence}" for sentence in _remarks(design)]
     return "\n".join(lines)
+
+
+def problem(asked: Problem) -> str:
+    """What a file asks for in lines: variables where they start, targets with their scenes, sets of motions."""
+    wanted = asked.minimise
+    if wanted is None:
+        least = "the nearest design"
+    elif isinstance(wanted, AbstractObjective):
+        least = f"least {wanted.describe()}"
+    else:
+        least = f"least {getattr(wanted, '__name__', 'objective')}"
+    box = _variables.variables(asked.podium, asked.vary)
+    start = box.values(box.start())
+    rows = [["variable", "start", "unit", "bounds"]]
+    for name, value, unit in zip(box.names, start, box.units, strict=True):
+        low, high = asked.vary[name]
+        rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
+    targets = [["target", "scenes"], *([target.name or target.describe(), str(target.scenes)] for target in asked.targets)]
+    sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
+    lines = [f"Problem: {least}", f"  {readable(asked.podium)}"]
+    return "\n".join([*lines, *_aligned(rows), *_aligned(targets), *_aligned(sets)])
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    """Rows under their heading; nothing where there is only that."""
+    if len(rows) < 2:
+        return []
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _remarks(design: Design) -> list[str]:

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from ._results import AbstractPeak
 
 Rows = list[tuple[str, str]]
+_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": ""}
+
+
+def units(of: str) -> str:
+    """The units of a dataset as they are shown; nothing for ratios."""
+    return _UNITS.get(of, of)
 
 
 def readable(module: eqx.Module) -> str:
@@ -25,6 +31,8 @@ def readable(module: eqx.Module) -> str:
 
 
 def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
     if not isinstance(value, jax.Array | np.ndarray):
         return repr(value)
     numbers = concrete(value)

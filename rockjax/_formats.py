@@ -110,7 +110,7 @@ def _choose(path: Path, channels: Sequence[tuple[int, str]], component: int | st
         asked = "" if component is None else f", {len(found) or 'none'} of them {component!r}"
         raise ValueError(
             f"{path}: holds {len(channels)} channels{asked}: {listed}; choose one by its number or name, such as "
-            f"component={channels[0][0]}"
+            f"component {channels[0][0]} (on the command line --component)"
         )
     return found[0]
 

@@ -37,14 +37,14 @@ def read(path: str | Path, units: str | None, dt: float | None, component: int |
     if own is None and units is None:
         said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
         said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
-        raise ValueError(f"{path}: {said}; give units='g', one of {', '.join(UNITS)}")
+        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
     if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units={units!r} was given; leave units out")
+        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
     values = found.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
     if found.dt is None and dt is None:
-        raise ValueError(f"{path}: has one column and no times: dt is missing")
+        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
     if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
         raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
     unit = units or own
@@ -192,6 +192,6 @@ def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: f
         factor = scale * (1.0 if own_scale is None else own_scale)
         motions.append(motion.scaled(factor) if factor != 1 else motion)
     if problems:
-        hint = "; pattern='*.AT2', say, reads only some" if pattern is None else ""
+        hint = "; a pattern (on the command line --pattern), say '*.AT2', reads only some" if pattern is None else ""
         raise ValueError("\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems]))
     return Motions(tuple(motions))

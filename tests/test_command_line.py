@@ -194,7 +194,7 @@ WRONG = [
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
     ("response --T-p -1", "motion: periods and frequencies must be > 0, got -1.0"),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
-    ("response --record record.txt", "record.txt: does not say in what units"),
+    ("response --record record.txt", "record.txt: does not say in what units; give units (on the command line --units)"),
     ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
     ("response --record record.txt --T-p 2", "--record and --T-p: give a pulse or a record, not both"),
     ("response --units g", "--units: is of a record; give --record FILE"),
@@ -265,7 +265,7 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path):
+def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     """The example with fewer records and levels, and then the same records from files."""
     text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
     (tmp_path / "small.toml").write_text(text.replace('["alpha", "gamma"]', "[]"))
@@ -288,6 +288,21 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path):
         (tmp_path / name).unlink()
     assert run("plot", "a.nc")[0] == 0
     assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [picture[:8] for picture in drawn]
+    # With slopes of each capacity, here put in by hand, that of the median is said and written.
+    analysis["sensitivity"] = ("parameter", "record"), np.array([[1.0] * 5, [-0.5] * 5])
+    analysis = analysis.assign_coords(parameter=["alpha", "gamma"])
+    asked = []
+    with monkeypatch.context() as patch:
+        patch.setattr(rj, "incremental_dynamic_analysis", lambda *_, **given: asked.append(given) or analysis)
+        code, out, err = run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d")
+        assert code == 0, err
+        said = json.loads(run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1])
+    assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
+    expected = rj.fragility(analysis, resamples=50)["median_sensitivity"].values
+    assert expected[0] == pytest.approx(-2 * expected[1])
+    for name, value in zip(("alpha", "gamma"), expected, strict=True):
+        assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
+        assert said["median_sensitivity"][name] == pytest.approx(value)
     # No curve where nothing overturns: the analysis stays, and says so.
     for k, motion in enumerate(noise):
         motion.save(tmp_path / "suite" / f"{k}.AT2")
@@ -383,6 +398,17 @@ def test_help_loads_nothing_heavy():
 
 
 @pytest.mark.slow
+def test_a_response_of_the_example(run):
+    """The second motion is that of the README."""
+    code, out, err = run("response", PROBLEMS / "response.toml", "--number", 2, "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    assert said["result"] == "end_of_time"
+    assert said["peak_rotation"] == pytest.approx(0.831162, abs=1e-6)
+    assert said["files"] == ["rockjax-response.nc", "rockjax-response.png"]
+
+
+@pytest.mark.slow
 def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     prefix = tmp_path / "study"
     flags = ["--points", "9", "--T-s", "0", "--eta-over-gamma", "1,5", "--sensitivities", "alpha", "-o", str(prefix)]
@@ -391,6 +417,7 @@ def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     data = xarray.load_dataset(f"{prefix}.nc")
     assert data.sizes["eta_over_gamma"] == 2
     assert data.sizes["T_s"] == 1
+    assert (data["T_s"].attrs["units"], data["eta_over_gamma"].attrs["units"]) == ("s", "1")
     podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
     one = data.sel(eta_over_gamma=5.0, T_s=0.0).isel(frequency_ratio=2)
     exact = float(rj.overturning_acceleration(podium, rj.Ricker, float(one["T_p"]))) / (float(podium.g) * 0.15)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -283,33 +284,33 @@ MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
 TARGETS = {
     "rotation": optimise.PeakRotation(0.4, MOTIONS),
     "shear": optimise.PeakShear(0.5, MOTIONS),
-    "deformation": optimise.PeakDeformation(0.05, MOTIONS),
     "overturning": optimise.NoOverturning(MOTIONS),
-    "acceleration": optimise.OverturningAcceleration(4.0, rj.Ricker, [0.9, 1.2]),
-    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, 1.1, ratio=True),
-    "scale": optimise.OverturningScale(1.5, MOTIONS),
+    # What the acceleration is over moves too; the median takes in every scale.
+    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True),
     "median": optimise.MedianCapacity(1.5, MOTIONS),
     "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in TARGETS if name != "deformation"])
+@pytest.mark.parametrize("name", list(TARGETS))
 def test_margins_have_exact_derivatives(name):
+    """Under an elastic building where the target is about it or about the rotation; the others compile sooner without."""
     target = TARGETS[name]
-    podium = DRAWING.replace(width=0.5).podium()
+    elastic = name in ("rotation", "shear")
+    podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
     options = rj.Options(rtol=1e-11, atol=1e-13, throw=False)
 
-    @jax.jit
     def margins(width):
         return target.margins(podium.replace(alpha=jnp.arctan(width / 3), R=0.5 * jnp.hypot(width, 3.0)), options)
 
-    slope = jax.jacfwd(margins)(0.5)
+    # One program for values and slopes.
+    both = jax.jit(lambda width: jax.jvp(margins, (width,), (1.0,)))
     h = 1e-6
-    difference = (margins(0.5 + h) - margins(0.5 - h)) / (2 * h)
-    assert np.all(np.isfinite(margins(0.5)))
-    assert np.allclose(slope, difference, rtol=2e-5, atol=1e-6)
-    assert np.any(slope != 0)
+    (low, _), (value, slope), (high, _) = (both(0.5 + step) for step in (-h, 0.0, h))
+    assert np.all(np.isfinite(value))
+    assert np.allclose(slope, (high - low) / (2 * h), rtol=2e-5, atol=1e-6)
+    assert np.all(slope != 0)
 
 
 @pytest.mark.slow
@@ -505,6 +506,8 @@ def test_a_file_is_the_problem_it_says(folder):
     assert problem.options.rtol == 1e-9
     assert problem.targets[0].limit == 0.4
     assert problem.vary == {"alpha": (0.1, 0.4)}
+    assert re.search(r"^  alpha +0\.14889 +rad +0\.1 … 0\.4$", repr(problem), re.M), repr(problem)
+    assert re.search(r"^  records +2$", repr(problem), re.M)
 
 
 @pytest.mark.parametrize(
@@ -520,7 +523,7 @@ def test_a_file_is_the_problem_it_says(folder):
         ("frequency_ratio = 4.0", "T_p = [1.0, 1.1, 1.2]", r"2 amplitudes and 3 periods"),
         ("one.txt", "none.txt", r"motions\.records\[0\]: .*none\.txt: cannot be read: No such file"),
         ('units = "g"', 'units = "ft"', r"motions\.records\[0\]: .*units must be one of g, m/s2, .*'ft'"),
-        ("dt = 0.01", "", r"dt is missing"),
+        ("dt = 0.01", "", r"give dt"),
         ('motions = "pulses"', 'motions = "quakes"', r"targets\[0\]\.motions: must name a set"),
         ("limit = 0.4", "limit = 4", r"targets\[0\]: PeakRotation: limit"),
         ("limit = 0.4", "", r"targets\[0\]: limit is missing"),

@@ -300,7 +300,7 @@ def test_a_folder_is_a_suite(folder, suite):
     with pytest.raises(ValueError) as error:
         rj.read_suite(folder)
     lines = str(error.value).splitlines()
-    assert lines[0].startswith(f"{folder}: 2 of 4 files cannot be read; pattern=")
+    assert lines[0].startswith(f"{folder}: 2 of 4 files cannot be read; a pattern (")
     assert lines[1].startswith(f"  {folder / 'notes.pdf'}:1: is not text")
     assert lines[2].startswith(f"  {folder / 'short.txt'}:3: 'x' is not a number")
     with pytest.raises(ValueError, match=r"holds no file \*\.V2"):
@@ -456,7 +456,7 @@ def test_motions_on_the_command_line(folder):
     assert RUN.invoke(app, ["motions", str(drifting), "--periods", "a"]).exit_code == 2
     failed = RUN.invoke(app, ["motions", str(drifting)])
     assert isinstance(failed.exception, ValueError)
-    assert "give units='g'" in str(failed.exception)
+    assert "give units" in str(failed.exception)
 
 
 def test_synthetic_motions_on_the_command_line(tmp_path):

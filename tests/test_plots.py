@@ -1,6 +1,7 @@
 """Pictures and data of histories: that they are drawn, and that what they show is right."""
 
 import math
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -293,7 +294,8 @@ def test_films_say_what_they_cannot_do(histories, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"must end in \.gif or \.mp4, got 'a\.avi'"):
         plots.save_animation(tmp_path / "a.avi", data)
     monkeypatch.setattr(plots._animation.FFMpegWriter, "isAvailable", lambda: False)
-    with pytest.raises(RuntimeError, match="needs ffmpeg"):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(RuntimeError, match=r"needs ffmpeg.*pip install imageio-ffmpeg"):
         plots.save_animation(tmp_path / "a.mp4", data)
     with pytest.raises(ValueError, match="kind = 'response'"):
         plots.phase_portrait(xarray.Dataset())

@@ -117,7 +117,7 @@ def fragility(
     Every record is scaled to all levels, and the least intensity that overturns is found for each (incremental dynamic
     analysis); a lognormal curve is fitted, with intervals by bootstrap over the records. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group), OUTPUT-fragility.png and
-    OUTPUT-ida.png. Ctrl-C keeps nothing.
+    OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then less.
 
     \b
     Examples:
@@ -176,14 +176,15 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
 
     import rockjax as rj
     from rockjax import plots
+    from rockjax._account import units
 
-    name, units = analysis.attrs["measure"], analysis["intensity"].attrs["units"]
-    units = {"m s-2": " m/s²", "m s-1": " m/s", "1": ""}[units]
+    name, of = analysis.attrs["measure"], units(analysis["intensity"].attrs["units"])
+    in_units = f" {of}" if of else ""
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
     count, reached = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
     failed = int((analysis["result"] > 2).sum())
     report.say(
-        f"{count} records at {analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{units}: "
+        f"{count} records at {analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{in_units}: "
         f"{analysis.attrs['scenes']} scenes, {reached} of the records overturn"
     )
     report.facts |= {"records": count, "overturning_records": reached, "scenes": analysis.attrs["scenes"], "measure": name}
@@ -208,10 +209,10 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
     intervals = np.asarray(curve["interval"].transpose("quantity", "bound"))
     share = f"{statistics.confidence:.0%} interval"
     (a, b), (c, d) = intervals
-    report.say(f"median overturning {name}: {median:.4g}{units}, {share} {a:.4g} to {b:.4g}")
+    report.say(f"median overturning {name}: {median:.4g}{in_units}, {share} {a:.4g} to {b:.4g}")
     report.say(f"dispersion: {dispersion:.3f}, {share} {c:.3f} to {d:.3f}")
     report.facts |= {
-        "units": units.strip() or "1",
+        "units": of or "1",
         "median": median,
         "median_interval": [a, b],
         "dispersion": dispersion,

@@ -14,7 +14,8 @@ from ._run import Flags, Report, option, prepare
 @dataclass
 class Span(Flags):
     t_end: Annotated[
-        float | None, option("--t-end", panel=GRID, help="End of the history [s]; by default when nothing more happens.")
+        float | None,
+        option("--t-end", panel=GRID, help="End of the history [s]; by default 30/p after the motion, or 10 T_s."),
     ] = None
 
 

@@ -69,8 +69,6 @@ def spectrum(
     from rockjax import plots
 
     panels = joined(spectra, ratios, periods, zeta)
-    panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
-    panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     report.write(f"{output}.nc", panels)
     for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
         report.draw(f"{output}-{suffix}.png", draw(panels))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,21 +77,35 @@ def animation(
 
 
 def save_animation(path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options) -> Path:
-    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where ffmpeg is installed.
+    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where there is an ffmpeg.
 
-    `options` are those of `animation`. Raises `ValueError` for other endings and `RuntimeError` where ffmpeg is missing.
+    That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of `animation`.
+    Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there is none.
     """
     path, fps = Path(path), options.get("fps", 25.0)
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
-    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise RuntimeError("plots.save_animation: .mp4 needs ffmpeg, which was not found; install it, or write a .gif")
-    writer = PillowWriter(fps=fps) if path.suffix == ".gif" else FFMpegWriter(fps=fps)
+    program = _ffmpeg() if path.suffix == ".mp4" else ""
     film = animation(response, **options)
     try:
-        return write_whole(path, lambda name: film.save(name, writer=writer, dpi=dpi))
+        with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
+            writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
+            return write_whole(path, lambda name: film.save(name, writer=writer, dpi=dpi))
     finally:
         plt.close(film.figure)
+
+
+def _ffmpeg() -> str:
+    """The program of the system, else that of imageio-ffmpeg."""
+    if FFMpegWriter.isAvailable():
+        return FFMpegWriter.bin_path()
+    try:
+        return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        raise RuntimeError(
+            "plots.save_animation: .mp4 needs ffmpeg, which was not found; `pip install imageio-ffmpeg` brings one, "
+            "or write a .gif"
+        ) from None
 
 
 def _displacement(data: xarray.Dataset) -> np.ndarray:

@@ -8,16 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from rockjax._account import units
+
 from ._style import COLOURS, on_axes
 
 if TYPE_CHECKING:
     import xarray
 
-_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": "–"}
 
-
-def _label(name: str, units: str) -> str:
-    return f"{name} [{_UNITS.get(units, units)}]"
+def _label(name: str, of: str) -> str:
+    return f"{name} [{units(of) or '–'}]"
 
 
 @on_axes
@@ -63,8 +63,8 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
     assert ax is not None
     x = dataset["at"].values
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
-    units = _UNITS.get(dataset["at"].attrs["units"], "")
-    fit = rf"median {median:.3g} {units}, $\beta$ = {dispersion:.2g}"
+    in_units = f"{median:.3g} {units(dataset['at'].attrs['units'])}".rstrip()
+    fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
     ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0)
     ax.plot(x, dataset["probability"], color=colour, label=fit if label is None else f"{label}: {fit}")
     capacity = np.sort(dataset["capacity"].values[np.isfinite(dataset["capacity"].values)])
