@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import jax
 import numpy as np
 
-from ._scenes import own_dimensions
+from ._scenes import axes_of, own_dimensions
 
 GROUPS = ("structures", "excitations", "initial", "t_end")
 Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_end)
@@ -33,14 +33,7 @@ class Numbers(NamedTuple):
         paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
         names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
         leaves = [np.asarray(y) for _, y in paths]
-        own = own_dimensions(structure, excitations)
-        outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
-        try:
-            shape = np.broadcast_shapes(*outer)
-        except ValueError as error:
-            raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
-        if 0 in shape:
-            raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
+        outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
         if not shape:
             shape, outer[0], leaves[0] = (1,), (1,), leaves[0][None]
         named = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -45,11 +46,6 @@ class Scenes(NamedTuple):
         dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
         return [y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)]
 
-    def box(self, *where: slice) -> Scenes:
-        """The scenes of a part of the grid, a slice for each of its first axes; nothing is copied."""
-        rows = [None if rows is None else rows[where] for rows in self.rows]
-        return self._replace(rows=rows, total=next(rows.size for rows in rows if rows is not None))
-
 
 def broadcast(
     owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
@@ -60,27 +56,34 @@ def broadcast(
     """
     arguments = podiums, excitations, jax.tree.map(as_float, initial), None if t_end is None else as_float(t_end)
     leaves, structure = jax.tree.flatten(arguments)
-    own = own_dimensions(structure, excitations)
-    outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
-    try:
-        shape = np.broadcast_shapes(*outer)
-    except ValueError as error:
-        raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
+    outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
     if not any(outer):
         outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
-    count = int(np.prod(shape, dtype=int))
-    if not count:
-        raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
     rows: list[np.ndarray | None] = []
-    for k, (batch, n) in enumerate(zip(outer, own, strict=True)):
+    for k, batch in enumerate(outer):
         if not batch:
             rows.append(None)
             continue
         # A row is stored once, however many scenes share it.
         index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
         rows.append(np.broadcast_to(index, shape or batch))
-        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[leaves[k].ndim - n :])
-    return Scenes(leaves, rows, structure, count), shape
+        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
+    return Scenes(leaves, rows, structure, int(np.prod(shape, dtype=int))), shape
+
+
+def axes_of(owner: str, leaves: Sequence[Any], own: Sequence[int]) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
+    """The axes of the grid that each leaf has, and the shape of the grid.
+
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    """
+    outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
+    try:
+        shape = np.broadcast_shapes(*outer)
+    except ValueError as error:
+        raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
+    if 0 in shape:
+        raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
+    return outer, shape
 
 
 def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:

@@ -142,20 +142,6 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
 
 
-def test_a_box_of_the_grid_is_its_scenes():
-    from rockjax._scenes import broadcast
-
-    podiums = rj.Podium(0.2, np.array([1.0, 1.5, 2.5])[:, None])
-    motions = rj.Ricker(np.arange(5.0), np.linspace(0.5, 1.5, 15).reshape(3, 5))
-    scenes, shape = broadcast("", podiums, motions, rj.State(), None)
-    box = scenes.box(slice(1, 3), slice(2, 4))
-    assert (box.total, shape) == (4, (3, 5))
-    flat = np.arange(15).reshape(shape)[1:3, 2:4].ravel()
-    for one, whole in zip(box.part(0, 4, 4), scenes.part(0, 15, 15), strict=True):
-        np.testing.assert_array_equal(one, whole[flat] if np.ndim(whole) else whole)
-    assert all(a is b for a, b in zip(box.leaves, scenes.leaves, strict=True))
-
-
 def test_the_segments_engine_is_not_silently_replaced():
     with pytest.raises(ValueError, match="engine"):
         rj.peak_responses(PODIUMS["rigid"], rj.Ricker(amplitudes(3), 1.0), options=rj.Options(engine="segments"))
