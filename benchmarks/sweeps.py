@@ -51,20 +51,20 @@ def sweep(scenes: rj.Grid, folder: Path, **more: Any) -> float:
 
 def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
     """The store with its pilot, and nothing solved."""
-    from rockjax import _sweep
+    from rockjax._chunks import Job
 
-    solve = _sweep.Job.solve
+    solve = Job.solve
 
     def stop(*_):
         raise KeyboardInterrupt
 
-    _sweep.Job.solve = stop  # pyright: ignore[reportAttributeAccessIssue]
+    Job.solve = stop  # pyright: ignore[reportAttributeAccessIssue]
     try:
         rj.sweep(*scenes, **{name: value for name, value in call.items() if name != "client"})
     except KeyboardInterrupt:
         pass
     finally:
-        _sweep.Job.solve = solve
+        Job.solve = solve
 
 
 def overhead(folder: Path) -> list[dict]:

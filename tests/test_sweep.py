@@ -19,7 +19,7 @@ import pytest
 import xarray
 
 import rockjax as rj
-from rockjax import _sweep
+from rockjax import _chunks
 from rockjax._store import Layout, Store
 
 from .scenes import PODIUMS
@@ -57,13 +57,13 @@ def same(data, batch):
 def counted(monkeypatch):
     """Numbers of the chunks that are solved."""
     solved = []
-    solve = _sweep.Job.solve
+    solve = _chunks.Job.solve
 
     def counting(self, k, *args):
         solved.append(k)
         return solve(self, k, *args)
 
-    monkeypatch.setattr(_sweep.Job, "solve", counting)
+    monkeypatch.setattr(_chunks.Job, "solve", counting)
     return solved
 
 
@@ -288,7 +288,7 @@ def test_scenes_without_an_answer_are_counted(tmp_path):
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals to threads are POSIX")
 def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, counted, monkeypatch):
-    solve, seen = _sweep.Job.solve, []
+    solve, seen = _chunks.Job.solve, []
 
     def stopping(self, k, *args):
         seen.append(k)
@@ -296,7 +296,7 @@ def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, co
             signal.raise_signal(signal.SIGINT)
         return solve(self, k, *args)
 
-    monkeypatch.setattr(_sweep.Job, "solve", stopping)
+    monkeypatch.setattr(_chunks.Job, "solve", stopping)
     with pytest.raises(
         rj.Interrupted, match=r"stopped with 2 of 4 chunks solved, kept in .*the same call goes on"
     ) as stopped:

@@ -1,0 +1,86 @@
+"""A sample of the scenes of a sweep, which says what the others will take."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ._batch import LANES
+from ._chunks import Devices, cores_of, solved, trial_steps
+from ._datasets import peak_variables
+from ._store import Layout, compressed_size, stored_as
+from ._study import Study
+from ._threads import precision
+
+SAMPLE = (256, 16384)  # scenes
+SHARE = 50  # of so many scenes one
+CHUNK_SECONDS = 10.0  # of one core: long against the writing of a chunk, short against what a fault may cost
+LEAST_SECONDS = 2.5
+CHUNKS_PER_CORE = 8  # so that no core waits long for the last ones
+
+
+class Pilot(NamedTuple):
+    """A sample of the scenes, solved.
+
+    - `scenes`: their numbers; `steps`: trial steps of each; `core_seconds`: for one trial step, of one core [s]
+    - `variables`: what answers look like; `bytes_`: a scene in the store; `resident`: memory of the process [bytes]
+    """
+
+    scenes: np.ndarray
+    steps: np.ndarray
+    core_seconds: float
+    variables: dict[str, Any]
+    bytes_: float
+    resident: int
+
+    def chunk(self, scenes: int, cores: int) -> int:
+        """Scenes in a chunk that costs neither overhead nor waiting."""
+        a_scene = max(1e-9, self.core_seconds * float(self.steps.mean()))
+        seconds = min(CHUNK_SECONDS, max(LEAST_SECONDS, scenes * a_scene / (CHUNKS_PER_CORE * cores)))
+        return max(1, round(seconds / a_scene))
+
+    def expected(self, layout: Layout) -> np.ndarray:
+        """Trial steps of every chunk: the mean of its sample, or of all where it has none."""
+        chunks = layout.chunk_of(self.scenes)
+        number = np.bincount(chunks, minlength=layout.number)
+        total = np.bincount(chunks, weights=self.steps, minlength=layout.number)
+        mean = np.where(number > 0, total / np.maximum(number, 1), self.steps.mean())
+        return mean * layout.sizes()
+
+
+def pilot(study: Study, chunk: int | None, threads: int | None, devices: Devices) -> Pilot:
+    """Solve some scenes spread over all of them, and measure."""
+    numbers, options = study.numbers, study.options
+    low, high = SAMPLE
+    count = min(numbers.size, max(low, min(high, numbers.size // SHARE), min(chunk or 0, low)))
+    rng = np.random.default_rng(0)
+    edges = np.linspace(0, numbers.size, count + 1).astype(np.int64)
+    scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
+    with precision(study.precision):
+        solve = lambda which: solved(numbers.at(which), options, threads, devices, False, threading.Event())
+        few = scenes[:: max(1, count // low)]
+        solve(few)  # compiles
+        timed = []
+        for which in (few, scenes):
+            began = time.perf_counter()
+            peaks = solve(which)
+            timed.append((time.perf_counter() - began, trial_steps(peaks).sum()))
+    steps = trial_steps(peaks)
+    answers = {name: (values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)}
+    variables = {name: stored_as(values, attrs) for name, (values, attrs) in answers.items()}
+    kept = {name: values.astype(variables[name].dtype) for name, (values, _) in answers.items()}
+    (short, of_few), (seconds, of_all) = timed
+    # What a call costs besides its steps is not what a chunk costs.
+    slope = (seconds - short) / (of_all - of_few) if of_all > of_few else 0.0
+    per_step = (slope if slope > 0 else seconds / of_all) * min(cores_of(devices, threads), -(-count // LANES))
+    return Pilot(scenes, steps, per_step, variables, compressed_size(kept) / count, _resident())
+
+
+def _resident() -> int:
+    """Memory that this process has now [bytes]."""
+    import psutil  # which dask.distributed brings
+
+    return psutil.Process().memory_info().rss
