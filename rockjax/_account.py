@@ -63,7 +63,7 @@ def html(peak: AbstractPeak) -> str:
 
 
 def _account(peak: AbstractPeak) -> tuple[str, Rows]:
-    from ._results import NAMES, code_of
+    from ._results import END_OF_TIME, NAMES, code_of
 
     kind = type(peak).__name__
     codes = concrete(peak.peak_rotation) is not None and concrete(code_of(peak.result))
@@ -84,4 +84,5 @@ def _account(peak: AbstractPeak) -> tuple[str, Rows]:
     rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
-    return f"{kind}: {NAMES[int(codes)]}", rows
+    at = f", t = {float(peak.stats.end_time):.6g} s" if codes == END_OF_TIME else ""
+    return f"{kind}: {NAMES[int(codes)]}{at}", rows

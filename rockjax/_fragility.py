@@ -298,9 +298,9 @@ def fragility(
         | {"title": "Fragility", "kind": "fragility", "method_of_fit": method, "confidence": confidence, "seed": seed},
     )
     if "sensitivity" in analysis and method == "capacities":
-        price = capacity * np.asarray(_price(capacity, limit))  # d ln(median)/d ln(capacity)
         known = np.isfinite(capacity)
-        slopes = analysis["sensitivity"].values[:, known] @ price[known]
+        price = capacity[known] * np.asarray(_price(capacity, limit))[known]  # d ln(median)/d ln(capacity)
+        slopes = analysis["sensitivity"].values[:, known] @ price
         data["median_sensitivity"] = ("parameter", slopes, one | {"long_name": "d ln(median)/d ln y"})
         data = data.assign_coords(parameter=analysis["parameter"])
     return data
