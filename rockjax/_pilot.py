@@ -17,9 +17,9 @@ from ._threads import precision
 
 SAMPLE = (256, 16384)  # scenes
 SHARE = 50  # of so many scenes one
-CHUNK_SECONDS = 10.0  # of one core: long against the writing of a chunk, short against what a fault may cost
-LEAST_SECONDS = 2.5
-CHUNKS_PER_CORE = 8  # so that no core waits long for the last ones
+# Wall time of a chunk: long against the writing of its files, which takes some hundredths; short against what a fault costs.
+CHUNK_SECONDS = 2.5, 10.0
+CHUNKS_EACH = 8  # at least so many for each that solves them, where they are not too short: nobody waits long for the last
 
 
 class Pilot(NamedTuple):
@@ -36,11 +36,12 @@ class Pilot(NamedTuple):
     bytes_: float
     resident: int
 
-    def chunk(self, scenes: int, cores: int) -> int:
+    def chunk(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
         """Scenes in a chunk that costs neither overhead nor waiting."""
         a_scene = max(1e-9, self.core_seconds * float(self.steps.mean()))
-        seconds = min(CHUNK_SECONDS, max(LEAST_SECONDS, scenes * a_scene / (CHUNKS_PER_CORE * cores)))
-        return max(1, round(seconds / a_scene))
+        low, high = CHUNK_SECONDS
+        seconds = min(high, max(low, scenes * a_scene / (CHUNKS_EACH * cores)))
+        return max(1, round(seconds * cores_of_chunk / a_scene))
 
     def expected(self, layout: Layout) -> np.ndarray:
         """Trial steps of every chunk: the mean of its sample, or of all where it has none."""

@@ -139,6 +139,7 @@ class Store:
         self.layout = Layout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
         self.variables: list[str] = list(self.about["variables"])
         self._arrays = {name: group[name] for name in self.variables}
+        self._rows: Any = group["progress/rows"]
 
     @classmethod
     def open(cls, path: str | Path) -> Store | None:
@@ -216,23 +217,21 @@ class Store:
     @property
     def expected(self) -> np.ndarray:
         """Trial steps of every chunk, as they were guessed, shape (chunks,)."""
-        return np.asarray(self._progress("expected")[...])
+        array: Any = self.group["progress/expected"]
+        return np.asarray(array[...])
 
     def rows(self) -> np.ndarray:
         """A `Row` for every chunk, NaN for those that are not done, shape (chunks, 4)."""
-        return np.asarray(self._progress("rows")[...])
-
-    def _progress(self, name: str) -> Any:
-        return self.group[f"progress/{name}"]
+        return np.asarray(self._rows[...])
 
     def row(self, k: int) -> Row | None:
         """The row of a chunk, None where it is not done."""
-        row = Row(*map(float, self._progress("rows")[k]))
+        row = Row(*map(float, self._rows[k]))
         return None if np.isnan(row.checksum) else row
 
     def forget(self, k: int) -> None:
         """A chunk is to be solved again."""
-        self._progress("rows")[k] = np.full(len(Row._fields), np.nan)
+        self._rows[k] = np.full(len(Row._fields), np.nan)
 
     def intact(self, k: int, row: np.ndarray) -> bool:
         """Whether the answers of a chunk are those that its row was written for."""
@@ -252,7 +251,7 @@ class Store:
         for name, values in parts.items():
             self._array(name)[box] = values
         row = Row(checksum(parts), seconds, steps, failed)
-        self._progress("rows")[k] = np.array(row)
+        self._rows[k] = np.array(row)
         return row
 
     def dataset(self) -> xarray.Dataset:
@@ -317,10 +316,13 @@ def _in_one_move(path: str) -> Iterator[str]:
 
 
 def _codecs() -> list[Any]:
-    """Compressed, and with a checksum that zarr itself looks at when a chunk is read."""
+    """Compressed, and with a checksum that zarr itself looks at when a chunk is read.
+
+    LZ4 on shuffled bytes made these answers as small as Zstandard did, in a third of the time.
+    """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
-    return [BloscCodec(cname="zstd", clevel=3, shuffle="shuffle"), Crc32cCodec()]
+    return [BloscCodec(cname="lz4", shuffle="shuffle"), Crc32cCodec()]
 
 
 def compressed_size(parts: Mapping[str, np.ndarray]) -> int:

@@ -63,7 +63,7 @@ def sweep(
     - `coords`: the names of the axes in order, with their labels or alone; `scene` for a table where it is not given
     - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this name
     - `outputs`: which answers are wanted, as in [`rockjax.Options`][]
-    - `chunk`: scenes in a chunk; by default as many as take about ten seconds of one core, fewer for short sweeps
+    - `chunk`: scenes in a chunk; by default as many as take some seconds
     - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by all cores here
     - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this machine.
       Without it the cores of the CPU, or all GPUs where JAX has some
@@ -83,7 +83,8 @@ def sweep(
     where = Here(devices) if client is None else There(client, devices)
     if found is None or dry_run:
         pilot = where.pilot(study, chunk)
-        layout = Layout.of(study.shape, chunk or pilot.chunk(study.scenes, where.cores)) if found is None else found.layout
+        size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
+        layout = Layout.of(study.shape, size) if found is None else found.layout
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
         found = _created(store, study, layout, pilot)

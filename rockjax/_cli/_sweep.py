@@ -45,7 +45,8 @@ class Grid(Flags):
 @dataclass
 class Machines(Flags):
     chunk: Annotated[
-        int | None, option("--chunk", panel=MACHINES, min=1, help="Scenes in a chunk; by default ten seconds of one core.")
+        int | None,
+        option("--chunk", panel=MACHINES, min=1, help="Scenes in a chunk; by default some seconds of them."),
     ] = None
     workers: Annotated[
         int | None, option("--workers", panel=MACHINES, min=1, help="So many processes on this machine, of one core each.")
