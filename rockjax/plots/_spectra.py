@@ -190,7 +190,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
     rows, columns = panels.sizes["parameter"], panels.sizes["eta_over_gamma"]
-    figure, axes, _ = _panels(rows, columns, width=3.9, height=2.4, right=0.3, sharey="row")
+    figure, axes, _ = _panels(rows, columns, width=3.9, height=2.4, right=0.3, sharey="row", left=0.85)
     for i, parameter in enumerate(panels["parameter"].values):
         for j in range(columns):
             ax = axes[i, j]
@@ -211,7 +211,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
             lo, hi = np.percentile(finite, [2, 96])
             axes[i, 0].set_ylim(min(0, lo) - 0.05 * (hi - lo), max(0, hi) + 0.1 * (hi - lo))
         symbol = _SYMBOLS.get(str(parameter), str(parameter))
-        axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\tan\alpha)$")
+        axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
     axes[0, 0].legend(title="superstructure", loc="upper left", fontsize=8)
     _headed(figure, "Sensitivity of the least overturning acceleration", panels)
     return figure
@@ -221,13 +221,13 @@ _SYMBOLS = {"alpha": r"\alpha", "gamma": r"\gamma", "eta": r"\eta", "lam": r"\la
 
 
 def _panels(
-    rows: int, columns: int, width: float, height: float, right: float, sharey: Literal["all", "row"] = "all"
+    rows: int, columns: int, width: float, height: float, right: float, sharey: Literal["all", "row"] = "all", left=0.65
 ) -> tuple[Figure, np.ndarray, float]:
     """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
 
     Laid out by hand: solving for the layout takes longer than the drawing.
     """
-    left, below, above, apart, stacked = 0.65, 0.55, 1.05, 0.2, 0.45
+    below, above, apart, stacked = 0.55, 1.05, 0.2, 0.45
     w = left + columns * width + (columns - 1) * apart + right
     h = below + rows * height + (rows - 1) * stacked + above
     figure = plt.figure(figsize=(w, h))

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 P = ParamSpec("P")
 T = TypeVar("T")
 
-ACCELERATION_RATIO = r"$a_p\,/\,(g\tan\alpha)$"
+ACCELERATION_RATIO = r"$a_p\,/\,(g\,\tan\alpha)$"
 FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
 ROTATION = r"$\theta\,/\,\alpha$"
 # Okabe & Ito: distinct for the colour-blind, and by line style in grey.
