@@ -65,7 +65,19 @@ def peak_responses(
 
     Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
     """
-    return responses(podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads)
+    peaks = responses(podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads)
+    warn_of_failures(peaks, stacklevel=3)
+    return peaks
+
+
+def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
+    """A `RuntimeWarning` that counts the scenes without an answer."""
+    codes = np.asarray(results.code_of(peaks.result))
+    failed = codes[codes > results.OVERTURNED]
+    if failed.size:
+        kinds = {results.NAMES[k] for k in np.unique(failed)}
+        message = f"{failed.size} of {codes.size} scenes ended without an answer: {kinds}"
+        warnings.warn(message, RuntimeWarning, stacklevel)
 
 
 def responses(
@@ -79,7 +91,7 @@ def responses(
     devices: Sequence | None = None,
     threads: int | None = None,
 ) -> Peak:
-    """[`peak_responses`][rockjax.peak_responses] that another thread can stop."""
+    """[`peak_responses`][rockjax.peak_responses] that another thread can stop, and that warns of nothing."""
     check_types("peak_responses", podiums, excitations, options)
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
@@ -106,10 +118,6 @@ def responses(
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
         raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
-    failed = int(np.sum(integers["code"] > results.OVERTURNED))
-    if failed:
-        kinds = {results.NAMES[k] for k in np.unique(integers["code"]) if k > results.OVERTURNED}
-        warnings.warn(f"{failed} of {scenes.total} scenes ended without an answer: {kinds}", RuntimeWarning, stacklevel=2)
     return Peak(**fields(floats, integers), errors=doubt)
 
 

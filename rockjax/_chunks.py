@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import threading
 import time
-import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -76,10 +75,9 @@ def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Nu
 def solved(
     arguments: Arguments, options: Options, threads: int | None, devices, progress: Any, stop: threading.Event
 ) -> Peak:
+    """The batch of some scenes of a sweep, on a CPU by so many threads."""
     podiums, excitations, initial, t_end = arguments
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted for the whole sweep
-        return responses(podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads))
+    return responses(podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads))
 
 
 def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _results as results
-from ._batch import responses
+from ._batch import responses, warn_of_failures
 from ._checks import require
 from ._datasets import derived_numbers, describe, peak_variables
 from ._excitations import AbstractExcitation
@@ -121,6 +121,7 @@ def rocking_spectra(
             together, numbers = jax.tree.map(chosen, (together, numbers))
         try:
             peaks = responses(together, pulse(*numbers), REST, None, options, progress, stop)
+            warn_of_failures(peaks, stacklevel=2)
         except Interrupted as interrupted:
             if interrupted.partial is None:
                 return [known[k] for k in members]

@@ -245,7 +245,12 @@ class Store:
         return self._arrays[name]
 
     def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> Row:
-        """The answers of a chunk, and then its row."""
+        """The answers of a chunk, and then its row.
+
+        Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
+        """
+        if _about(_zarr().open_group(self.path, mode="r")) != self.about:
+            raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
         box = self.layout.box(k)
         parts = {name: np.asarray(parts[name]).astype(self._array(name).dtype) for name in self.variables}
         for name, values in parts.items():

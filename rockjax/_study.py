@@ -124,12 +124,15 @@ def coords_of(study: Study) -> Iterator[tuple[str, Any]]:
     """The labels of the axes, and every number that varies between scenes along the axes on which it does."""
     for name, labels in study.labels.items():
         yield name, ((name,), labels, _ABOUT.get(name, {}))
+    taken = {*study.labels, *study.dims}
     for name, y in study.numbers.varying().items():
         short = name.rsplit(".", 1)[-1]
-        along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1) or study.dims[:1]
-        values = y.reshape([n for n in y.shape if n > 1] or [1])
-        if short not in study.labels:
-            yield (short if short not in study.dims else name), (along, values, _ABOUT.get(short, {}))
+        along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)
+        values = y.reshape([n for n in y.shape if n > 1])
+        if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
+            continue  # they are the labels
+        yield (name if short in taken else short), (along, values, _ABOUT.get(short, {}))
+        taken.add(short)
 
 
 _ABOUT: dict[str, dict[str, str]] = {

@@ -75,11 +75,9 @@ class There:
         return max(1, sum(threads.values()))
 
     def pilot(self, study: Study, chunk: int | None) -> Pilot:
-        task = self.client.submit(
-            pilot, study, chunk, 1, self.devices,
-            key=f"rockjax-pilot-{uuid.uuid4().hex}",
-        )  # fmt: skip
-        return _result(task)
+        held: Any = self.client.scatter([study])  # records may be long
+        key = f"rockjax-pilot-{uuid.uuid4().hex}"
+        return _result(self.client.submit(pilot, held[0], chunk, 1, self.devices, key=key))
 
     def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
         """Solve chunks; returns what stopped it."""

@@ -256,6 +256,46 @@ def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
     assert not list(tmp_path.iterdir())
 
 
+def test_what_varies_is_a_coordinate(tmp_path):
+    """An axis of one value, a number of the motion that is named as one of the podium, labels that are not the numbers."""
+    motion = rj.MavroeidisPapageorgiou(2.0, 1.0, 2.0, 0.0)
+    grid = rj.grid(PODIUMS["rigid"], motion, gamma=np.linspace(5, 10, 200), R=[2.0], **{"excitation.gamma": [2.0, 3.0]})
+    coords = grid.coords | {"gamma": np.arange(200)}
+    data = rj.sweep(*grid[:2], coords, store=tmp_path / "a.zarr", outputs=OUTPUTS, progress=False)
+    np.testing.assert_array_equal(data["gamma"], np.arange(200))
+    np.testing.assert_allclose(data["structures.gamma"], np.linspace(5, 10, 200))
+    assert data["structures.gamma"].dims == ("gamma",)
+    assert data["R"].dims == ("R",)
+    assert data["excitations.gamma"].dims == ("excitation.gamma",)
+    assert set(np.unique(data["result"])) <= {0, 1, 2}
+
+
+def test_a_url(tmp_path, batch):
+    same(sweep(f"file://{tmp_path}/a.zarr"), batch)
+    same(sweep(tmp_path / "a.zarr"), batch)
+    (tmp_path / "b.zarr").mkdir()
+    same(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
+
+
+def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
+    """A worker that is still at it when its store is removed, and made again for something else."""
+    store = tmp_path / "a.zarr"
+    other = GRID.structures.replace(gamma=11.0)
+    solve = _chunks.solved
+
+    def replaced(*args):
+        monkeypatch.setattr(_chunks, "solved", solve)
+        peaks = solve(*args)
+        shutil.rmtree(store)
+        sweep(store, (other, *GRID[1:]))
+        return peaks
+
+    monkeypatch.setattr(_chunks, "solved", replaced)
+    with pytest.raises(RuntimeError, match="another sweep has taken the place of this one"):
+        sweep(store)
+    same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
+
+
 def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
     plan = sweep(tmp_path / "a.zarr", dry_run=True)
     assert not list(tmp_path.iterdir())
