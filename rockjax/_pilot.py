@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from typing import Any, NamedTuple
@@ -81,7 +82,12 @@ def pilot(study: Study, chunk: int | None, threads: int | None, devices: Devices
 
 
 def _resident() -> int:
-    """Memory that this process has now [bytes]."""
-    import psutil  # which dask.distributed brings
+    """The most memory that this process has had, with the compiler at work; now, where the system does not tell [bytes]."""
+    import psutil
 
-    return psutil.Process().memory_info().rss
+    now = psutil.Process().memory_info().rss
+    if sys.platform != "linux":
+        return now
+    import resource
+
+    return max(now, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib.util
 import json
 import math
 import os
@@ -286,8 +287,8 @@ def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...
 
 
 def located(path: str | Path) -> str:
-    """A path as text, a URL as it is."""
-    return str(path)
+    """A path as text, a URL of anything but a file as it is."""
+    return str(path).removeprefix("file://")
 
 
 def is_local(path: str) -> bool:
@@ -344,9 +345,14 @@ def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
     return total
 
 
+def require_zarr() -> None:
+    """Raise `ImportError` that says what to install, where something is missing."""
+    missing = [name for name in ("zarr", "dask", "psutil") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ImportError(f"a sweep needs {', '.join(missing)}; install with: pip install 'rockjax[sweep]'")
+
+
 def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError:
-        raise ImportError("rockjax.sweep needs zarr and dask: pip install 'rockjax[sweep]'") from None
+    import zarr
+
     return zarr

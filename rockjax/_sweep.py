@@ -22,7 +22,7 @@ from ._options import Options
 from ._pilot import Pilot
 from ._results import Interrupted, State
 from ._simulate import REST
-from ._store import Layout, Row, Store, located
+from ._store import Layout, Row, Store, located, require_zarr
 from ._structures import Podium
 from ._study import Study, check_same, coords_of, study_of
 from ._workplaces import Bar, Here, There
@@ -30,7 +30,7 @@ from ._workplaces import Bar, Here, There
 if TYPE_CHECKING:
     import xarray
 
-BYTES = 600  # of memory that a scene of a chunk takes while it is solved, besides its numbers
+BYTES = 300  # of memory that a scene of a chunk takes while it is solved, besides its numbers
 
 
 def sweep(
@@ -72,9 +72,10 @@ def sweep(
       will take; nothing is written
 
     Raises `ValueError` for inputs that make no sense, and for a store of another sweep: other numbers, other options,
-    another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail. What was solved
-    until then is kept in all cases.
+    another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail; `ImportError` without
+    the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
     """
+    require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
     _check_chunk(chunk)
     found = Store.open(store)
@@ -144,7 +145,8 @@ class SweepPlan:
     - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the store already
     - `steps`: trial steps that are left; `core_seconds`: what they take one core [s]; `cores`: those there are;
       `seconds`: time to wait [s]
-    - `memory`: of the process that solves a chunk [bytes]; `disk`: of the whole store [bytes]
+    - `memory`: of the process that solves a chunk [bytes]; `disk`: of the whole store at most, for
+      neighbours on a grid are more alike than the sample is [bytes]
     - `store`: where it will be
     """
 
@@ -170,7 +172,7 @@ class SweepPlan:
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
             ("time", f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)"),
             ("memory", f"{_bytes(self.memory)} in each process"),
-            ("disk", f"{_bytes(self.disk)} in {self.store}"),
+            ("disk", f"up to {_bytes(self.disk)} in {self.store}"),
         ]
         return "\n".join(["SweepPlan", *(f"  {label:<8} {value}" for label, value in rows)])
 

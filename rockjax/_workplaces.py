@@ -59,10 +59,8 @@ class There:
     cores_of_chunk = 1
 
     def __init__(self, client: Any, devices: Devices):
-        try:
-            from distributed import Client
-        except ImportError:
-            raise ImportError("rockjax.sweep with a client needs Dask: pip install 'rockjax[sweep]'") from None
+        from distributed import Client
+
         if not isinstance(client, Client):
             raise ValueError(f"sweep: client must be a dask.distributed.Client, got {client!r}")
         if not (devices is None or devices == "all"):
@@ -136,7 +134,7 @@ class Bar:
         self.bar = tqdm(
             total=float(self.expected[todo].sum()),
             disable=not progress,
-            bar_format="{percentage:3.0f}%|{bar}| {postfix} [{elapsed}<{remaining}]",
+            bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
         self._show()
 
@@ -147,7 +145,7 @@ class Bar:
         self.bar.close()
 
     def _show(self) -> None:
-        self.bar.set_postfix_str(f"{self.done} of {self.count} chunks", refresh=False)
+        self.bar.set_description_str(f"{self.done} of {self.count} chunks", refresh=False)
 
     def finished(self, k: int, counted: float = 0.0) -> None:
         """A chunk is through, of which so much has been counted."""

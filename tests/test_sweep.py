@@ -271,10 +271,19 @@ def test_what_varies_is_a_coordinate(tmp_path):
 
 
 def test_a_url(tmp_path, batch):
+    same(sweep("memory://rockjax/a.zarr"), batch)
+    with pytest.raises(ValueError, match="other values"):
+        sweep("memory://rockjax/a.zarr", (GRID.structures.replace(gamma=11.0), *GRID[1:]))
     same(sweep(f"file://{tmp_path}/a.zarr"), batch)
     same(sweep(tmp_path / "a.zarr"), batch)
     (tmp_path / "b.zarr").mkdir()
     same(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
+
+
+def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else 1)
+    with pytest.raises(ImportError, match=r"a sweep needs zarr; install with: pip install 'rockjax\[sweep\]'"):
+        sweep(tmp_path / "a.zarr")
 
 
 def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):

@@ -64,6 +64,6 @@ def main() -> None:
     except ValueError as error:
         typer.echo(f"rockjax: {error}", err=True)
         raise SystemExit(WRONG_INPUT) from None
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, ImportError) as error:
         typer.echo(f"rockjax: {error}", err=True)
         raise SystemExit(NO_ANSWER) from None

@@ -87,7 +87,9 @@ def sweep(
     """
     prepare(report, pictures=False)
     import rockjax as rj
+    from rockjax._store import require_zarr
 
+    require_zarr()
     given = Given("sweep", problem, structure, motion, grid, machines, accuracy)
     if machines.workers is not None and machines.scheduler is not None:
         raise ValueError("--workers and --scheduler: give one of them")
