@@ -33,14 +33,14 @@ class Job(NamedTuple):
     options: Options
     precision: bool
 
-    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any, stop: threading.Event) -> Row:
+    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> Row:
         """Solve a chunk and write it, unless another process has done so by now."""
         store, numbers = _opened(self.store, self.fingerprint, _Skeleton(self.skeleton))
         if (row := store.row(k)) is not None:
             return row
         began = time.perf_counter()
         with precision(self.precision):
-            peaks = solved(numbers.box(store.layout.box(k)), self.options, threads, devices, progress, stop)
+            peaks = solved(numbers.box(store.layout.box(k)), self.options, threads, devices, progress)
         answers = {name: values for name, values, _ in peak_variables(peaks, self.options.outputs)}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
         return store.write(k, answers, time.perf_counter() - began, float(trial_steps(peaks).sum()), failed)
@@ -72,11 +72,10 @@ def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Nu
     return store, Numbers(store.inputs(), skeleton.tree, store.layout.shape)
 
 
-def solved(
-    arguments: Arguments, options: Options, threads: int | None, devices, progress: Any, stop: threading.Event
-) -> Peak:
+def solved(arguments: Arguments, options: Options, threads: int | None, devices: Devices, progress: Any) -> Peak:
     """The batch of some scenes of a sweep, on a CPU by so many threads."""
     podiums, excitations, initial, t_end = arguments
+    stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
     return responses(podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads))
 
 

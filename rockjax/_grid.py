@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike, Float
 
 from ._checks import positive
 from ._excitations import AbstractExcitation
-from ._motions import Motions
+from ._motions import Motions, distinct
 from ._pulses import AbstractPulse
 from ._record import Record
 from ._records import Records
@@ -105,10 +105,7 @@ def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
     if isinstance(excitation, Motions):
         if not len(excitation):
             raise ValueError("grid: excitation holds no motion")
-        names = excitation.names
-        # Names of files may be the same in two folders.
-        unique = [name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names)]
-        return Records.of(excitation.records()), np.array(unique)
+        return Records.of(excitation.records()), np.array(distinct(excitation.names))
     if isinstance(excitation, Records):
         if excitation.which.ndim != 1:
             raise ValueError(

@@ -10,6 +10,7 @@ import functools
 import html
 import math
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -339,6 +340,15 @@ class Motions(Sequence[Motion]):
         cells = (("th" if k == 0 else "td", row) for k, row in enumerate(self._rows()))
         rows = ("<tr>" + "".join(f"<{tag}>{html.escape(text)}</{tag}>" for text in row) + "</tr>" for tag, row in cells)
         return f"<table>{''.join(rows)}</table>"
+
+
+def distinct(labels: Sequence[str]) -> list[str]:
+    """Names that say which is which, where files of different folders have the same."""
+    total, seen, found = Counter(labels), Counter(), []
+    for label in labels:
+        seen[label] += 1
+        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
+    return found
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from typing import Any, NamedTuple
 
@@ -53,16 +52,16 @@ class Pilot(NamedTuple):
         return mean * layout.sizes()
 
 
-def pilot(study: Study, chunk: int | None, threads: int | None, devices: Devices) -> Pilot:
+def pilot(study: Study, threads: int | None, devices: Devices) -> Pilot:
     """Solve some scenes spread over all of them, and measure."""
     numbers, options = study.numbers, study.options
     low, high = SAMPLE
-    count = min(numbers.size, max(low, min(high, numbers.size // SHARE), min(chunk or 0, low)))
+    count = min(numbers.size, max(low, min(high, numbers.size // SHARE)))
     rng = np.random.default_rng(0)
     edges = np.linspace(0, numbers.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(study.precision):
-        solve = lambda which: solved(numbers.at(which), options, threads, devices, False, threading.Event())
+        solve = lambda which: solved(numbers.at(which), options, threads, devices, False)
         few = scenes[:: max(1, count // low)]
         solve(few)  # compiles
         timed = []

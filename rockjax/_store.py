@@ -139,7 +139,7 @@ class Store:
         self.about: dict[str, Any] = _about(group)
         self.layout = Layout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
         self.variables: list[str] = list(self.about["variables"])
-        self._arrays = {name: group[name] for name in self.variables}
+        self._arrays: dict[str, Any] = {name: group[name] for name in self.variables}
         self._rows: Any = group["progress/rows"]
 
     @classmethod
@@ -238,12 +238,9 @@ class Store:
         """Whether the answers of a chunk are those that its row was written for."""
         box = self.layout.box(k)
         try:
-            return checksum({name: np.asarray(self._array(name)[box]) for name in self.variables}) == Row(*row).checksum
+            return checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables}) == Row(*row).checksum
         except (OSError, RuntimeError, ValueError):  # what zarr's codecs raise for bytes that are none of theirs
             return False
-
-    def _array(self, name: str) -> Any:
-        return self._arrays[name]
 
     def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> Row:
         """The answers of a chunk, and then its row.
@@ -253,9 +250,9 @@ class Store:
         if _about(_zarr().open_group(self.path, mode="r")) != self.about:
             raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
         box = self.layout.box(k)
-        parts = {name: np.asarray(parts[name]).astype(self._array(name).dtype) for name in self.variables}
+        parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
         for name, values in parts.items():
-            self._array(name)[box] = values
+            self._arrays[name][box] = values
         row = Row(checksum(parts), seconds, steps, failed)
         self._rows[k] = np.array(row)
         return row

@@ -83,7 +83,7 @@ def sweep(
         check_same(found, study, chunk)
     where = Here(devices) if client is None else There(client, devices)
     if found is None or dry_run:
-        pilot = where.pilot(study, chunk)
+        pilot = where.pilot(study)
         size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
         layout = Layout.of(study.shape, size) if found is None else found.layout
         if dry_run:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import threading
 import uuid
 from collections.abc import Iterator
 from typing import Any
@@ -25,15 +24,15 @@ class Here:
         self.devices = devices
         self.cores = self.cores_of_chunk = cores_of(devices, None)
 
-    def pilot(self, study: Study, chunk: int | None) -> Pilot:
-        return pilot(study, chunk, None, self.devices)
+    def pilot(self, study: Study) -> Pilot:
+        return pilot(study, None, self.devices)
 
     def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
         """Solve chunks; returns what stopped it."""
         try:
             for k in map(int, todo):
                 with bar.inside(k) as counts, _naming(job, bar):
-                    job.solve(k, None, self.devices, counts, threading.Event())
+                    job.solve(k, None, self.devices, counts)
         except KeyboardInterrupt as stopped:
             return stopped
         return None
@@ -72,10 +71,10 @@ class There:
         threads: Any = self.client.nthreads()
         return max(1, sum(threads.values()))
 
-    def pilot(self, study: Study, chunk: int | None) -> Pilot:
+    def pilot(self, study: Study) -> Pilot:
         held: Any = self.client.scatter([study])  # records may be long
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
-        return _result(self.client.submit(pilot, held[0], chunk, 1, self.devices, key=key))
+        return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
 
     def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
         """Solve chunks; returns what stopped it."""
@@ -102,7 +101,7 @@ class There:
 
 
 def _task(job: Job, k: int, devices: Devices) -> Row:
-    return job.solve(k, 1, devices, False, threading.Event())
+    return job.solve(k, 1, devices, False)
 
 
 def _result(task: Any) -> Any:

@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -23,6 +22,8 @@ from rockjax import _chunks
 from rockjax._store import Layout, Store
 
 from .scenes import PODIUMS
+
+resource = pytest.importorskip("resource")  # limits and signals are POSIX
 
 OUTPUTS = ("peak_rotation",)
 OPTIONS = rj.Options(outputs=OUTPUTS)
@@ -335,7 +336,6 @@ def test_scenes_without_an_answer_are_counted(tmp_path):
     assert 0 < int((data["result"] == 3).sum()) < 1200
 
 
-@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals to threads are POSIX")
 def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, counted, monkeypatch):
     solve, seen = _chunks.Job.solve, []
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -130,6 +129,7 @@ def fragility(
     import numpy as np
 
     import rockjax as rj
+    from rockjax._motions import distinct
 
     problems = [path for path in inputs or [] if path.suffix.lower() == ".toml"]
     paths = [path for path in inputs or [] if path not in problems]
@@ -163,7 +163,7 @@ def fragility(
             rj.Records.of(found.records()),
             x,
             measure=measure,
-            names=_distinct(found.names),
+            names=distinct(found.names),
             sensitivities=names(statistics.sensitivities),
             options=options,
             progress=bar,
@@ -269,12 +269,3 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
     values = np.array([measured(motion, name, levels.measure_period, 0.05)[0] for motion in found])
     label = f"Sa({levels.measure_period:g} s)" if name == "Sa" else name
     return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
-
-
-def _distinct(labels: list[str]) -> list[str]:
-    """Names that say which is which, where files of different folders have the same."""
-    total, seen, found = Counter(labels), Counter(), []
-    for label in labels:
-        seen[label] += 1
-        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
-    return found

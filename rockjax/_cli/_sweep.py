@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._given import Given, flag
+from ._given import Given, flag, names
 from ._options import GRID, OUTPUT, Accuracy, Motion, ProblemFile, Structure
 from ._run import INTERRUPTED, Flags, Report, option, prepare
 
@@ -98,8 +98,7 @@ def sweep(
     axes = _axes(given, grid)
     if not axes:
         raise ValueError("--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file")
-    outputs = grid.outputs if isinstance(grid.outputs, list) else [name.strip() for name in grid.outputs.split(",")]
-    options = given.options(accuracy, outputs=tuple(outputs))
+    options = given.options(accuracy, outputs=tuple(names(grid.outputs)))
     with given.reader.at("sweep.axes"):
         scenes = rj.grid(podium, _excitation(given, motion, podium), **axes)
     report.note(repr(scenes))
