@@ -7,10 +7,11 @@ still running. Accelerators have lanes by the thousand, each device its own.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -182,16 +183,21 @@ def drive(
         with _REPORTING:
             bar.update(index.size)
 
-    def work() -> None:
+    def ends() -> Iterator[Done]:
         lanes = idle
         while not stopped.is_set():
             with lock:
                 start, stop = next(todo, (0, 0))
             # With nothing left to hand out, the lanes run to their ends.
             lanes, done = advance(lanes, start, stop)
-            store(done)
+            yield done
             if stop == start:
                 return
+
+    def work() -> None:
+        # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
+        for done, _ in itertools.pairwise(itertools.chain(ends(), [None])):
+            store(cast(Done, done))
 
     with _bar(scenes.total, progress) as bar, Pool(who.hosts) as pool:
         wanted = min(who.hosts, -(-scenes.total // LANES))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import contextlib
 import functools
 import os
 from collections.abc import Callable, Sequence
@@ -46,11 +47,15 @@ class Threads(AbstractCrew):
 
     def __init__(self, hosts: int):
         self.hosts = hosts
+        # Where JAX has accelerators, arrays would go there.
+        cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
+        self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: Scenes, options: Options, layout: Layout) -> tuple[Lanes, Program]:
         def go(held: Lanes, start: int, stop: int) -> tuple[Lanes, Done]:
             leaves = scenes.part(start, stop, layout.size)
-            return _on_one(held, leaves, start, 1, stop - start, options, layout=layout)
+            with self._cores():
+                return _on_one(held, leaves, start, 1, stop - start, options, layout=layout)
 
         return idle(scenes.part(0, 0, layout.size), options, layout, 1), go
 
@@ -116,7 +121,8 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")
     if devices is None:
-        return Threads(threads or workers()) if jax.default_backend() == "cpu" else Devices(jax.local_devices())
+        platform = "cpu" if threads else _platform()
+        return Threads(threads or workers()) if platform == "cpu" else Devices(jax.local_devices(backend=platform))
     devices = list(devices)
     if threads is not None:
         raise ValueError(f"{owner}: one thread drives all devices; give devices or threads, not both")
@@ -127,6 +133,12 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
     if any(device.process_index != jax.process_index() for device in devices):
         raise ValueError(f"{owner}: devices must belong to this process, see jax.local_devices(), got {devices!r}")
     return Devices(devices)
+
+
+def _platform() -> str:
+    """Where JAX puts arrays: a default device may have been chosen."""
+    chosen = jax.config.jax_default_device
+    return getattr(chosen, "platform", chosen) or jax.default_backend()
 
 
 def workers() -> int:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -16,7 +17,8 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch import layout, responses
-from rockjax._crews import crew
+from rockjax._crews import Devices, Threads, _on_mesh, crew
+from rockjax._lanes import idle
 from rockjax._scenes import broadcast
 
 from .scenes import PODIUMS, G, elastic, options, shaking
@@ -171,6 +173,23 @@ def test_scenes_are_dealt_out_in_turn():
     assert none.shape == (6,)
 
 
+def test_a_default_device_is_where_batches_run(monkeypatch):
+    (device, *_) = jax.local_devices()
+    assert isinstance(crew(""), Threads)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend])
+    monkeypatch.setattr(rj._crews, "Devices", list)
+    assert crew("") == ["a", "b"]
+    assert crew("", threads=2).hosts == 2
+    for chosen in (device, "cpu"):
+        with jax.default_device(chosen):
+            threads = crew("")
+            assert isinstance(threads, Threads)
+    # Threads keep to the CPU although accelerators are the default.
+    with threads._cores():
+        assert jax.config.jax_default_device == device
+
+
 def test_accelerators_have_more_lanes(monkeypatch):
     def lanes(scenes, devices, platform="gpu", samples=None):
         batch = np.ones(scenes) if samples is None else np.ones((scenes, samples))
@@ -186,6 +205,51 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(500_000, 2, "cpu") == (64, 1024)
     monkeypatch.setattr(rj._batch, "ACCELERATOR_NUMBERS", 2**16)
     assert lanes(2000, 1, samples=100) == (512, 512)
+
+
+@pytest.mark.parametrize("name", ["elastic, errors, out of steps", "rigid, a suite in one table"])
+def test_a_program_for_accelerators_is_made_of_what_they_have(name):
+    """In float64 throughout, and with nothing that a compiler for GPUs would have to know by name or ask the host for."""
+    podium, motion, how, _ = CASES[name]
+    who = Devices(jax.local_devices()[:1])
+    who.platform = "cuda"
+    scenes, _ = broadcast("", podium, motion, rj.State(), None)
+    plan = layout(scenes, who)
+    assert plan.lanes >= 1024
+    leaves, numbers = scenes.part(0, scenes.total, plan.size), np.zeros(1, int)
+    program = _on_mesh(who.mesh).trace(idle(leaves, how, plan, 1), leaves, numbers, numbers, how, layout=plan)
+    text = program.lower(lowering_platforms=("cuda",)).as_text()
+    assert "stablehlo.while" in text
+    assert set(re.findall(r"tensor<(?:\d+x)*(\w+)>", text)) <= {"f64", "i64", "i32", "i1"}
+    assert "custom_call" not in text
+
+
+GPUS = [] if jax.default_backend() == "cpu" else jax.local_devices()
+on_a_gpu = pytest.mark.skipif(not GPUS, reason="no GPU here")
+
+
+@on_a_gpu
+@pytest.mark.parametrize("name", CASES)
+def test_gpus_answer_as_threads_do(name):
+    podium, motion, how, _ = CASES[name]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "[0-9]+ of .* scenes ended without an answer", RuntimeWarning)
+        there, here = (rj.peak_responses(podium, motion, options=how, threads=k) for k in (None, 2))
+    np.testing.assert_array_equal(there.overturned, here.overturned)
+    np.testing.assert_allclose(there.peak_rotation, here.peak_rotation, atol=1e-7)
+
+
+@on_a_gpu
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_a_gpu_has_the_derivatives_of_a_cpu(name):
+    def ask(a_p):
+        return rj.peak_response(PODIUMS[name], rj.Ricker(a_p, 1.0)).peak_rotation
+
+    found = []
+    for device in (GPUS[0], jax.local_devices(backend="cpu")[0]):
+        with jax.default_device(device):
+            found.append([float(y) for y in jax.jit(jax.value_and_grad(ask))(2.5 * G * 0.15)])
+    np.testing.assert_allclose(*found, rtol=1e-6)
 
 
 if __name__ == "__main__":

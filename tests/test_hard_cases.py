@@ -227,23 +227,6 @@ def test_single_precision_on_purpose():
     assert np.all((single.overturned == double.overturned) | single.errors.undecided)
 
 
-def _gpus():
-    try:
-        return jax.devices("gpu")
-    except RuntimeError:
-        return []
-
-
-@pytest.mark.skipif(not _gpus(), reason="no GPU here")
-def test_on_a_gpu():
-    """A GPU backend: the same numbers in float64, to tolerance."""
-    scene = PODIUMS["elastic"], pulse()
-    here = rj.peak_response(*scene)
-    with jax.default_device(_gpus()[0]):
-        there = rj.peak_response(*jax.device_put(scene, _gpus()[0]))
-    assert float(there.peak_rotation) == pytest.approx(float(here.peak_rotation), abs=1e-7)
-
-
 def test_estimated_errors_are_an_output_like_others():
     """Estimated errors: in every way of asking, without derivatives, and never without the rotation."""
     o = rj.Options(outputs=("peak_rotation", "peak_shear", "errors"))
