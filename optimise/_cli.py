@@ -17,8 +17,10 @@ def design_command(
 ) -> tuple[Design, list[Path]]:
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions, OUTPUT-response.png.
 
-    `starts` and `seed` replace those of the problem. Returns the design and the files.
+    `starts` and `seed` replace those of the problem. Returns the design and the files; so does the `partial` of the
+    [`rockjax.Interrupted`][] that Ctrl-C raises.
     """
+    import rockjax as rj
     from rockjax._files import as_json, write_figure, write_whole
 
     from ._report import before_after, convergence
@@ -26,7 +28,13 @@ def design_command(
     from ._variables import as_podium
 
     changes = {name: value for name, value in (("starts", starts), ("seed", seed)) if value is not None}
-    design = problem.design(progress=not quiet, **changes)
+    stopped = None
+    try:
+        design = problem.design(progress=not quiet, **changes)
+    except rj.Interrupted as interrupted:
+        if interrupted.partial is None:
+            raise
+        design, stopped = interrupted.partial, interrupted
     text = as_json(account(design)) + "\n"
     written = [write_whole(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
@@ -38,6 +46,8 @@ def design_command(
         before = as_podium(problem.podium)
         picture = before_after(before, design, motions[int(np.nanargmin(margins))])
         written.append(write_figure(f"{output}-response.png", picture))
+    if stopped is not None:
+        raise rj.Interrupted(str(stopped), (design, written))
     return design, written
 
 

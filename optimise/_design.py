@@ -17,8 +17,8 @@ from jaxtyping import Array, Float
 import rockjax as rj
 
 from ._objectives import AbstractObjective, OfPodium
-from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, named
-from ._sqp import Descent, End, Evaluation, Iterate, Rules, descend
+from ._results import CONVERGED, INFEASIBLE, INTERRUPTED, NAMES, NOT_FINITE, RESULTS, STALLED, named
+from ._sqp import Descent, End, Evaluation, Iterate, Rules, descend, rank
 from ._suite import Suite, same
 from ._targets import AbstractResponses, AbstractTarget
 from ._variables import Structure, Variables, as_podium, variables
@@ -122,7 +122,8 @@ def design(
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
     A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose worst violation
-    is least. Raises `ValueError` for inputs that make no sense.
+    is least. Raises `ValueError` for inputs that make no sense. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
+    the best design seen until then, verified like any other.
     """
     began = time.perf_counter()
     _check(method, starts, tolerance, max_iterations)
@@ -139,29 +140,65 @@ def design(
     options = options.replace(throw=False)
     problem = _problem(varied, objective, targets)
     points = _points(varied, starts, seed)
+    accurate = options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
+    history: list[Iterate] = []
+    ended: dict[int, End] = {}
+    stopped = False
     with _bar(max_iterations, progress) as bar:
-        evaluate = _Evaluator(problem, options, starts, bar)
-        first = evaluate(points)
+        evaluate = _Evaluator(problem, options, points, tolerance, bar)
+        try:
+            first = evaluate(points)
+        except KeyboardInterrupt:
+            raise rj.Interrupted("stopped before the first evaluation", None) from None
         sizes = _names(targets, evaluate.sizes)
         scale = _scale([e for e in first if e.finite])
-        history: list[Iterate] = []
-        rules = Rules(scale, tolerance, 0.25, tolerance, max_iterations)
-        ends = _run([descend(x, rules, history, k) for k, x in enumerate(points)], evaluate, points, first)
-        accurate = options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
-        verify = evaluate.with_options(accurate)
-        found = verify(np.stack([end.x for end in ends]))
-        for _ in range(REFINEMENTS):
-            # Stopped just outside: aim further inside by what is missing, with the accurate simulation.
-            missing = [_missing(end, e, tolerance) for end, e in zip(ends, found, strict=True)]
-            if not any(missing):
-                break
-            again = [
-                descend(end.x, Rules(scale, tolerance + 2 * short, 1e-2, tolerance, 12), [], k) if short else _stay(end)
-                for k, (end, short) in enumerate(zip(ends, missing, strict=True))
-            ]
-            ends = _run(again, verify, np.stack([end.x for end in ends]), found)
-            found = verify(np.stack([end.x for end in ends]))
-    return _design(varied, objective, sizes, ends, found, scale, history, verify.effort(ends, began), podium)
+        try:
+            rules = Rules(scale, tolerance, 0.25, tolerance, max_iterations)
+            _run({k: descend(x, rules, history, k) for k, x in enumerate(points)}, evaluate, points, first, ended)
+            evaluate.options = _traced(accurate)
+            found = _verified(ended, evaluate, scale)
+        except KeyboardInterrupt:
+            stopped = True
+            evaluate.options = _traced(accurate)
+            ended |= {k: _so_far(k, evaluate, scale, history) for k in range(starts) if k not in ended}
+            found = evaluate(_places(ended))
+    ends = [ended[k] for k in range(starts)]
+    effort = evaluate.effort(ends, began)
+    design = _design(varied, objective, sizes, ends, found, scale, history, effort, podium)
+    if stopped:
+        raise rj.Interrupted(f"stopped after {effort.iterations} iterations", design)
+    return design
+
+
+def _verified(ended: dict[int, End], evaluate: _Evaluator, scale: float) -> list[Evaluation]:
+    """What holds at the ends in the accurate simulation; designs that stopped just outside there are moved inside."""
+    tolerance = evaluate.inside
+    found = evaluate(_places(ended))
+    for _ in range(REFINEMENTS):
+        missing = {k: _missing(ended[k], e, tolerance) for k, e in enumerate(found)}
+        # Aim further inside by what is missing.
+        again = {
+            k: descend(ended[k].x, Rules(scale, tolerance + 2 * short, 1e-2, tolerance, 12), [], k)
+            for k, short in missing.items()
+            if short
+        }
+        if not again:
+            break
+        _run(again, evaluate, _places(ended), found, ended)
+        found = evaluate(_places(ended))
+    return found
+
+
+def _places(ended: dict[int, End]) -> np.ndarray:
+    return np.stack([ended[k].x for k in range(len(ended))])
+
+
+def _so_far(k: int, evaluate: _Evaluator, scale: float, history: list[Iterate]) -> End:
+    """The best point that a start has seen; nobody knows its multipliers."""
+    x, there = evaluate.best[k]
+    iterations = sum(row.start == k for row in history)
+    there = there._replace(f=there.f / scale, f_slope=there.f_slope / scale)
+    return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, there)
 
 
 def _check(method, starts, tolerance, max_iterations) -> None:
@@ -238,18 +275,22 @@ def _evaluated(problem: _Problem, options: rj.Options, points: Float[Array, "sta
     return jax.vmap(at)(points)
 
 
+def _traced(options: rj.Options) -> rj.Options:
+    """Options whose numbers are not compiled in."""
+    return jax.tree.map(lambda y: jnp.asarray(y, float), options)
+
+
 class _Evaluator:
-    """Evaluates points, always the same number of them, so that one compilation serves; counts what it does."""
+    """Evaluates a point of every start at once, so that one compilation serves; remembers the best, counts what it does.
 
-    def __init__(self, problem: _Problem, options: rj.Options, width: int, bar):
-        self.problem, self.width, self.bar = problem, width, bar
-        self.options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
+    Better is what violates margins less, so far `inside`, and of two that satisfy them what has the lower objective.
+    """
+
+    def __init__(self, problem: _Problem, options: rj.Options, points: np.ndarray, inside: float, bar):
+        self.problem, self.width, self.inside, self.bar = problem, len(points), inside, bar
+        self.options = _traced(options)
         self.evaluations, self.sizes = 0, []
-
-    def with_options(self, options: rj.Options) -> _Evaluator:
-        other = _Evaluator(self.problem, options, self.width, self.bar)
-        other.evaluations, other.sizes = self.evaluations, self.sizes
-        return other
+        self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Evaluations at points (width, n), of which `count` are asked for."""
@@ -257,10 +298,17 @@ class _Evaluator:
         (f, margins), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
-        self.bar.update(1)
         none = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
         c, c_slope = (np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True))
-        return [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, strict=True)]
+        found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, strict=True)]
+        seen = list(zip(np.array(points), found, strict=True))
+        self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
+        self.bar.update(1)
+        return found
+
+    def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
+        _, there = seen
+        return rank(there._replace(c=there.c - self.inside)) if there.finite else (np.inf, np.inf)
 
     def effort(self, ends: list[End], began: float) -> Effort:
         scenes = self.evaluations * self.problem.scenes
@@ -305,33 +353,24 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
     return names
 
 
-def _run(descents: list[Descent], evaluate: _Evaluator, points: np.ndarray, first: list[Evaluation]) -> list[End]:
-    """Drive the descents side by side; their first points are evaluated already."""
+def _run(
+    descents: dict[int, Descent], evaluate: _Evaluator, points: np.ndarray, first: list[Evaluation], ends: dict[int, End]
+) -> None:
+    """Drive descents side by side, whose first points are evaluated already; an end is put down as soon as it is there."""
     points = np.array(points)
-    ends: dict[int, End] = {}
 
-    def advance(k: int, evaluation: Evaluation | None) -> None:
+    def goes_on(k: int, evaluation: Evaluation | None) -> bool:
         try:
             points[k] = next(descents[k]) if evaluation is None else descents[k].send(evaluation)
         except StopIteration as stop:
             ends[k] = stop.value
+            return False
+        return True
 
-    for k in range(len(descents)):
-        advance(k, None)
+    running = [k for k in descents if goes_on(k, None)]
     evaluations = first
-    while len(ends) < len(descents):
-        running = [k for k in range(len(descents)) if k not in ends]
-        for k in running:
-            advance(k, evaluations[k])
-        running = [k for k in range(len(descents)) if k not in ends]
-        if running:
-            evaluations = evaluate(points, len(running))
-    return [ends[k] for k in range(len(descents))]
-
-
-def _stay(end: End) -> Descent:
-    return end
-    yield  # a descent that has ended
+    while running := [k for k in running if goes_on(k, evaluations[k])]:
+        evaluations = evaluate(points, len(running))
 
 
 def _missing(end: End, found: Evaluation, tolerance: float) -> float:
@@ -356,13 +395,13 @@ def _design(varied, objective, sizes, ends, found, scale, history, effort: Effor
         worst = float(np.min(e.c, initial=np.inf))
         outcomes.append(Outcome(numbers, float(np.max(e.f)), worst, satisfied, named(code), end.iterations))
 
-    def rank(k: int):
+    def order(k: int):
         outcome = outcomes[k]
         if not np.isfinite([outcome.objective, outcome.margin if sizes else 0.0]).all():
             return (2, 0.0)
         return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)
 
-    best = min(range(len(outcomes)), key=rank)
+    best = min(range(len(outcomes)), key=order)
     parts = np.cumsum([0, *sizes.values()])
     spans = [slice(a, b) for a, b in itertools.pairwise(parts)]
     final = outcomes[best]

@@ -13,10 +13,11 @@ class RESULTS(eqx.Enumeration):
     infeasible = "No design in the bounds was found that satisfies the targets; the closest one is returned."
     out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
     not_finite = "A response at the start is not finite, or has no answer; start from another design."
+    interrupted = "Stopped from outside; the best design seen until then."
 
 
-NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite")
-CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE = range(5)
+NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite", "interrupted")
+CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED = range(6)
 
 
 def named(code: int) -> RESULTS:

@@ -105,7 +105,7 @@ def descend(x: Vector, rules: Rules, history: list[Iterate], start: int) -> Desc
         if other is None:
             break
         again = yield from _descend(other, rules, history, start, end.iterations)
-        if _rank(again.there) >= _rank(end.there):
+        if rank(again.there) >= rank(end.there):
             end = end._replace(iterations=again.iterations)
             break
         end = again
@@ -116,14 +116,14 @@ def _prepared(raw: Evaluation, rules: Rules) -> Evaluation:
     return Evaluation(raw.f / rules.scale, raw.c - rules.shift, raw.f_slope / rules.scale, raw.c_slope)
 
 
-def _rank(there: Evaluation) -> tuple[float, float]:
+def rank(there: Evaluation) -> tuple[float, float]:
     """Less violation is better; where there is none, lower values."""
     return (there.violation, float(np.max(there.f)))
 
 
 def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
     """A better point some way off along an axis, None if there is none."""
-    best, found = _rank(end.there), None
+    best, found = rank(end.there), None
     for reach in REACHES:
         for k in range(len(end.x)):
             for side in (-reach, reach):
@@ -132,8 +132,8 @@ def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector
                 if not 0 <= x[k] <= 1:
                     continue
                 there = _prepared((yield x), rules)
-                if there.finite and _rank(there) < best and (best[0] > 0 or there.violation == 0):
-                    best, found = _rank(there), x
+                if there.finite and rank(there) < best and (best[0] > 0 or there.violation == 0):
+                    best, found = rank(there), x
         if found is not None:
             break
     return found

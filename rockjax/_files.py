@@ -54,8 +54,13 @@ def write_dataset(path: str | Path, data: xarray.Dataset, groups: Mapping[str, x
 
 
 def write_figure(path: str | Path, figure: Figure) -> Path:
-    """Write a picture, whole or not at all."""
-    return write_whole(path, lambda name: figure.savefig(name, dpi=150))
+    """Write a picture, whole or not at all, and close it."""
+    from matplotlib.pyplot import close
+
+    try:
+        return write_whole(path, lambda name: figure.savefig(name, dpi=150))
+    finally:
+        close(figure)
 
 
 def as_json(data: Any) -> str:

@@ -135,7 +135,5 @@ def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[s
             written.append(how.draw(f"{prefix}-{name}.gif", drawing))
             continue
         drawn = how.draw(drawing)
-        figure = getattr(drawn, "figure", drawn)
-        written.append(write_figure(f"{prefix}-{name}.png", figure))
-        plt.close(figure)
+        written.append(write_figure(f"{prefix}-{name}.png", getattr(drawn, "figure", drawn)))
     return written

@@ -1,5 +1,6 @@
 """The commands, as a user runs them."""
 
+import contextlib
 import json
 import math
 import os
@@ -337,6 +338,31 @@ def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
     code, _, err = run("design", PROBLEMS / "column.toml", "--gamma", 2)
     assert code == 2
     assert "structure: is given by dimensions: --gamma cannot change it" in err
+
+
+def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
+    (tmp_path / "p.toml").write_text(
+        '[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "alpha"\n'
+    )
+
+    class Stops:
+        left = 3
+
+        def update(self, count):
+            self.left -= count
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr("optimise._design._bar", lambda *_: contextlib.nullcontext(Stops()))
+    code, out, err = run("design", "p.toml", "-o", "d")
+    assert code == 130
+    assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is kept$", err, re.M)
+    assert "interrupted, targets satisfied" in out
+    account = json.loads((tmp_path / "d.json").read_text())
+    assert account["result"] == "interrupted"
+    assert 0.05 <= account["variables"]["alpha"] < math.atan(0.15)
+    assert (tmp_path / "d-convergence.png").exists()
+    assert "wrote d-convergence.png" in out
 
 
 COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot")

@@ -250,6 +250,59 @@ def test_bad_arguments_say_what_would_be_right(changes, words):
         optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, **({"minimise": _alpha} | changes))
 
 
+class Stops:
+    """Progress that is interrupted after so many evaluations."""
+
+    def __init__(self, after):
+        self.left = after
+
+    def update(self, count):
+        self.left -= count
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+def _valley(podium):
+    """Curved, so that a descent takes its time; least at alpha = 0.3, R = 1.5·(0.3/0.15)²."""
+    x, y = podium.alpha / 0.15, podium.R / 1.5
+    return (x - 2) ** 2 + 10 * (y - x**2) ** 2
+
+
+def test_ctrl_c_keeps_the_best_design_so_far():
+    box = {"alpha": (0.05, 0.5), "R": (1.0, 12.0)}
+    targets = [Analytic(lambda podium: 0.29 - podium.alpha, "slender")]
+    ask = lambda **more: optimise.design(BLOCK, box, _valley, targets, starts=2, **more)
+    whole = ask()
+    assert whole.satisfied
+    seen = []
+    for after in (2, 5, 12):
+        with pytest.raises(rj.Interrupted, match=r"stopped after \d+ iterations") as stopped:
+            ask(progress=Stops(after))
+        best = stopped.value.partial
+        assert best.result == optimise.RESULTS.interrupted
+        assert best.satisfied
+        assert best.margins["slender"][0] >= 0
+        assert np.isnan(best.multipliers["slender"]).all()
+        assert best.objective == pytest.approx(float(_valley(best.podium)))
+        assert best.stats.evaluations <= 2 * (after + 1)
+        assert "interrupted, targets satisfied" in str(best)
+        seen.append(best.objective)
+    assert seen[0] > seen[1] > seen[2] >= whole.objective
+    # Nothing is known before the first evaluation has ended; at the end everything is.
+    with pytest.raises(rj.Interrupted, match="before the first evaluation") as stopped:
+        ask(progress=Stops(1))
+    assert stopped.value.partial is None
+    calls = whole.stats.evaluations  # of both starts: more than there were calls
+    progress = Stops(0)
+    ask(progress=progress)
+    with pytest.raises(rj.Interrupted) as stopped:
+        ask(progress=Stops(-progress.left))
+    assert calls > -progress.left
+    last = stopped.value.partial
+    assert last.result == whole.result
+    assert last.variables == whole.variables
+
+
 def test_progress_is_told():
     class Counter:
         count = 0

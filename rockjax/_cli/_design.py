@@ -8,7 +8,7 @@ from typing import Annotated
 
 from ._given import Given
 from ._options import ACCURACY, Changes, Output
-from ._run import Flags, Report, argument, option, prepare
+from ._run import INTERRUPTED, Flags, Report, argument, option, prepare
 
 
 @dataclass
@@ -35,7 +35,7 @@ def design(
 
     Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and, before and
     after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no design satisfies the
-    targets.
+    targets. Ctrl-C keeps the best design so far.
 
     \b
     Examples:
@@ -43,6 +43,7 @@ def design(
       rockjax design docs/problems/column.toml --top-mass 400e3 --starts 8 -o heavier
     """
     prepare(report)
+    import rockjax as rj
     from optimise._cli import account, design_command
     from optimise._problem import problem_of
 
@@ -52,12 +53,19 @@ def design(
         table = table | {"structure": given.structure_table(structure)}
     if search.rtol is not None:
         table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
-    found, written = design_command(
-        problem_of(table, problem, given.where), output, search.starts, search.seed, report.quiet
-    )
+    asked = problem_of(table, problem, given.where)
+    stopped = None
+    try:
+        found, written = design_command(asked, output, search.starts, search.seed, report.quiet)
+    except rj.Interrupted as interrupted:
+        if interrupted.partial is None:
+            raise
+        (found, written), stopped = interrupted.partial, interrupted
     report.say(str(found))
     for path in written:
         report.wrote(path)
     report.facts |= {name: value for name, value in account(found).items() if name != "history"}
-    if not found.satisfied:
+    if stopped is not None:
+        report.complain(f"{stopped}; the best design so far is kept", INTERRUPTED)
+    elif not found.satisfied:
         report.complain("no design that satisfies the targets was found")

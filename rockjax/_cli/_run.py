@@ -79,10 +79,10 @@ class Report(Flags):
         if self.verbose:
             typer.echo(line, err=True)
 
-    def complain(self, line: str) -> None:
+    def complain(self, line: str, status: int = NO_ANSWER) -> None:
         """Why the wanted answer is not there, or not all of it."""
         typer.echo(f"rockjax: {line}", err=True)
-        self.status = NO_ANSWER
+        self.status = status
 
     def progress(self, total: int | None, unit: str) -> Any:
         """A bar with the time left, on stderr."""
