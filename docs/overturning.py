@@ -49,7 +49,7 @@ def margins() -> None:
     for ax in axes:
         ax.axhline(0, color="0.7", lw=0.6, zorder=0)
         ax.grid(alpha=0.3)
-    axes[1].legend()
+    axes[0].legend(loc="lower right")
     save(figure, "margin")
 
 
