@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._progress import bar as bar_of
 
 from ._objectives import AbstractObjective, OfPodium
 from ._results import CONVERGED, INFEASIBLE, INTERRUPTED, NAMES, NOT_FINITE, RESULTS, STALLED, named
@@ -144,7 +144,8 @@ def design(
     history: list[Iterate] = []
     ended: dict[int, End] = {}
     stopped = False
-    with _bar(max_iterations, progress) as bar:
+    # At most: the first evaluation, one an iteration, and those that verify.
+    with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = _Evaluator(problem, options, points, tolerance, bar)
         try:
             first = evaluate(points)
@@ -313,14 +314,6 @@ class _Evaluator:
     def effort(self, ends: list[End], began: float) -> Effort:
         scenes = self.evaluations * self.problem.scenes
         return Effort(self.evaluations, scenes, sum(end.iterations for end in ends), time.perf_counter() - began)
-
-
-def _bar(total: int, progress: Any):
-    if hasattr(progress, "update"):
-        return contextlib.nullcontext(progress)
-    from tqdm import tqdm
-
-    return tqdm(total=None if total is None else total + 2, disable=not progress, unit=" evaluations")
 
 
 def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:

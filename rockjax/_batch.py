@@ -6,7 +6,6 @@ still running. Accelerators have lanes by the thousand, each device its own.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import threading
 import warnings
@@ -199,7 +198,9 @@ def drive(
         for done, _ in itertools.pairwise(itertools.chain(ends(), [None])):
             store(cast(Done, done))
 
-    with _bar(scenes.total, progress) as bar, Pool(who.hosts) as pool:
+    from ._progress import bar as bar_of
+
+    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, Pool(who.hosts) as pool:
         wanted = min(who.hosts, -(-scenes.total // LANES))
         try:
             for future in [pool.submit(work) for _ in range(wanted)]:
@@ -227,11 +228,3 @@ def layout(scenes: Scenes, who: AbstractCrew) -> Layout:
     refill = not scenes.wide
     size = chunk if refill and scenes.total > max(2, who.devices) * lanes else lanes
     return Layout(scenes.axes, scenes.structure, lanes, size, refill)
-
-
-def _bar(size: int, progress: Any):
-    if hasattr(progress, "update"):
-        return contextlib.nullcontext(progress)
-    from tqdm import tqdm
-
-    return tqdm(total=size, disable=not progress, unit=" scenes", unit_scale=True)

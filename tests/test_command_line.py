@@ -353,7 +353,7 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
             if self.left == 0:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr("optimise._design._bar", lambda *_: contextlib.nullcontext(Stops()))
+    monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops()))
     code, out, err = run("design", "p.toml", "-o", "d")
     assert code == 130
     assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is kept$", err, re.M)

@@ -86,9 +86,9 @@ class Report(Flags):
 
     def progress(self, total: int | None, unit: str) -> Any:
         """A bar with the time left, on stderr."""
-        from tqdm import tqdm
+        from rockjax._progress import bar
 
-        return tqdm(total=total, unit=f" {unit}", unit_scale=True, disable=self.quiet)
+        return bar(total, unit, not self.quiet, unit_scale=True)
 
     def write(self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None) -> None:
         """Write a dataset, and others as groups of its file, with the command that made them."""
