@@ -8,6 +8,8 @@ stays under Eq. (9), the columns provably stay down, and the panel is crossed at
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +27,7 @@ _ROUNDING = 1e-14
 _DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damping is left to the steps
 
 
+@functools.partial(jax.jit, static_argnames="how")
 def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
     """Cross the panels over which the columns provably stay down, from the start of a scene on."""
     if not how.elastic:

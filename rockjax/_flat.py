@@ -13,7 +13,7 @@ from . import _results as results
 from ._contact import glide
 from ._model import Value
 from ._scene import Index, Lane, Plan, Scene
-from ._step import Decision, step
+from ._step import Decision, Landmark, step
 
 
 class Nodes(NamedTuple):
@@ -77,16 +77,12 @@ def run(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> Lane:
 def run_with_history(scene: Scene, how: Plan, lane: Lane, max_steps: int, capacity: int) -> tuple[Lane, Nodes]:
     """The lane at its end, and its accepted steps on the way."""
 
-    def body(carry):
-        lane, nodes = carry
-        lane, landmark = step(scene, how, lane)
+    def keep(lane: Lane, nodes: Nodes, landmark: Landmark) -> tuple[Lane, Nodes]:
         nodes = _append(nodes, lane, landmark.impact_time, landmark.accepted)
         full = (nodes.used >= capacity) & (lane.code == results.RUNNING)
         return lane._replace(code=jnp.where(full, results.HISTORY_FULL, lane.code)), nodes
 
-    start = (lane, _first_node(lane, capacity))
-    lane, nodes = jax.lax.while_loop(lambda carry: runs(carry[0], max_steps), body, start)
-    return closed(lane), nodes
+    return _keeping(scene, how, lane, max_steps, keep, _first_node(lane, capacity))
 
 
 def rehearse(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> tuple[Lane, Decision, Index]:
@@ -94,15 +90,31 @@ def rehearse(scene: Scene, how: Plan, lane: Lane, max_steps: int) -> tuple[Lane,
     like = jax.eval_shape(lambda: step(scene, how, lane)[1].decision)
     decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
 
-    def body(carry):
-        lane, decisions, count = carry
-        lane, landmark = step(scene, how, lane)
+    def keep(lane: Lane, kept: tuple[Decision, Index], landmark: Landmark) -> tuple[Lane, tuple[Decision, Index]]:
+        decisions, count = kept
         decisions = _put(decisions, jnp.where(landmark.accepted, count, max_steps), landmark.decision)
-        return lane, decisions, count + landmark.accepted
+        return lane, (decisions, count + landmark.accepted)
 
-    start = (lane, decisions, jnp.zeros((), jnp.int32))
-    lane, decisions, count = jax.lax.while_loop(lambda carry: runs(carry[0], max_steps), body, start)
-    return closed(lane), decisions, count
+    lane, (decisions, count) = _keeping(scene, how, lane, max_steps, keep, (decisions, jnp.zeros((), jnp.int32)))
+    return lane, decisions, count
+
+
+def _keeping(scene: Scene, how: Plan, lane: Lane, max_steps: int, keep, kept):
+    """The lane at its end, and what `keep(lane, kept, landmark)` has kept of every step.
+
+    Lanes that have ended keep nothing any more. Were each lane to decide for itself when the loop ends, JAX would choose
+    between old and new buffers as a whole in every step of a vmapped loop, where only a row of them is written.
+    """
+
+    def body(carry):
+        lane, kept = carry
+        goes_on = runs(lane, max_steps)
+        after, landmark = step(scene, how, lane)
+        after, kept = keep(after, kept, landmark._replace(accepted=landmark.accepted & goes_on))
+        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, lane), kept
+
+    lane, kept = jax.lax.while_loop(lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (lane, kept))
+    return closed(lane), kept
 
 
 def replay(

@@ -6,6 +6,7 @@ error of a fifth-order method, and good enough to know where to land for any oth
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -68,6 +69,7 @@ def derivative(coefficients: Sequence[Value]) -> list[Value]:
     return [k * c for k, c in enumerate(coefficients) if k]
 
 
+@functools.partial(jax.jit, static_argnames="iterations")
 def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, below: Value, iterations: int) -> Value:
     """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by bisection.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -49,6 +50,7 @@ class End(NamedTuple):
     past: Value
 
 
+@functools.partial(jax.jit, static_argnames="inside")
 def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], inside: float = WELL_INSIDE) -> Maximum:
     """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its ends."""
     turned = ends[0].rate * ends[1].rate < 0

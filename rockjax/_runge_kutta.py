@@ -7,6 +7,8 @@ the acceleration does not depend on the velocity.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,8 +23,9 @@ Vector = tuple[Value, ...]
 Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 
-class Tableau(NamedTuple):
-    """A Butcher tableau, squared for positions; NumPy constants of the compiled step."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tableau:
+    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. There is one of each solver."""
 
     order: int
     c: np.ndarray
@@ -35,6 +38,7 @@ class Tableau(NamedTuple):
     fsal: bool  # the last stage is the acceleration at the end of the step
 
 
+@functools.cache
 def tableau(solver: diffrax.AbstractERK) -> Tableau:
     """The tableau of a Diffrax solver."""
     source = solver.tableau

@@ -49,6 +49,7 @@ def _horner(coefficients: tuple[float, ...], z: Value) -> Value:
 
 
 @jax.custom_jvp
+@jax.jit
 def sincos(psi: Value) -> tuple[Value, Value]:
     """(sin ψ, cos ψ) for |ψ| ≤ π/2 to rounding."""
     z = psi * psi

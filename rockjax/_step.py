@@ -11,6 +11,7 @@ back (`restart`), which is exact in forward and reverse mode.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -62,6 +63,7 @@ def step(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> t
     )
 
 
+@functools.partial(jax.jit, static_argnames="how")
 def trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> tuple[Lane, Landmark]:
     """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
     ground = scene.excitation.piece(lane.piece)
@@ -92,6 +94,7 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
     constant = jax.lax.stop_gradient
     c, t = scene.c, lane.t
 
+    @jax.jit
     def field(t, x, v):
         return acceleration(c, lane.sigma, ground(t), x, v)
 
@@ -284,6 +287,7 @@ def _least_margin(scene: Scene, lane: Lane, verdict: _Verdict, x: Vector, v: Vec
     return jnp.where(toppled, margin.at_fall(scene.c, scene.topple, v[0]), least)
 
 
+@functools.partial(jax.jit, static_argnames="how")
 def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     """Full contact with nothing elastic: the next uplift is a root of the excitation."""
     constant = jax.lax.stop_gradient
