@@ -16,6 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._checks import concrete
 from rockjax._lognormal import fit_capacities
 
 from ._suite import Margins, Suite
@@ -70,8 +71,8 @@ def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
 
 
 def _limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    number = np.asarray(value, float)
-    if not np.all(np.isfinite(number) & (number > 0) & (number < below)):
+    number = concrete(value)
+    if number is None or not np.all(np.isfinite(number) & (number > 0) & (number < below)):
         accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
         raise ValueError(f"{owner}: {name} must be finite and {accepted}, got {name} = {value!r}")
 

@@ -421,6 +421,7 @@ def test_probability_counts_and_smooths():
     ("make", "words"),
     [
         (lambda: optimise.PeakRotation(1.2, MOTIONS), r"limit must be finite and in \(0, 1\)"),
+        (lambda: optimise.PeakRotation(MOTIONS, 0.5), "PeakRotation: limit must be finite"),
         (lambda: optimise.PeakShear(-1.0, MOTIONS), "limit must be finite and > 0"),
         (lambda: optimise.OverturningAcceleration(3.0, "ricker", 1.0), "pulse must be a class"),
         (lambda: optimise.OverturningAcceleration(3.0, rj.Ricker, -1.0), "T_p must be"),

@@ -223,6 +223,28 @@ def test_all_samples_of_a_record(name, method):
     assert float(scale) == pytest.approx(float(gradient @ samples), rel=1e-7)
 
 
+@pytest.mark.slow
+def test_records_side_by_side_have_the_gradients_of_each_alone():
+    """And what they keep of every step is written row by row: no step chooses between whole buffers."""
+    many = 3001
+    o = options(1e-6, "bosh3", max_steps=many, outputs=("peak_rotation",))
+
+    def peak(samples):
+        return rj.peak_response(PODIUMS["block"], rj.Record(samples, 0.03), options=o).peak_rotation
+
+    samples = jnp.stack([shaking(80, 0.03, peak=6.0, seed=k).acceleration for k in (1, 2)])
+    lowered = jax.jit(jax.vmap(jax.value_and_grad(peak))).lower(samples)
+    chosen = [line for line in lowered.as_text().splitlines() if "stablehlo.select" in line]
+    assert chosen
+    assert not [line for line in chosen if str(many) in line]
+    peaks, gradients = lowered.compile()(samples)
+    assert np.all(peaks > 0.05)
+    single = jax.jit(jax.grad(peak))
+    for own, gradient in zip(samples, gradients, strict=True):
+        assert np.abs(gradient).max() > 1e-3
+        np.testing.assert_allclose(gradient, single(own), rtol=1e-9, atol=1e-12)
+
+
 def test_history_can_be_differentiated():
     podium = PODIUMS["rigid"]
     t = np.array([-0.2, 0.3, 0.9, 1.6, 2.4])
