@@ -63,6 +63,8 @@ def step(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> t
     )
 
 
+# A function of its own to JAX, as are others inside: traced once for all programs and derivatives that are built of it. The
+# compiler inlines it.
 @functools.partial(jax.jit, static_argnames="how")
 def trial(scene: Scene, how: Plan, lane: Lane, told: Decision | None = None) -> tuple[Lane, Landmark]:
     """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
@@ -94,7 +96,7 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
     constant = jax.lax.stop_gradient
     c, t = scene.c, lane.t
 
-    @jax.jit
+    @jax.jit  # traced once for all stages
     def field(t, x, v):
         return acceleration(c, lane.sigma, ground(t), x, v)
 
