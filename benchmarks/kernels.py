@@ -1,4 +1,4 @@
-"""What XLA makes of the batch program for a GPU that is not there: `python -m benchmarks.kernels`.
+"""What XLA makes of the batch program for a GPU that is not there: `JAX_PLATFORMS=cpu python -m benchmarks.kernels`.
 
 Compiles ahead of time for the GPU described below: kernels and arithmetic of one trial, and memory of a device. It needs
 `pip install "jax[cuda13]"`, and neither a GPU nor its driver. What it cannot tell is how long anything takes.

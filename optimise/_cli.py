@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    import rockjax as rj
+
     from ._design import Design
     from ._problem import Problem
 
 
 def design_command(
     problem: Problem, output: Path, starts: int | None = None, seed: int | None = None, quiet: bool = False
-) -> tuple[Design, list[Path]]:
+) -> tuple[Design, list[Path], rj.Interrupted | None]:
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions, OUTPUT-response.png.
 
-    `starts` and `seed` replace those of the problem. Returns the design and the files; so does the `partial` of the
-    [`rockjax.Interrupted`][] that Ctrl-C raises.
+    `starts` and `seed` replace those of the problem. Returns the design, the files, and what stopped the search, if
+    anything did: then the design is the best one until then.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_figure, write_whole
@@ -46,9 +48,7 @@ def design_command(
         before = as_podium(problem.podium)
         picture = before_after(before, design, motions[int(np.nanargmin(margins))])
         written.append(write_figure(f"{output}-response.png", picture))
-    if stopped is not None:
-        raise rj.Interrupted(str(stopped), (design, written))
-    return design, written
+    return design, written, stopped
 
 
 def account(design) -> dict[str, Any]:

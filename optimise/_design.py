@@ -18,7 +18,7 @@ from rockjax._progress import bar as bar_of
 
 from ._objectives import AbstractObjective, OfPodium
 from ._results import CONVERGED, INFEASIBLE, INTERRUPTED, NAMES, NOT_FINITE, RESULTS, STALLED, named
-from ._sqp import Descent, End, Evaluation, Iterate, Rules, descend, rank
+from ._sqp import Descent, End, Evaluation, Iterate, Rules, descend, prepared, rank
 from ._suite import Suite, same
 from ._targets import AbstractResponses, AbstractTarget
 from ._variables import Structure, Variables, as_podium, variables
@@ -153,15 +153,15 @@ def design(
             raise rj.Interrupted("stopped before the first evaluation", None) from None
         sizes = _names(targets, evaluate.sizes)
         scale = _scale([e for e in first if e.finite])
+        rules = Rules(scale, tolerance, 0.25, tolerance, max_iterations)
         try:
-            rules = Rules(scale, tolerance, 0.25, tolerance, max_iterations)
             _run({k: descend(x, rules, history, k) for k, x in enumerate(points)}, evaluate, points, first, ended)
             evaluate.options = _traced(accurate)
             found = _verified(ended, evaluate, scale)
         except KeyboardInterrupt:
             stopped = True
             evaluate.options = _traced(accurate)
-            ended |= {k: _so_far(k, evaluate, scale, history) for k in range(starts) if k not in ended}
+            ended |= {k: _so_far(k, evaluate, rules, history) for k in range(starts) if k not in ended}
             found = evaluate(_places(ended))
     ends = [ended[k] for k in range(starts)]
     effort = evaluate.effort(ends, began)
@@ -194,12 +194,11 @@ def _places(ended: dict[int, End]) -> np.ndarray:
     return np.stack([ended[k].x for k in range(len(ended))])
 
 
-def _so_far(k: int, evaluate: _Evaluator, scale: float, history: list[Iterate]) -> End:
+def _so_far(k: int, evaluate: _Evaluator, rules: Rules, history: list[Iterate]) -> End:
     """The best point that a start has seen; nobody knows its multipliers."""
     x, there = evaluate.best[k]
     iterations = sum(row.start == k for row in history)
-    there = there._replace(f=there.f / scale, f_slope=there.f_slope / scale)
-    return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, there)
+    return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, prepared(there, rules))
 
 
 def _check(method, starts, tolerance, max_iterations) -> None:

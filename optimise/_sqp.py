@@ -112,7 +112,8 @@ def descend(x: Vector, rules: Rules, history: list[Iterate], start: int) -> Desc
     return end
 
 
-def _prepared(raw: Evaluation, rules: Rules) -> Evaluation:
+def prepared(raw: Evaluation, rules: Rules) -> Evaluation:
+    """An evaluation as descents look at it: values scaled, margins over those aimed at."""
     return Evaluation(raw.f / rules.scale, raw.c - rules.shift, raw.f_slope / rules.scale, raw.c_slope)
 
 
@@ -131,7 +132,7 @@ def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector
                 x[k] += side
                 if not 0 <= x[k] <= 1:
                     continue
-                there = _prepared((yield x), rules)
+                there = prepared((yield x), rules)
                 if there.finite and rank(there) < best and (best[0] > 0 or there.violation == 0):
                     best, found = rank(there), x
         if found is not None:
@@ -143,7 +144,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
     """One descent; iterations are numbered from `first`."""
     n = len(x)
 
-    here = _prepared((yield x), rules)
+    here = prepared((yield x), rules)
     multipliers = np.zeros(len(here.c))
     if not here.finite:
         return End(x, multipliers, NOT_FINITE, first, here)
@@ -207,7 +208,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
                 continue
             return End(x, multipliers, _resting(here, residual, rules), iteration, here)
         trial = np.clip(x + d, 0.0, 1.0)
-        there = _prepared((yield trial), rules)
+        there = prepared((yield trial), rules)
         ratio = _ratio(there, merit, predicted, slack, state)
         if there.finite and ratio < ACCEPT and there.violation > step.violation + feasible_enough:
             # Second-order correction: the margins bend away from their linear models by about what was found.
@@ -217,7 +218,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
             if corrected is not None and np.max(np.abs(corrected.d - d)) > 0.1 * rules.tolerance:
                 cuts.append((trial, there))
                 other = np.clip(x + corrected.d, 0.0, 1.0)
-                found = _prepared((yield other), rules)
+                found = prepared((yield other), rules)
                 better = _ratio(found, merit, predicted, slack, state)
                 if better >= ACCEPT:
                     trial, there, ratio, d = other, found, better, corrected.d

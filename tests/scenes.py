@@ -1,4 +1,4 @@
-"""Structures and motions that the tests share."""
+"""Structures, motions and an interruption that the tests share."""
 
 import math
 
@@ -36,3 +36,15 @@ def shaking(n: int = 400, dt: float = 0.02, peak: float = 3.5, seed: int = 0) ->
 
 def options(rtol: float, method: str = "tsit5", **more) -> rj.Options:
     return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, **more)
+
+
+class Stops:
+    """Progress that is interrupted after so many evaluations."""
+
+    def __init__(self, after):
+        self.left = after
+
+    def update(self, count):
+        self.left -= count
+        if self.left == 0:
+            raise KeyboardInterrupt

@@ -19,6 +19,8 @@ import optimise
 import rockjax as rj
 from rockjax._cli import app, main
 
+from .scenes import Stops
+
 PROBLEMS = Path(__file__).parent.parent / "docs" / "problems"
 
 RUN = CliRunner()
@@ -345,15 +347,7 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
         '[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "alpha"\n'
     )
 
-    class Stops:
-        left = 3
-
-        def update(self, count):
-            self.left -= count
-            if self.left == 0:
-                raise KeyboardInterrupt
-
-    monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops()))
+    monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops(3)))
     code, out, err = run("design", "p.toml", "-o", "d")
     assert code == 130
     assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is kept$", err, re.M)

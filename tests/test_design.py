@@ -21,7 +21,7 @@ from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
 
-from .scenes import shaking
+from .scenes import Stops, shaking
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
 DRAWING = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
@@ -248,18 +248,6 @@ def test_seed_decides_the_starts():
 def test_bad_arguments_say_what_would_be_right(changes, words):
     with pytest.raises(ValueError, match=words):
         optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, **({"minimise": _alpha} | changes))
-
-
-class Stops:
-    """Progress that is interrupted after so many evaluations."""
-
-    def __init__(self, after):
-        self.left = after
-
-    def update(self, count):
-        self.left -= count
-        if self.left == 0:
-            raise KeyboardInterrupt
 
 
 def _valley(podium):

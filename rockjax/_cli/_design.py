@@ -43,7 +43,6 @@ def design(
       rockjax design docs/problems/column.toml --top-mass 400e3 --starts 8 -o heavier
     """
     prepare(report)
-    import rockjax as rj
     from optimise._cli import account, design_command
     from optimise._problem import problem_of
 
@@ -54,13 +53,7 @@ def design(
     if search.rtol is not None:
         table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
     asked = problem_of(table, problem, given.where)
-    stopped = None
-    try:
-        found, written = design_command(asked, output, search.starts, search.seed, report.quiet)
-    except rj.Interrupted as interrupted:
-        if interrupted.partial is None:
-            raise
-        (found, written), stopped = interrupted.partial, interrupted
+    found, written, stopped = design_command(asked, output, search.starts, search.seed, report.quiet)
     report.say(str(found))
     for path in written:
         report.wrote(path)
