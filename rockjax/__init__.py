@@ -31,6 +31,10 @@ from ._record import Record
 from ._records import Records
 from ._response import Energies, Response
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
+from ._risk.annual import AnnualFrequency, annual_frequency, disaggregation
+from ._risk.files import read_fragility_model, write_fragility_model
+from ._risk.gaussian import Envelope, GaussianMotion, RandomPulse
+from ._risk.hazard import Hazard
 from ._simulate import peak_response, simulate
 from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
@@ -45,14 +49,18 @@ __all__ = [
     "AbstractExcitation",
     "AbstractOutlook",
     "AbstractPulse",
+    "AnnualFrequency",
     "AntisymmetricRicker",
     "Boundary",
     "Elastic",
     "Energies",
+    "Envelope",
     "Errors",
     "Gabor",
+    "GaussianMotion",
     "Grid",
     "HalfSine",
+    "Hazard",
     "Interrupted",
     "Lognormal",
     "MavroeidisPapageorgiou",
@@ -64,6 +72,7 @@ __all__ = [
     "Options",
     "Peak",
     "Podium",
+    "RandomPulse",
     "Record",
     "RecordWarning",
     "Records",
@@ -74,6 +83,8 @@ __all__ = [
     "State",
     "Stats",
     "SweepPlan",
+    "annual_frequency",
+    "disaggregation",
     "fragility",
     "grid",
     "incremental_dynamic_analysis",
@@ -86,6 +97,7 @@ __all__ = [
     "overturning_spectrum",
     "peak_response",
     "peak_responses",
+    "read_fragility_model",
     "read_motion",
     "read_suite",
     "rocking_spectra",
@@ -93,4 +105,5 @@ __all__ = [
     "simulate",
     "sweep",
     "synthetic_motions",
+    "write_fragility_model",
 ]

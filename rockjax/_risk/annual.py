@@ -89,14 +89,18 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     of: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
     _check_measure(owner, attributes["measure"], of.attrs["units"], hazard)
     if kind == "fragility":
-        found = _of_lognormal(owner, Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))), hazard)
+        found = _of_lognormal(
+            owner, Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))), hazard
+        )
         return dataclasses.replace(found, sensitivities=found.sensitivities | _of_structure(curve, found.sensitivities))
     return _of_stripes(owner, curve, hazard)
 
 
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
     if measure != hazard.measure:
-        raise ValueError(f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure")
+        raise ValueError(
+            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure"
+        )
     if units != hazard.units:
         raise ValueError(
             f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
@@ -176,7 +180,11 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     of = {"units": hazard.units, "long_name": hazard.measure}
     return xarray.Dataset(
         {
-            "density": ("intensity", density, {"units": "1", "long_name": "share of the frequency per unit of ln(intensity)"}),
+            "density": (
+                "intensity",
+                density,
+                {"units": "1", "long_name": "share of the frequency per unit of ln(intensity)"},
+            ),
             "hazard": ("intensity", rate, {"units": "year-1", "long_name": "mean annual rate of exceedance"}),
             "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
         },

@@ -107,7 +107,9 @@ def _imt(measure: str) -> tuple[str, float]:
         return "PGV", 0.01
     period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
     if period is None:
-        raise ValueError(f"write_fragility_model: OpenQuake has no intensity measure {measure!r}; PGA, PGV and Sa(T s) are known")
+        raise ValueError(
+            f"write_fragility_model: OpenQuake has no intensity measure {measure!r}; PGA, PGV and Sa(T s) are known"
+        )
     return f"SA({float(period[1]):g})", STANDARD_GRAVITY
 
 

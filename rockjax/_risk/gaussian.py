@@ -132,20 +132,20 @@ class GaussianMotion(eqx.Module):
         u = jnp.asarray(u, float)
         if u.ndim == 0 or u.shape[-1] != self.dimension:
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
+        return jnp.vectorize(self._single, signature="(d)->(n)")(u)
+
+    def _single(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
         step, gain, out = self._filter()
-        strength = self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
-        noise = jnp.moveaxis(u[..., : self.n] * strength, -1, 0)
 
         def advance(state, w):
-            return state @ step.T + w[..., None] * gain, state @ out
+            return step @ state + w * gain, out @ state
 
-        start = jnp.zeros((*noise.shape[1:], 4), noise.dtype)
-        _, motion = jax.lax.scan(advance, start, noise)
-        motion = jnp.moveaxis(motion, 0, -1)
-        if self.pulse is None:
-            return motion
-        pulses = jnp.vectorize(lambda v: self.pulse(v, self.t), signature="(k)->(n)")(u[..., self.n :])
-        return motion + pulses
+        _, motion = jax.lax.scan(advance, jnp.zeros(4, u.dtype), u[: self.n] * self._strength())
+        return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
+
+    def _strength(self) -> Float[Array, " n"]:
+        """Of the noise for one unit of u, at every sample [m/s²]."""
+        return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
         """The motion of u, linear between its samples; batched where u is."""
@@ -172,12 +172,11 @@ class GaussianMotion(eqx.Module):
     def standard_deviation(self) -> Float[Array, " n"]:
         """Root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
         step, gain, out = self._filter()
-        strength = self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
         def advance(covariance, s):
             return step @ covariance @ step.T + s**2 * jnp.outer(gain, gain), out @ covariance @ out
 
-        _, variance = jax.lax.scan(advance, jnp.zeros((4, 4)), strength)
+        _, variance = jax.lax.scan(advance, jnp.zeros((4, 4)), self._strength())
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:

@@ -96,5 +96,7 @@ def _linear_piece(a, b, k, k_0, offset, slope):
     """∫ (offset + slope·x) k k₀ x^(−k−1) dx from a to b > a > 0."""
     constant = offset * k_0 * (a**-k - b**-k)
     exponent, width = 1 - k, jnp.log(b / a)
-    growth = jnp.where(jnp.abs(exponent) < 1e-12, width, jnp.expm1(exponent * width) / jnp.where(exponent == 0, 1.0, exponent))
+    growth = jnp.where(
+        jnp.abs(exponent) < 1e-12, width, jnp.expm1(exponent * width) / jnp.where(exponent == 0, 1.0, exponent)
+    )
     return constant + slope * k * k_0 * a**exponent * growth
