@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import concrete, require
-from .._lognormal import Lognormal
+from rockjax._checks import concrete, require
+from rockjax._studies.lognormal import Lognormal
+
 from . import integral
 from .hazard import Hazard
 
@@ -27,10 +28,10 @@ class AnnualFrequency:
     """How often a limit state is reached.
 
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
-    - `extrapolated`: the share of it that comes from intensities outside the points of the hazard curve or, for counted
-      stripes, above the highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y for y = `median` and every number of the structure of which the fragility knows how it
-      moves the curve; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
+    - `extrapolated`: the share of it that comes from intensities outside the points of the hazard curve or,
+      for counted stripes, above the highest level [–]
+    - `sensitivities`: d ln λ_f/d ln y for y = `median` and every number of the structure of which the
+      fragility knows how it moves the curve; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
     """
 
     frequency: Float[Array, ""]
@@ -54,25 +55,27 @@ class AnnualFrequency:
         share = float(self.extrapolated)
         outside = f"; {share:.0%} of it from beyond the given points" if share > OUTSIDE else ""
         period = f"return period {float(self.return_period):.4g} years"
-        return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {float(self.probability(50)):.3g} in 50 years{outside}"
+        in_50_years = f"{float(self.probability(50)):.3g} in 50 years"
+        return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {in_50_years}{outside}"
 
 
 jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", "sensitivities"], [])
 
 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
-    """The mean annual frequency with which a structure overturns, or reaches whatever the limit state of its fragility is.
+    """The mean annual frequency with which a structure overturns, or reaches whatever the limit state of its
+    fragility is.
 
-    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][]; or one of
-      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then taken as they are, linear
-      between the levels: windows of survival count
+    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][]; or
+      one of [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then
+      taken as they are, linear between the levels: windows of survival count
     - `hazard`: of the same intensity measure, in the same units
 
-    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` it works under `jit`
-    and `grad`, with respect to median, dispersion and the points of the hazard.
+    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` it
+    works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
-    Raises `ValueError` for a measure or unit that is not the hazard's, for a dispersion or median that is not > 0, and for
-    counted shares that do not begin with a level at which all records survive.
+    Raises `ValueError` for a measure or unit that is not the hazard's, for a dispersion or median that is not
+    > 0, and for counted shares that do not begin with a level at which all records survive.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -90,20 +93,26 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     _check_measure(owner, attributes["measure"], of.attrs["units"], hazard)
     if kind == "fragility":
         found = _of_lognormal(
-            owner, Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))), hazard
+            owner,
+            Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),
+            hazard,
         )
-        return dataclasses.replace(found, sensitivities=found.sensitivities | _of_structure(curve, found.sensitivities))
+        return dataclasses.replace(
+            found, sensitivities=found.sensitivities | _of_structure(curve, found.sensitivities)
+        )
     return _of_stripes(owner, curve, hazard)
 
 
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
     if measure != hazard.measure:
         raise ValueError(
-            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure"
+            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; "
+            "they must be of one measure"
         )
     if units != hazard.units:
         raise ValueError(
-            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
+            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; "
+            "convert it with hazard.in_si()"
         )
 
 
@@ -113,7 +122,9 @@ def _lognormal(curve: Lognormal, hazard: Hazard):
         parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
         return parts.total, parts
 
-    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(jnp.log(curve.median), curve.dispersion)
+    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
+        jnp.log(curve.median), curve.dispersion
+    )
     some = frequency > 0
     safe = jnp.where(some, frequency, 1.0)
     share = jnp.where(some, (parts.below + parts.above) / safe, 0.0)
@@ -128,7 +139,8 @@ def _of_lognormal(owner: str, curve: Lognormal, hazard: Hazard) -> AnnualFrequen
 
 
 def _of_structure(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
-    """d ln λ_f/d ln y of the structure's numbers: through the median, and through the dispersion where it is known."""
+    """d ln λ_f/d ln y of the structure's numbers: through the median, and through the dispersion where it is
+    known."""
     if "median_sensitivity" not in curve:
         return {}
     moved = slopes["median"] * curve["median_sensitivity"].values
@@ -143,8 +155,8 @@ def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualF
         raise ValueError(f"{owner}: needs two levels of intensity or more, got {levels.size}")
     if share[0] > 0:
         raise ValueError(
-            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}; what happens below it is not "
-            "known: add lower levels, or give the fitted curve of rockjax.fragility"
+            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}; "
+            "what happens below it is not known: add lower levels, or give the fitted curve of rockjax.fragility"
         )
     parts = integral.piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
     total = parts.total
@@ -153,10 +165,12 @@ def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualF
 
 
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
-    """Which intensities contribute: the density F(x) |dλ/d ln x| over the frequency, whose integral over ln x is 1 (host).
+    """Which intensities contribute: the density F(x) |dλ/d ln x| over the frequency, whose integral over ln x
+    is 1 (host).
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][]; a lognormal curve
-    - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of median and points
+    - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of
+      median and points
 
     Returns a dataset over `intensity` with `density` [–], `hazard` [1/year] and `fragility` [–].
     """
@@ -165,7 +179,9 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     found = annual_frequency(curve, hazard)
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
-            raise ValueError("disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first")
+            raise ValueError(
+                "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
+            )
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))
@@ -183,7 +199,7 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
             "density": (
                 "intensity",
                 density,
-                {"units": "1", "long_name": "share of the frequency per unit of ln(intensity)"},
+                {"units": "1", "long_name": "share of λ_f per unit of ln(intensity)"},
             ),
             "hazard": ("intensity", rate, {"units": "year-1", "long_name": "mean annual rate of exceedance"}),
             "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._files import write_whole
-from .._structures import STANDARD_GRAVITY
+from rockjax._files import write_whole
+from rockjax._structures import STANDARD_GRAVITY
+
 from .hazard import SI
 
 if TYPE_CHECKING:
@@ -35,11 +36,15 @@ def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
         found = _openquake(path, rows, ",".join(cell for row in comments for cell in row), site)
     else:
         if site is not None:
-            raise ValueError(f"{path}: site is for OpenQuake's files of several sites; this one holds one curve")
+            raise ValueError(
+                f"{path}: site is for OpenQuake's files of several sites; this one holds one curve"
+            )
         found = _two_columns(path, rows)
     units = found["units"]
     if units not in SI:
-        raise ValueError(f"{path}: units {units!r} of {found['measure']} are unknown; known are {', '.join(SI)}")
+        raise ValueError(
+            f"{path}: units {units!r} of {found['measure']} are unknown; known are {', '.join(SI)}"
+        )
     factor, found["units"] = SI[units]
     found["intensity"] = np.asarray(found["intensity"]) * factor
     return found
@@ -55,7 +60,9 @@ def _two_columns(path: str | Path, rows: list[list[str]]) -> dict[str, Any]:
     try:
         x, rate = np.array([[float(cell) for cell in row] for row in rows[1:]]).T
     except ValueError as error:
-        raise ValueError(f"{path}: every line after the header must hold an intensity and an annual rate: {error}") from None
+        raise ValueError(
+            f"{path}: every line after the header must hold an intensity and an annual rate: {error}"
+        ) from None
     return {"intensity": x, "annual_rate": rate, "measure": header["measure"], "units": header["units"]}
 
 
@@ -65,16 +72,22 @@ def _openquake(path: str | Path, rows: list[list[str]], comment: str, site: int 
     years = re.search(r"investigation_time\s*=\s*([0-9.eE+]+)", comment)
     imt = re.search(r"imt\s*=\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", comment)
     if years is None or imt is None:
-        raise ValueError(f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them")
+        raise ValueError(
+            f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them"
+        )
     curves = rows[1:]
     if len(curves) > 1 and site is None:
-        raise ValueError(f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}")
+        raise ValueError(
+            f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}"
+        )
     if site is not None and not 0 <= site < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
     x = np.array([float(header[i].removeprefix("poe-")) for i in columns])
     poe = np.array([float(curves[site or 0][i]) for i in columns])
     if np.any((poe < 0) | (poe > 1)):
-        raise ValueError(f"{path}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}")
+        raise ValueError(
+            f"{path}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
+        )
     # What is certain, or never happens, has no rate: such points say nothing about the curve.
     known = (poe > 0) & (poe < 1)
     if known.sum() < 2:
@@ -108,30 +121,37 @@ def _imt(measure: str) -> tuple[str, float]:
     period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
     if period is None:
         raise ValueError(
-            f"write_fragility_model: OpenQuake has no intensity measure {measure!r}; PGA, PGV and Sa(T s) are known"
+            f"write_fragility_model: OpenQuake has no intensity measure {measure!r}; "
+            "PGA, PGV and Sa(T s) are known"
         )
     return f"SA({float(period[1]):g})", STANDARD_GRAVITY
 
 
 def write_fragility_model(
-    path: str | Path, fragilities: xarray.Dataset | Sequence[xarray.Dataset], names: Sequence[str] | None = None
+    path: str | Path,
+    fragilities: xarray.Dataset | Sequence[xarray.Dataset],
+    names: Sequence[str] | None = None,
 ) -> Path:
     """Write lognormal fragility curves as an OpenQuake fragility model (NRML 0.5), atomically (host).
 
-    - `fragilities`: from [`rockjax.fragility`][], one or several over one measure; `names`: of the structures, by default
-      `structure-1` …
+    - `fragilities`: from [`rockjax.fragility`][], one or several over one measure; `names`: of the
+      structures, by default `structure-1` …
 
-    NRML holds mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` = m e^(β²/2),
-    `stddev` = mean √(e^(β²) − 1). Raises `ValueError` for measures that OpenQuake does not know.
+    NRML holds mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` = m
+    e^(β²/2), `stddev` = mean √(e^(β²) − 1). Raises `ValueError` for measures that OpenQuake does not know.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
     if not curves or len(names) != len(curves):
-        raise ValueError(f"write_fragility_model: needs a name for each of {len(curves)} curves, got {names!r}")
+        raise ValueError(
+            f"write_fragility_model: needs a name for each of {len(curves)} curves, got {names!r}"
+        )
     ET.register_namespace("", NRML)
     root = ET.Element(f"{{{NRML}}}nrml")
     model = ET.SubElement(
-        root, f"{{{NRML}}}fragilityModel", {"id": "rockjax", "assetCategory": "structures", "lossCategory": "structural"}
+        root,
+        f"{{{NRML}}}fragilityModel",
+        {"id": "rockjax", "assetCategory": "structures", "lossCategory": "structural"},
     )
     ET.SubElement(model, f"{{{NRML}}}description").text = "Overturning of rocking structures"
     ET.SubElement(model, f"{{{NRML}}}limitStates").text = "overturning"
@@ -150,14 +170,18 @@ def write_fragility_model(
         moments = {"mean": repr(mean), "stddev": repr(mean * math.sqrt(math.expm1(dispersion**2)))}
         ET.SubElement(function, f"{{{NRML}}}params", {"ls": "overturning", **moments})
     ET.indent(root)
-    return write_whole(path, lambda name: ET.ElementTree(root).write(name, encoding="utf-8", xml_declaration=True))
+    return write_whole(
+        path, lambda name: ET.ElementTree(root).write(name, encoding="utf-8", xml_declaration=True)
+    )
 
 
 def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
-    """The lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units, by the names of their structures (host).
+    """The lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units, by the names of their
+    structures (host).
 
-    Several limit states of a structure are named `structure/limit state`. Each is a dataset with `median_capacity` and
-    `dispersion`, as [`rockjax.annual_frequency`][] takes it. Raises `ValueError` for other files and other shapes of curves.
+    Several limit states of a structure are named `structure/limit state`. Each is a dataset with
+    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it. Raises `ValueError` for
+    other files and other shapes of curves.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -170,7 +194,8 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
         name = function.get("id", f"structure-{len(found) + 1}")
         if (function.get("format"), function.get("shape")) != ("continuous", "logncdf"):
             raise ValueError(
-                f"{path}: {name} is {function.get('format')} {function.get('shape') or ''}; continuous logncdf curves are read"
+                f"{path}: {name} is {function.get('format')} {function.get('shape') or ''}; "
+                "continuous logncdf curves are read"
             )
         imls, states = function.find(f"{{{NRML}}}imls"), function.findall(f"{{{NRML}}}params")
         if imls is None or not states:
@@ -196,7 +221,11 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
     return xarray.Dataset(
         {
             "median_capacity": ((), median, {"units": si, "long_name": f"median overturning {measure}"}),
-            "dispersion": ((), dispersion, {"units": "1", "long_name": "standard deviation of its logarithm"}),
+            "dispersion": (
+                (),
+                dispersion,
+                {"units": "1", "long_name": "standard deviation of its logarithm"},
+            ),
         },
         attrs={"title": "Fragility", "kind": "fragility", "measure": measure, "units": si},
     )

@@ -1,11 +1,14 @@
-"""Gaussian ground motions: white noise under an envelope, through the filters of Kanai–Tajimi and Clough–Penzien.
+"""Gaussian ground motions: white noise under an envelope, through the filters of Kanai–Tajimi and
+Clough–Penzien.
 
-With u ∈ ℝⁿ standard normal, w_j = u_j e(t_j) √(2π S₀/dt) is held constant over each interval and passes, from rest,
+With u ∈ ℝⁿ standard normal, w_j = u_j e(t_j) √(2π S₀/dt) is held constant over each interval and passes, from
+rest,
 
-    ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),   ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
+    ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),   ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j)
+    = ÿ(t_j).
 
-So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes O(n), and its transpose, which reverse mode
-differentiates by, as much.
+So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes O(n), and its transpose,
+which reverse mode differentiates by, as much.
 """
 
 from __future__ import annotations
@@ -20,10 +23,10 @@ import numpy as np
 from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
-from .._checks import as_float, finite, positive, require
-from .._lognormal import Lognormal
-from .._record import Record
-from .._wavelets import MavroeidisPapageorgiou
+from rockjax._checks import as_float, finite, positive, require
+from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._motions.record import Record
+from rockjax._studies.lognormal import Lognormal
 
 Number = Float[Array, ""]
 
@@ -43,7 +46,13 @@ class Envelope(eqx.Module):
     def __check_init__(self):
         positive("Envelope", t_1=self.t_1)
         require("Envelope", "c", self.c, lambda v: v >= 0, "finite and >= 0")
-        require("Envelope", "t_2 − t_1", self.t_2 - self.t_1, lambda v: v >= 0, ">= 0: the decay begins after the rise")
+        require(
+            "Envelope",
+            "t_2 − t_1",
+            self.t_2 - self.t_1,
+            lambda v: v >= 0,
+            ">= 0: the decay begins after the rise",
+        )
 
     def __call__(self, t: Float[Array, "*m"]) -> Float[Array, "*m"]:
         rise = (jnp.minimum(t, self.t_1) / self.t_1) ** 2
@@ -51,12 +60,14 @@ class Envelope(eqx.Module):
 
 
 class RandomPulse(eqx.Module):
-    """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou 2003).
+    """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou
+    2003).
 
     Its three entries of u are the last ones, through the inverse of their distributions.
 
     - `amplitude`: of the velocity A, a [`rockjax.Lognormal`][] [m/s]; `period`: T_p = 1/f_p, likewise [s]
-    - `gamma`: number of oscillations, > 1 [–]; `centre`: time of its middle [s]. The phase ν is uniform in 0 … 2π
+    - `gamma`: number of oscillations, > 1 [–]; `centre`: time of its middle [s]. The phase ν is uniform in 0
+      … 2π
     """
 
     amplitude: Lognormal
@@ -75,7 +86,9 @@ class RandomPulse(eqx.Module):
 
     def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
         """ü_g of the pulse that u stands for, at times t [m/s²]."""
-        amplitude, period = (y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period)))
+        amplitude, period = (
+            y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period))
+        )
         phase = 2 * math.pi * norm.cdf(u[2])
         pulse = MavroeidisPapageorgiou(amplitude, 1 / period, self.gamma, phase)
         since = t - self.centre
@@ -85,16 +98,20 @@ class RandomPulse(eqx.Module):
 
 
 class GaussianMotion(eqx.Module):
-    """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi, Clough–Penzien).
+    """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi,
+    Clough–Penzien).
 
     - `n`: samples, ≥ 2; `dt`: sampling interval, > 0 [s]
     - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the high-pass; > 0
-    - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or None
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the
+      high-pass; > 0
+    - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
+      None
 
-    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary noise filtered
-    first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA. Here the envelope comes before
-    the filters, so velocity and displacement decay by themselves, and motions are linear in u, which reliability needs.
+    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary
+    noise filtered first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA.
+    Here the envelope comes before the filters, so velocity and displacement decay by themselves, and motions
+    are linear in u, which reliability needs.
 
     Raises `ValueError` for numbers outside their ranges.
     """
@@ -112,7 +129,9 @@ class GaussianMotion(eqx.Module):
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
             raise ValueError(f"GaussianMotion: n must be a whole number >= 2, got n = {self.n!r}")
-        numbers = {name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")}
+        numbers = {
+            name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")
+        }
         positive("GaussianMotion", **numbers)
         if not callable(self.envelope):
             raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")

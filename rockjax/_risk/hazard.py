@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import as_float, concrete, require
-from .._structures import STANDARD_GRAVITY
+from rockjax._checks import as_float, concrete, require
+from rockjax._structures import STANDARD_GRAVITY
+
 from .integral import log_rate_at
 
 if TYPE_CHECKING:
@@ -43,7 +44,8 @@ class Hazard(eqx.Module):
     - `intensity`: points x₁ < … < x_n, shape (n,), n ≥ 2, > 0 [`units`]
     - `annual_rate`: λ₁ ≥ … ≥ λ_n > 0 at them, shape (n,) [1/year]
     - `measure`: the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
-    - `units`: of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …; a fragility in other units is refused, see `in_si`
+    - `units`: of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …; a fragility in other units is refused, see
+      `in_si`
 
     Raises `ValueError` for points that do not ascend, and rates that are not positive or increase.
     """
@@ -57,7 +59,8 @@ class Hazard(eqx.Module):
         shape = self.intensity.shape
         if len(shape) != 1 or shape[0] < 2 or self.annual_rate.shape != shape:
             raise ValueError(
-                f"Hazard: intensity and annual_rate must be of one length ≥ 2, got shapes {shape} and {self.annual_rate.shape}"
+                "Hazard: intensity and annual_rate must be of one length ≥ 2, "
+                f"got shapes {shape} and {self.annual_rate.shape}"
             )
         require("Hazard", "intensity", self.intensity, lambda v: v > 0, "finite and > 0")
         require("Hazard", "annual_rate", self.annual_rate, lambda v: v > 0, "finite and > 0")
@@ -68,7 +71,8 @@ class Hazard(eqx.Module):
         if rate is not None and np.any(np.diff(rate) > 0):
             i = int(np.argmax(np.diff(rate) > 0))
             raise ValueError(
-                f"Hazard: annual_rate must not increase with the intensity, got {rate[i]:g} before {rate[i + 1]:g} per year"
+                "Hazard: annual_rate must not increase with the intensity, "
+                f"got {rate[i]:g} before {rate[i + 1]:g} per year"
             )
 
     def __call__(self, x: Float[Array, "*m"]) -> Float[Array, "*m"]:
@@ -102,8 +106,9 @@ class Hazard(eqx.Module):
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
         """The hazard curve in a file (host), in SI units.
 
-        - `path`: two columns (CSV) with measure and unit of the first in the header, such as `PGA [g],annual_rate`; or a
-          hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`), whose probabilities in its investigation time become rates
+        - `path`: two columns (CSV) with measure and unit of the first in the header, such as `PGA
+          [g],annual_rate`; or a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`), whose
+          probabilities in its investigation time become rates
         - `site`: row of an OpenQuake file, from 0; needed where it has several
 
         Raises `ValueError` for files that are neither, and for curves that make no sense.
@@ -125,7 +130,11 @@ class Hazard(eqx.Module):
                 )
             },
             coords={
-                "intensity": ("intensity", np.asarray(self.intensity), {"units": self.units, "long_name": self.measure})
+                "intensity": (
+                    "intensity",
+                    np.asarray(self.intensity),
+                    {"units": self.units, "long_name": self.measure},
+                )
             },
             attrs={"title": "Hazard curve", "kind": "hazard", "measure": self.measure},
         )

@@ -1,7 +1,7 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F over a hazard curve λ, in closed form on every segment.
 
-A hazard curve is linear in ln x, ln λ between its points, and its first and last segment go on outside. On a segment
-λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
+A hazard curve is linear in ln x, ln λ between its points, and its first and last segment go on outside. On a
+segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
 
 ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
 
@@ -34,7 +34,9 @@ def slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Arr
     return -jnp.diff(log_rate) / jnp.diff(log_x)
 
 
-def log_rate_at(log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]) -> Float[Array, "*m"]:
+def log_rate_at(
+    log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]
+) -> Float[Array, "*m"]:
     """ln λ at s = ln x, on straight lines in the logarithms; the outer ones go on."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
     return log_rate[i] - slopes(log_x, log_rate)[i] * (s - log_x[i])
@@ -51,7 +53,10 @@ def _log_difference(low: Array, high: Array) -> Array:
 
 
 def lognormal(
-    log_x: Float[Array, " n"], log_rate: Float[Array, " n"], median: Float[Array, ""], dispersion: Float[Array, ""]
+    log_x: Float[Array, " n"],
+    log_rate: Float[Array, " n"],
+    median: Float[Array, ""],
+    dispersion: Float[Array, ""],
 ) -> Parts:
     """Contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion)."""
     k = slopes(log_x, log_rate)
@@ -60,18 +65,26 @@ def lognormal(
     # ln(k₀ m^(−k) e^(k²β²/2)), k₀ from the left end of the segment.
     level = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
     shift = k * dispersion
-    between = jnp.exp(level + _log_difference(z[:-1] + shift, z[1:] + shift)) - (share * rate)[1:] + (share * rate)[:-1]
+    between = (
+        jnp.exp(level + _log_difference(z[:-1] + shift, z[1:] + shift))
+        - (share * rate)[1:]
+        + (share * rate)[:-1]
+    )
     below = jnp.exp(level[0] + norm.logcdf(z[0] + shift[0])) - share[0] * rate[0]
     above = jnp.exp(level[-1] + norm.logsf(z[-1] + shift[-1])) + share[-1] * rate[-1]
-    return Parts(jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1]))
+    return Parts(
+        jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1])
+    )
 
 
 def piecewise_linear(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], x: Float[Array, " m"], share: Float[Array, " m"]
 ) -> Parts:
-    """Contributions to ∫ F |dλ| for an F that is linear between `share` at `x`, zero below and constant above.
+    """Contributions to ∫ F |dλ| for an F that is linear between `share` at `x`, zero below and constant
+    above.
 
-    `x` ascends and is > 0; `share[0]` must be 0. What lies above the last of `x` counts as above the given points.
+    `x` ascends and is > 0; `share[0]` must be 0. What lies above the last of `x` counts as above the given
+    points.
     """
     k, points = slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))
@@ -97,6 +110,8 @@ def _linear_piece(a, b, k, k_0, offset, slope):
     constant = offset * k_0 * (a**-k - b**-k)
     exponent, width = 1 - k, jnp.log(b / a)
     growth = jnp.where(
-        jnp.abs(exponent) < 1e-12, width, jnp.expm1(exponent * width) / jnp.where(exponent == 0, 1.0, exponent)
+        jnp.abs(exponent) < 1e-12,
+        width,
+        jnp.expm1(exponent * width) / jnp.where(exponent == 0, 1.0, exponent),
     )
     return constant + slope * k * k_0 * a**exponent * growth

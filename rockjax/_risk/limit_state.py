@@ -14,7 +14,8 @@ LARGEST = 4096
 
 
 class AbstractLimitState(abc.ABC):
-    """What the search and the estimators ask for. `scenes` counts evaluations, `gradients_taken` those with derivatives."""
+    """What the search and the estimators ask for. `scenes` counts evaluations, `gradients_taken` those with
+    derivatives."""
 
     dimension: int
 
@@ -42,7 +43,9 @@ class AbstractLimitState(abc.ABC):
         bad = np.isnan(value)
         if bad.any():
             at = u[np.argmax(bad)]
-            raise ValueError(f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin")
+            raise ValueError(
+                f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin"
+            )
         return value
 
     @abc.abstractmethod
@@ -77,8 +80,9 @@ class OfFunction(AbstractLimitState):
 
     def _gradients(self, u):
         value, slope = filled(u, self._slope)
-        # The derivative of `jnp.min` looks for the entry that equals the minimum. Fused into other code, that entry may have been
-        # rounded differently and is not found: the derivative is zero. Operation by operation it is found.
+        # The derivative of `jnp.min` looks for the entry that equals the minimum. Fused into other code, that
+        # entry may have been rounded differently and is not found: the derivative is zero. Operation by
+        # operation it is found.
         flat = ~slope.any(axis=1)
         if flat.any():
             value[flat], slope[flat] = (np.asarray(y) for y in self._plain(jnp.asarray(u[flat])))

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from .._progress import bar
-from .._results import Interrupted
+from rockjax._progress import bar
+from rockjax._results import Interrupted
+
 from ._estimators import ESTIMATORS, Estimate
 from .limit_state import AbstractLimitState, OfFunction
 from .search import FARTHEST, Found, design_points
@@ -29,8 +30,8 @@ class FailureProbability:
     - `effective_sample_size`: effective number of failures in the sample
     - `first_order`: of the union of the half spaces of the design points; NaN for methods without them
     - `beta`: distances of the design points, nearest first
-    - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is far from plane, or a
-      design point was not found
+    - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
+      far from plane, or a design point was not found
     - `converged`: whether the coefficient of variation asked for was reached
     - `sensitivities`: dP/dy with standard errors where the limit state is that of a structure
     """
@@ -49,7 +50,8 @@ class FailureProbability:
 
     def __repr__(self):
         low, high = self.interval
-        text = f"FailureProbability: {self.probability:.4g} (95 %: {low:.3g} to {high:.3g}) from {self.scenes} scenes, {self.method}"
+        text = f"FailureProbability: {self.probability:.4g} (95 %: {low:.3g} to {high:.3g}) "
+        text += f"from {self.scenes} scenes, {self.method}"
         if math.isfinite(self.first_order):
             text += f"; first order {self.first_order:.3g}" + (", which disagrees" if self.disagrees else "")
         return text + ("" if self.converged else "; not as accurate as asked for")
@@ -69,12 +71,14 @@ def reliability(
     """P(G(u) ≤ 0) for standard normal u (host).
 
     - `G`: a differentiable JAX function of u, shape (dimension,), to a number; failure where it is ≤ 0
-    - `method`: `"importance"`, `"line"`: around the design points; `"subset"`, `"monte-carlo"`: without them or derivatives
+    - `method`: `"importance"`, `"line"`: around the design points; `"subset"`, `"monte-carlo"`: without them
+      or derivatives
     - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations at most
     - `seed`: the same gives the same; `starts`: directions from which design points are searched for
 
-    Ctrl-C raises [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that make no sense, for
-    a limit state that has failed at u = 0 already, and for one that no search reaches, where the method needs design points.
+    Ctrl-C raises [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that
+    make no sense, for a limit state that has failed at u = 0 already, and for one that no search reaches,
+    where the method needs design points.
     """
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
@@ -82,12 +86,14 @@ def reliability(
     if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
         raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
     limit = OfFunction(G, int(dimension))
-    return probability_of("reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress)
+    return probability_of(
+        "reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress
+    )
 
 
 def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Directions to search from: random ones far apart from each other, each with its opposite, for many limit states are
-    mirror images of themselves."""
+    """Directions to search from: random ones far apart from each other, each with its opposite, for many
+    limit states are mirror images of themselves."""
     count = (starts + 1) // 2
     drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
     drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
@@ -110,14 +116,18 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> Found:
-    """Design points of a limit state that has not failed at the origin. Raises `ValueError` where there are none."""
+    """Design points of a limit state that has not failed at the origin. Raises `ValueError` where there are
+    none."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
-        raise ValueError(f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'")
+        raise ValueError(
+            f"{owner}: the limit state has failed at u = 0 already: "
+            "it has no design point; use 'monte-carlo'"
+        )
     found = design_points(limit, directions)
     if found.beta.size == 0:
         raise ValueError(
-            f"{owner}: no failure was found within {FARTHEST:g} standard deviations in {len(directions)} directions; "
-            "the probability may be below 1e-18, or more starts are needed; 'subset' needs no design point"
+            f"{owner}: no failure was found within {FARTHEST:g} standard deviations in "
+            f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; 'subset' needs no design point"
         )
     return found
 
@@ -154,7 +164,9 @@ def probability_of(
     return _answer(known[0], estimator.found, limit, method, cov)
 
 
-def _answer(estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float) -> FailureProbability:
+def _answer(
+    estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float
+) -> FailureProbability:
     first = first_order(found)
     low, high = estimate.interval
     off = max(first, 1e-300) / max(estimate.probability, 1e-300)
@@ -173,13 +185,16 @@ def _answer(estimate: Estimate, found: Found, limit: AbstractLimitState, method:
 
 
 def first_order(found: Found) -> float:
-    """P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower bound for more."""
+    """P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower bound
+    for more."""
     if found.beta.size == 0:
         return math.nan
     directions = found.u / found.beta[:, None]
     total = 0.0
     for i, beta in enumerate(found.beta):
-        both = sum(_both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i))
+        both = sum(
+            _both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i)
+        )
         total += max(float(stats.norm.sf(beta)) - both, 0.0)
     return total
 

@@ -1,11 +1,14 @@
 """Design points: where the limit state comes closest to the origin of standard normal space.
 
-A direction e on the unit sphere has a distance r(e): the least at which the ray r·e fails. A design point is a local minimum of
-r. This form of the search stays on the limit state, sees windows of survival behind the first failure, and needs no continuity
-of G: where the mode of failure changes, G jumps, but r is still a distance. All directions of all starts go side by side:
+A direction e on the unit sphere has a distance r(e): the least at which the ray r·e fails. A design point is
+a local minimum of r. This form of the search stays on the limit state, sees windows of survival behind the
+first failure, and needs no continuity of G: where the mode of failure changes, G jumps, but r is still a
+distance. All directions of all starts go side by side:
 
-1. at the point of a direction the gradient gives the normal, a = −∇G/|∇G|, of which a linear G has its design point;
-2. directions between e and a, at several fractions of the way, are looked at, and the one with the least r is taken;
+1. at the point of a direction the gradient gives the normal, a = −∇G/|∇G|, of which a linear G has its design
+   point;
+2. directions between e and a, at several fractions of the way, are looked at, and the one with the least r is
+   taken;
 3. it ends where e and a agree, or where no fraction comes closer: at a jump of G, whose edge has no normal.
 """
 
@@ -32,7 +35,8 @@ class Found(NamedTuple):
     """Design points, nearest first.
 
     - `u`: (k, d), on the failing side; `normal`: unit normals −∇G/|∇G|, (k, d)
-    - `beta`: |u|, (k,); `aligned`: whether point and normal agree: a smooth minimum, else an edge where G jumps
+    - `beta`: |u|, (k,); `aligned`: whether point and normal agree: a smooth minimum, else an edge where G
+      jumps
     """
 
     u: np.ndarray
@@ -42,7 +46,8 @@ class Found(NamedTuple):
 
 
 def distances(limit: AbstractLimitState, directions: np.ndarray, farthest: float = FARTHEST) -> np.ndarray:
-    """The least distance at which each ray fails, (m,); inf where none up to `farthest` does. Relative accuracy 1e-4."""
+    """The least distance at which each ray fails, (m,); inf where none up to `farthest` does. Relative
+    accuracy 1e-4."""
     return _narrowed(limit, directions, *_first_failure(limit, directions, farthest))
 
 
@@ -87,7 +92,9 @@ def _unit(u: np.ndarray) -> np.ndarray:
     return u / np.where(length > 0, length, 1.0)
 
 
-def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST, steps: int = STEPS) -> Found:
+def design_points(
+    limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST, steps: int = STEPS
+) -> Found:
     """Local minima of |u| on the limit state, from starting directions (s, d)."""
     e = _unit(np.asarray(starts, float))
     r = distances(limit, e, farthest)
@@ -116,7 +123,9 @@ def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float
         fractions = np.concatenate([OVERSHOOT, FRACTIONS])
         way = normal[at] - e[at]
         tried = _unit(e[at, None, :] + fractions[None, :, None] * way[:, None, :])
-        reach = distances(limit, tried.reshape(-1, limit.dimension), farthest).reshape(at.size, fractions.size)
+        reach = distances(limit, tried.reshape(-1, limit.dimension), farthest).reshape(
+            at.size, fractions.size
+        )
         best = np.argmin(reach, axis=1)
         nearest = reach[np.arange(at.size), best]
         closer = nearest < r[at] * (1 - 1e-9)

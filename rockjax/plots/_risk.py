@@ -20,7 +20,8 @@ def risk(dataset: xarray.Dataset) -> Figure:
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Where something happens: between the intensities below and above which a thousandth of the frequency comes from.
+    # Where something happens: between the intensities below and above which a thousandth of the frequency
+    # comes from.
     mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
     low, high = np.interp([1e-3, 1 - 1e-3], mass / mass[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
@@ -39,7 +40,9 @@ def risk(dataset: xarray.Dataset) -> Figure:
     axes[2].semilogx(x, density, color=COLOURS[1])
     axes[2].set(ylabel="contribution per unit\nof ln(intensity) [–]", ylim=(0, None))
     frequency = dataset.attrs["frequency_per_year"]
-    axes[2].set_title(rf"$\lambda_f$ = {frequency:.3g} per year, once in {1 / frequency:.3g} years", loc="left")
+    axes[2].set_title(
+        rf"$\lambda_f$ = {frequency:.3g} per year, once in {1 / frequency:.3g} years", loc="left"
+    )
     axes[2].set(xlabel=f"{dataset.attrs['measure']} [{_written(unit)}]", xlim=(0.5 * low, 2 * high))
     for ax in axes:
         ax.grid(alpha=0.3, which="both")

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ..limit_state import AbstractLimitState
-from ..search import Found
+from rockjax._risk.limit_state import AbstractLimitState
+from rockjax._risk.search import Found
 
 LEVEL = 0.95  # of the interval
 ROUNDS = 2  # at least, and
@@ -19,7 +19,8 @@ EFFECTIVE = 20  # effective failures, before a round may be the last
 
 
 class Estimate(NamedTuple):
-    """A probability with what is known of its accuracy; `effective` is the effective number of failures in the sample."""
+    """A probability with what is known of its accuracy; `effective` is the effective number of failures in
+    the sample."""
 
     probability: float
     standard_error: float
@@ -33,7 +34,8 @@ class Estimate(NamedTuple):
 
 
 class AbstractEstimator(abc.ABC):
-    """An estimator of P(G ≤ 0). Rounds go on until the coefficient of variation or the number of scenes is reached."""
+    """An estimator of P(G ≤ 0). Rounds go on until the coefficient of variation or the number of scenes is
+    reached."""
 
     needs_design_points = True
 
@@ -56,7 +58,9 @@ class AbstractEstimator(abc.ABC):
             rounds += 1
             known, spent = self.estimate(), self.limit.scenes - start
             told(known)
-            if spent >= max_scenes or (rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov):
+            if spent >= max_scenes or (
+                rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
+            ):
                 return known
             missing = spent * ((known.cov / cov) ** 2 - 1) if math.isfinite(known.cov) else 3 * spent
             size = int(min(max(1.1 * missing, first / 2), 3 * spent, max_scenes - spent + 1))
@@ -83,7 +87,8 @@ class AbstractMean(AbstractEstimator):
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
-    """Of a positive estimate, lognormal; where nothing has failed in `count` samples, up to what that rules out."""
+    """Of a positive estimate, lognormal; where nothing has failed in `count` samples, up to what that rules
+    out."""
     if p == 0:
         return 0.0, 1 - (1 - LEVEL) ** (1 / count)
     reach = math.exp(float(stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))

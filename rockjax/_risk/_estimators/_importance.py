@@ -1,11 +1,12 @@
-"""Importance sampling: samples from normals around the design points, each weighted by how likely it was at the origin.
+"""Importance sampling: samples from normals around the design points, each weighted by how likely it was at
+the origin.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u) with w_i in proportion to Φ(−β_i). With φ itself in it no weight
-φ/h exceeds 1/w_0, whatever lies where no design point was found. The weights know only the projections on the design points,
-so they do not degenerate with the dimension.
+The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u) with w_i in proportion to Φ(−β_i). With φ itself
+in it no weight φ/h exceeds 1/w_0, whatever lies where no design point was found. The weights know only the
+projections on the design points, so they do not degenerate with the dimension.
 
-A failing sample with a large weight lies where no design point is near. A search from there finds the one that is missing; then
-the mixture is widened, and the samples of the old one are forgotten.
+A failing sample with a large weight lies where no design point is near. A search from there finds the one
+that is missing; then the mixture is widened, and the samples of the old one are forgotten.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from ..search import Found, design_points, merged
+from rockjax._risk.search import Found, design_points, merged
+
 from ._base import AbstractMean
 
 ORIGIN = 0.1  # w_0

@@ -1,8 +1,9 @@
 """Line sampling: along random lines parallel to a design point, where is failure, and how likely is that?
 
-A line with the direction α_i of a design point contributes the normal probability of its failing stretches: every crossing on
-it counts, so windows of survival do. Where there are several design points, space is divided among them: u belongs to the one
-with the largest α_i·u − β_i, which cuts every line once, and the parts add up. So nothing is counted twice or left out.
+A line with the direction α_i of a design point contributes the normal probability of its failing stretches:
+every crossing on it counts, so windows of survival do. Where there are several design points, space is
+divided among them: u belongs to the one with the largest α_i·u − β_i, which cuts every line once, and the
+parts add up. So nothing is counted twice or left out.
 """
 
 from __future__ import annotations
@@ -66,14 +67,16 @@ class Line(AbstractEstimator):
             drop = value[at] - value[at + 1]
             root = np.clip(value[at] / np.where(drop == 0, 1.0, drop), 0, 1)
             part = np.concatenate(
-                [np.tile(np.arange(1, PARTS) / PARTS, (at.size, 1)), root[:, None] + np.array([-1e-3, 1e-3])], axis=1
+                [np.tile(np.arange(1, PARTS) / PARTS, (at.size, 1)), root[:, None] + np.array([-1e-3, 1e-3])],
+                axis=1,
             )
             new = (c[at, None] + (c[at + 1] - c[at])[:, None] * np.clip(part, 0, 1)).ravel()
             both = np.concatenate([c, new]), np.concatenate([value, self._look(u, alpha, new)])
             order = np.argsort(both[0], kind="stable")
             c, value = both[0][order], both[1][order]
         over = value <= 0
-        # Stretches between places count with both ends failing, half where one does; what is beyond the last goes on.
+        # Stretches between places count with both ends failing, half where one does; what is beyond the last
+        # goes on.
         mass = norm.sf(c[:-1]) - norm.sf(c[1:])
         inside = float(mass @ (0.5 * (over[1:].astype(float) + over[:-1])))
         return (

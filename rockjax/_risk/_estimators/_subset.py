@@ -1,8 +1,9 @@
-"""Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. Needs no derivative and no design point.
+"""Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. Needs no derivative and no
+design point.
 
-Samples below a level of G, a tenth of those above, are moved by conditional sampling (Papaioannou et al. 2015),
-u' = ρu + √(1 − ρ²) ξ, and kept where they stay below it. A run ends at the level 0; runs are independent. The estimate has a bias
-of the order of its squared coefficient of variation.
+Samples below a level of G, a tenth of those above, are moved by conditional sampling (Papaioannou et al.
+2015), u' = ρu + √(1 − ρ²) ξ, and kept where they stay below it. A run ends at the level 0; runs are
+independent. The estimate has a bias of the order of its squared coefficient of variation.
 """
 
 from __future__ import annotations
@@ -75,11 +76,14 @@ class Subset(AbstractEstimator):
         if count >= 8:  # enough of them to tell their spread
             each = float(np.var(self.runs, ddof=1)) / p**2
         error = p * math.sqrt(each / count)
-        return Estimate(p, error, lognormal_interval(p, error, count), min((p / error) ** 2, 1e9) if error > 0 else 1e9)
+        return Estimate(
+            p, error, lognormal_interval(p, error, count), min((p / error) ** 2, 1e9) if error > 0 else 1e9
+        )
 
 
 def _relative_variance(below: np.ndarray, chains: int) -> float:
-    """Of the share of a level, from samples in chains one after the other, with their correlation (Au & Beck 2001)."""
+    """Of the share of a level, from samples in chains one after the other, with their correlation (Au & Beck
+    2001)."""
     n, p = below.size, float(below.mean())
     if p in (0.0, 1.0):
         return 0.0
