@@ -7,6 +7,7 @@ Whatever goes wrong here raises nothing but `OSError` and `Damaged`, and nothing
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import stat
@@ -114,10 +115,8 @@ def read(folder: Path, key: str) -> bytes | None:
     size = int.from_bytes(body[:8], "little")
     if body[8 : 8 + size] != about:
         raise Damaged(f"{name} holds another program")
-    try:
+    with contextlib.suppress(OSError):  # a folder that can only be read
         os.utime(name)  # used just now
-    except OSError:
-        pass  # a folder that can only be read
     return body[8 + size :]
 
 
@@ -141,10 +140,8 @@ def write(folder: Path, key: str, data: bytes) -> None:
 
 def discard(folder: Path, key: str) -> None:
     """Take an entry away, where that is possible."""
-    try:
+    with contextlib.suppress(OSError):
         _file(folder, key).unlink(missing_ok=True)
-    except OSError:
-        pass
 
 
 def entries(folder: Path) -> list[Entry]:
