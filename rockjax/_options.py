@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ._checks import require
+from ._repr import card
 
 if TYPE_CHECKING:
     import diffrax
@@ -98,6 +99,9 @@ class Options(eqx.Module):
                 f"Options: the flat engine needs an explicit Runge–Kutta method with an error estimate, got "
                 f"{type(solver).__name__}; use engine='segments' for it"
             )
+
+    def _repr_html_(self):
+        return card(self)
 
     @property
     def solver(self) -> diffrax.AbstractSolver:
