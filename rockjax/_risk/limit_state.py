@@ -18,6 +18,7 @@ class AbstractLimitState(abc.ABC):
     derivatives."""
 
     dimension: int
+    mirrored = False  # G(−u) = G(u)
 
     def __init__(self, dimension: int):
         self.dimension = dimension

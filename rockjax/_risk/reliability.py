@@ -120,14 +120,14 @@ def find_design_points(owner: str, limit: AbstractLimitState, directions: np.nda
     none."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
-            f"{owner}: the limit state has failed at u = 0 already: "
-            "it has no design point; use 'monte-carlo'"
+            f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'"
         )
     found = design_points(limit, directions)
     if found.beta.size == 0:
         raise ValueError(
             f"{owner}: no failure was found within {FARTHEST:g} standard deviations in "
-            f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; 'subset' needs no design point"
+            f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; "
+            "'subset' needs no design point"
         )
     return found
 

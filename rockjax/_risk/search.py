@@ -20,13 +20,17 @@ import numpy as np
 
 from .limit_state import AbstractLimitState
 
-FARTHEST = 9.0  # distance from the origin: Φ(−9) is 1e-19
-RAY = 24  # places on a ray in the first look …
+FARTHEST = 9.0  # distance of a design point from the origin: Φ(−9) is 1e-19
+BEYOND = 4.0  # times the typical |u|, √d: up to there a first direction is followed
+RAY = 24  # places on a whole ray …
+AGAIN = 10  # … and on the part of one below a distance that is known
 NARROW = 3  # … then rounds of
 PARTS = 8  # divisions of the interval in which it first fails
-FRACTIONS = 0.5 ** np.arange(7)  # of the way to the normal
-OVERSHOOT = (1.5,)  # past it: a fixed-point step is short where the limit state bends away
-ALIGNED = 1e-7  # 1 − cos of the angle between point and normal …
+WAYS = np.array(
+    [1.5, 1.0, 0.5]
+)  # of the last fraction of the way to the normal; a fixed point may lie past it
+SHORTEST = 1 / 64  # fraction
+ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
 STEPS = 40  # … or this many steps
 SAME = 0.99  # cosine of the angle between two design points that are one
 
@@ -45,46 +49,67 @@ class Found(NamedTuple):
     aligned: np.ndarray
 
 
-def distances(limit: AbstractLimitState, directions: np.ndarray, farthest: float = FARTHEST) -> np.ndarray:
-    """The least distance at which each ray fails, (m,); inf where none up to `farthest` does. Relative
-    accuracy 1e-4."""
-    return _narrowed(limit, directions, *_first_failure(limit, directions, farthest))
+class _Bracket(NamedTuple):
+    """Where rays first fail: the last place that survives and the first that does not (inf if none), with
+    G."""
+
+    low: np.ndarray
+    high: np.ndarray
+    above: np.ndarray
+    below: np.ndarray
+
+    def root(self) -> np.ndarray:
+        """The straight line's root between the places."""
+        drop = self.above - self.below
+        usable = np.isfinite(drop) & (drop > 0)
+        part = np.where(usable, self.above / np.where(usable, drop, 1.0), 1.0)
+        high = np.where(np.isfinite(self.high), self.high, 0.0)
+        return np.where(np.isfinite(self.high), self.low + (high - self.low) * part, np.inf)
+
+    def at(self, rows) -> _Bracket:
+        return _Bracket(*(y[rows] for y in self))
 
 
-def _first_failure(limit: AbstractLimitState, directions: np.ndarray, farthest: float):
-    at = np.linspace(0, farthest, RAY + 1)[1:]
-    places = directions[:, None, :] * at[None, :, None]
-    value = limit.values(places.reshape(-1, directions.shape[1])).reshape(len(directions), RAY)
+def _bracket(limit: AbstractLimitState, directions: np.ndarray, at: np.ndarray) -> _Bracket:
+    """Of rays (m, d), looked at in places `at` (m, k) in ascending order."""
+    places = directions[:, None, :] * at[..., None]
+    value = limit.values(places.reshape(-1, directions.shape[1])).reshape(at.shape)
     over = value <= 0
-    first = np.argmax(over, axis=1)
+    first, rows = np.argmax(over, axis=1), np.arange(len(at))
     fails = over.any(axis=1)
-    high = np.where(fails, at[first], np.inf)
-    low = np.where(first > 0, at[first - 1], 0.0)
-    above = np.where(first > 0, value[np.arange(len(value)), first - 1], np.inf)
-    return low, high, above, np.where(fails, value[np.arange(len(value)), first], np.nan)
+    low = np.where(first > 0, at[rows, first - 1], 0.0)
+    above = np.where(first > 0, value[rows, first - 1], np.inf)
+    return _Bracket(low, np.where(fails, at[rows, first], np.inf), above, value[rows, first])
 
 
-def _narrowed(limit: AbstractLimitState, directions: np.ndarray, low, high, above, below) -> np.ndarray:
+def _narrowed(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
+    """The distances at which rays fail; on the failing side."""
+    low, high, above, below = (y.copy() for y in found)
     live = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROW):
         if live.size == 0:
             break
-        # Half of the places even, for certainty, the others close around the root of the straight line.
+        # Some of the places even, for certainty, the others close around the root of the straight line.
+        now = _Bracket(low, high, above, below).at(live)
+        width = now.high - now.low
+        root = (now.root() - now.low) / np.where(width > 0, width, 1.0)
         part = np.tile(np.arange(1, PARTS) / PARTS, (live.size, 1))
-        slope = above[live] - below[live]
-        root = np.where(np.isfinite(slope) & (slope > 0), above[live] / np.where(slope > 0, slope, 1.0), 0.5)
         close = np.clip(root[:, None] + np.array([-1e-2, -1e-4, 1e-4, 1e-2]), 0, 1)
         part = np.sort(np.concatenate([part, close], axis=1), axis=1)
-        at = low[live, None] + (high[live] - low[live])[:, None] * part
-        places = directions[live, None, :] * at[..., None]
-        value = limit.values(places.reshape(-1, directions.shape[1])).reshape(at.shape)
-        at = np.concatenate([low[live, None], at, high[live, None]], axis=1)
-        value = np.concatenate([above[live, None], value, below[live, None]], axis=1)
-        first = np.argmax(value[:, 1:] <= 0, axis=1) + 1
-        rows = np.arange(live.size)
-        low[live], high[live] = at[rows, first - 1], at[rows, first]
-        above[live], below[live] = value[rows, first - 1], value[rows, first]
+        more = _bracket(limit, directions[live], now.low[:, None] + width[:, None] * part)
+        inside = np.isfinite(more.high)
+        first = more.low > 0  # else nothing of these survived before
+        low[live] = np.where(inside, np.where(first, more.low, now.low), now.low + width * part[:, -1])
+        above[live] = np.where(inside & first, more.above, now.above)
+        high[live] = np.where(inside, more.high, now.high)
+        below[live] = np.where(inside, more.below, now.below)
     return high
+
+
+def distances(limit: AbstractLimitState, directions: np.ndarray, farthest: float = FARTHEST) -> np.ndarray:
+    """The least distance at which each ray fails, (m,); inf where none up to `farthest` does."""
+    at = np.tile(np.linspace(0, farthest, RAY + 1)[1:], (len(directions), 1))
+    return _narrowed(limit, directions, _bracket(limit, directions, at))
 
 
 def _unit(u: np.ndarray) -> np.ndarray:
@@ -92,47 +117,76 @@ def _unit(u: np.ndarray) -> np.ndarray:
     return u / np.where(length > 0, length, 1.0)
 
 
-def design_points(
-    limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST, steps: int = STEPS
-) -> Found:
+def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST) -> Found:
     """Local minima of |u| on the limit state, from starting directions (s, d)."""
+    if limit.mirrored:  # then so are the design points
+        starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
-    r = distances(limit, e, farthest)
+    # In many dimensions a random direction is far from failing at the distance of a design point.
+    outer = max(farthest, BEYOND * np.sqrt(limit.dimension))
+    r = distances(limit, e, outer)
     # A start whose ray never fails goes where G falls the most.
     lost = ~np.isfinite(r)
     if lost.any():
         _, slope = limit.gradients(e[lost] * 1e-3)
         e[lost] = _unit(-slope)
-        r[lost] = distances(limit, e[lost], farthest)
+        r[lost] = distances(limit, e[lost], outer)
     live = np.isfinite(r)
-    aligned = np.zeros(len(e), bool)
-    normal = e.copy()
-    active = live.copy()
-    for _ in range(steps):
+    e, r = e[live], r[live]
+    normal, aligned = _descend(limit, e, r)
+    near = r <= farthest
+    e, r, normal, aligned = e[near], r[near], normal[near], aligned[near]
+    found = _distinct(e, r, normal, aligned)
+    if not limit.mirrored:
+        return found
+    return _distinct(
+        *(
+            np.concatenate([y, s * y])
+            for y, s in zip((_unit(found.u), found.beta, found.normal), (-1, 1, -1), strict=True)
+        ),
+        np.tile(found.aligned, 2),
+    )
+
+
+def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Move directions e (changed in place, as are their distances r) downhill; their normals, and which are
+    aligned."""
+    normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
+    fresh = np.ones(len(e), bool)
+    active = np.ones(len(e), bool)
+    for _ in range(STEPS):
+        new = np.flatnonzero(active & fresh)
+        if new.size:
+            _, slope = limit.gradients(e[new] * r[new, None])
+            normal[new] = _unit(-slope)
+            aligned[new] = 1 - np.sum(normal[new] * e[new], axis=1) < ALIGNED
+            active[new[aligned[new]]] = False
         at = np.flatnonzero(active)
         if at.size == 0:
             break
-        _, slope = limit.gradients(e[at] * r[at, None])
-        normal[at] = _unit(-slope)
-        agree = np.sum(normal[at] * e[at], axis=1)
-        aligned[at] = 1 - agree < ALIGNED
-        active[at[aligned[at]]] = False
-        at = at[~aligned[at]]
-        if at.size == 0:
-            continue
-        fractions = np.concatenate([OVERSHOOT, FRACTIONS])
-        way = normal[at] - e[at]
-        tried = _unit(e[at, None, :] + fractions[None, :, None] * way[:, None, :])
-        reach = distances(limit, tried.reshape(-1, limit.dimension), farthest).reshape(
-            at.size, fractions.size
-        )
-        best = np.argmin(reach, axis=1)
-        nearest = reach[np.arange(at.size), best]
-        closer = nearest < r[at] * (1 - 1e-9)
-        active[at[~closer]] = False
+        nearest, direction, way = _step(limit, e[at], r[at], normal[at], fraction[at])
+        closer = nearest < r[at] * (1 - 1e-10)
         moved = at[closer]
-        e[moved], r[moved] = tried[np.arange(at.size), best][closer], nearest[closer]
-    return _distinct(e[live], r[live], normal[live], aligned[live])
+        e[moved], r[moved] = direction[closer], nearest[closer]
+        fresh[at] = closer
+        fraction[at] = np.where(closer, np.clip(way, SHORTEST, 1.5), 0.25 * fraction[at])
+        active[at[fraction[at] < SHORTEST]] = False
+    return normal, aligned
+
+
+def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nearest failure in a few directions on the way to the normal: its distance, direction, and
+    fraction."""
+    ways = fraction[:, None] * WAYS
+    tried = _unit(e[:, None, :] + ways[..., None] * (normal - e)[:, None, :])
+    flat = tried.reshape(-1, e.shape[1])
+    # Below the distance that is known, closer where the change is likely.
+    part = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, AGAIN - 2)])
+    found = _bracket(limit, flat, np.repeat(r, WAYS.size)[:, None] * part)
+    best = np.argmin(found.root().reshape(ways.shape), axis=1)
+    rows = np.arange(len(e))
+    chosen = rows * WAYS.size + best
+    return _narrowed(limit, flat[chosen], found.at(chosen)), tried[rows, best], ways[rows, best]
 
 
 def _distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> Found:

@@ -22,12 +22,14 @@ from ._base import AbstractMean
 ORIGIN = 0.1  # w_0
 BATCH = 4096
 FAR = 1.0  # weight of a failure that no design point explains; at one of them it is Φ(−β) or so
-SEARCHES = 8  # new starts in a round at most
+SEARCHES = 4  # new starts in a round at most, and
+WIDENED = 3  # times at most that the mixture is widened
 
 
 class Importance(AbstractMean):
     def __init__(self, limit, found, rng):
         super().__init__(limit, found, rng)
+        self.widened = 0
         self._around(found)
 
     def _around(self, found: Found) -> None:
@@ -43,8 +45,9 @@ class Importance(AbstractMean):
     def round(self, size: int) -> None:
         unexplained = [self._batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
         starts = np.concatenate(unexplained)[:SEARCHES]
-        if len(starts) == 0:
+        if len(starts) == 0 or self.widened >= WIDENED:
             return
+        self.widened += 1
         more = merged(self.found, design_points(self.limit, starts))
         if more.beta.size > self.found.beta.size:
             self._around(more)
