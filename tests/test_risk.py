@@ -1,6 +1,7 @@
 """Hazard, annual frequency and Gaussian ground motions against quadrature, closed forms and published
 numbers."""
 
+import dataclasses
 import itertools
 
 import jax
@@ -12,6 +13,10 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 import rockjax as rj
+from rockjax._risk import search
+from rockjax._risk.limit_state import OfFunction
+from rockjax._risk.reliability import first_order, starting
+from rockjax._risk.structure import OfStructure, limit_of
 
 POINTS = np.array([0.1, 0.7, 2.0, 5.0])
 RATES = np.array([1e-1, 2e-2, 1e-3, 1e-4])
@@ -220,7 +225,7 @@ def test_hazards_in_two_columns(tmp_path):
         rj.Hazard.from_file(path)
 
 
-OPENQUAKE = """#,,,,,"generated_by='OpenQuake engine 3.16', kind='mean', investigation_time=50.0, imt='SA(0.5)'"
+OPENQUAKE = """#,,,,,"generated_by='OpenQuake 3.16', kind='mean', investigation_time=50.0, imt='SA(0.5)'"
 lon,lat,depth,poe-0.0500000,poe-0.1000000,poe-0.4000000,poe-2.0000000
 10.1,45.2,0.0,9.0E-01,5.0E-01,1.0E-02,0.0E+00
 11.1,45.2,0.0,1.0E+00,6.0E-01,2.0E-02,1.0E-04
@@ -334,3 +339,180 @@ def test_gaussian_motions_that_make_no_sense_are_refused(numbers, complaint):
         rj.GaussianMotion(**({"n": 101, "dt": 0.02, "S_0": 0.01} | numbers))
     with pytest.raises(ValueError, match=r"u must have shape \(…, 601\)"):
         MOTION.acceleration(jnp.zeros(600))
+
+
+# Reliability: limit states with known answers.
+
+ROOT2 = np.sqrt(2.0)
+
+
+def resistance_and_load(u):
+    return (200 + 10 * u[0]) - (100 + 20 * u[1])
+
+
+def parabola(x):
+    return 2.5 - (x[0] + x[1]) / ROOT2 + 0.1 * (x[0] - x[1]) ** 2
+
+
+def four_branches(x):
+    bend = 3 + 0.1 * (x[0] - x[1]) ** 2
+    along, across = (x[0] + x[1]) / ROOT2, x[0] - x[1]
+    return jnp.min(jnp.stack([bend - along, bend + along, across + 7 / ROOT2, 7 / ROOT2 - across]))
+
+
+DIRECTION = np.random.default_rng(1).standard_normal(300)
+
+
+def plane(u):
+    return 3.5 - jnp.asarray(DIRECTION / np.linalg.norm(DIRECTION)) @ u
+
+
+KNOWN = {
+    "resistance and load": (resistance_and_load, 2, 3.872108215522042e-6),
+    "parabola": (parabola, 2, 4.207305511299618e-3),
+    "four branches": (four_branches, 2, 2.222795066194432e-3),
+    "plane": (plane, 300, norm.cdf(-3.5)),
+}
+
+
+def test_design_points_of_known_limit_states():
+    limit = OfFunction(resistance_and_load, 2)
+    (u,), _, (beta,), (aligned,) = search.design_points(limit, np.eye(2))
+    assert beta == pytest.approx(4.47213595499958, rel=1e-12)
+    np.testing.assert_allclose(np.array([200, 100]) + np.array([10, 20]) * u, [180, 180], rtol=1e-9)
+    assert aligned
+    limit = OfFunction(plane, 300)
+    found = search.design_points(limit, np.random.default_rng(0).standard_normal((2, 300)))
+    np.testing.assert_allclose(found.u[0], 3.5 * DIRECTION / np.linalg.norm(DIRECTION), atol=1e-9)
+    limit = OfFunction(four_branches, 2)
+    found = search.design_points(limit, starting(limit, 16, 0))
+    np.testing.assert_allclose(found.beta, [3, 3, 3.5, 3.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["importance", "line", "subset"])
+@pytest.mark.parametrize("name", KNOWN)
+def test_probabilities_of_known_limit_states(name, method):
+    G, dimension, truth = KNOWN[name]
+    found = rj.reliability(G, dimension, method=method, seed=4)
+    assert found.converged
+    assert found.standard_error <= 0.1 * found.probability
+    # Three standard errors; subset simulation has a bias besides.
+    assert abs(found.probability - truth) < 3 * found.standard_error + 1e-6 * truth
+    assert rj.reliability(G, dimension, method=method, seed=4).probability == found.probability
+
+
+def test_monte_carlo_and_its_interval():
+    found = rj.reliability(parabola, 2, method="monte-carlo", cov=0.2, seed=1)
+    low, high = found.interval
+    assert low < KNOWN["parabola"][2] < high
+    assert found.effective_sample_size == round(found.probability * found.scenes)
+
+
+def test_first_order_beside_the_sampled_probability():
+    plane_found = rj.reliability(plane, 300)
+    assert plane_found.first_order == pytest.approx(norm.cdf(-3.5), rel=1e-9)
+    assert not plane_found.disagrees
+    bent = rj.reliability(lambda x: 2.5 - x[0] + 2.0 * x[1] ** 2, 2)
+    assert bent.first_order > 1.5 * bent.probability
+    assert bent.disagrees
+    assert "disagrees" in repr(bent)
+
+
+def test_two_planes_are_added_up_exactly():
+    # P(x > a or y > b) of correlated normal numbers, against quadrature.
+    u = np.array([[2.0, 0.0], [1.2, 1.6]])
+    found = search.Found(u, u / 2, np.array([2.0, 2.0]), np.array([True, True]))
+    both = quad(lambda x: norm.pdf(x) * norm.sf((2 - 0.6 * x) / 0.8), 2, 12, epsrel=1e-12)[0]
+    assert first_order(found) == pytest.approx(2 * norm.sf(2) - both, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (
+            {"method": "form"},
+            "method must be one of 'importance', 'line', .*, got 'form'",
+        ),
+        ({"cov": 0}, "cov must be in"),
+        ({"seed": -1}, "seed must be a whole number >= 0"),
+        ({"starts": 0}, "starts must be a whole number >= 1"),
+        ({"dimension": 0}, "dimension must be a whole number >= 1"),
+        ({"G": 1.0}, "G must be a function of u"),
+        ({"G": lambda u: u[0] - 1}, "has failed at u = 0 already"),
+        ({"G": lambda u: 20 - u[0]}, "no failure was found within 9 standard deviations"),
+        ({"G": lambda u: jnp.log(u[0] - 10)}, "G is not a number at a point"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(arguments, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        rj.reliability(**({"G": parabola, "dimension": 2} | arguments))
+
+
+def test_ctrl_c_keeps_what_is_known(monkeypatch):
+    values, calls = OfFunction.values, []
+
+    def stopped(self, u):
+        calls.append(len(u))
+        if len(calls) > 12:
+            raise KeyboardInterrupt
+        return values(self, u)
+
+    monkeypatch.setattr(OfFunction, "values", stopped)
+    with pytest.raises(rj.Interrupted) as caught:
+        rj.reliability(parabola, 2, method="monte-carlo", cov=0.001)
+    assert caught.value.partial.probability > 0
+    assert not caught.value.partial.converged
+
+
+# Rocking structures: one block, and a frame that rocks alike.
+
+NOISE = rj.GaussianMotion(121, 0.04, 0.02)
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+
+
+@pytest.mark.slow
+def test_the_limit_state_of_a_block():
+    limit = OfStructure(BLOCK, NOISE, limit_of("test", "overturning", BLOCK))
+    u = NOISE.samples(40, seed=2)
+    value = limit.values(np.asarray(u))
+    records = [NOISE.record(row) for row in u]
+    options = rj.Options(outputs=("margin",), rtol=1e-11, atol=1e-13)
+    for k in (0, 17, 39):
+        expected = rj.peak_response(BLOCK, records[k], options=options)
+        assert value[k] == pytest.approx(float(expected.margin), abs=1e-7)
+        assert (value[k] <= 0) == bool(expected.overturned)
+    np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # to either side alike
+    # Its derivative, by a sample and by the numbers of structure and ground.
+    near = np.asarray(u[:8]) * 0.9
+    value, (slope, of_podium, of_motion) = limit.with_sensitivities(near)
+    best = int(np.argmin(np.abs(value - 0.5)))
+    along, h = np.random.default_rng(3).standard_normal(limit.dimension), 1e-5
+    up, down = limit.values(np.stack([near[best] + h * along, near[best] - h * along]))
+    assert slope[best] @ along == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-7)
+    for name, whole, exact in (("alpha", BLOCK, of_podium.alpha), ("S_0", NOISE, of_motion.S_0)):
+        y = float(getattr(whole, name))
+        moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
+        pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]
+        up, down = (OfStructure(p, m, limit.limit).values(near[best : best + 1])[0] for p, m in pairs)
+        assert float(exact[best]) == pytest.approx((up - down) / (2 * h * y), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_probabilities_of_a_block():
+    subset = rj.failure_probability(BLOCK, NOISE, method="subset", cov=0.2, seed=1)
+    counted = rj.failure_probability(BLOCK, NOISE, method="monte-carlo", cov=0.2, seed=1)
+    error = np.hypot(subset.standard_error, counted.standard_error)
+    assert abs(subset.probability - counted.probability) < 3 * error
+
+
+def test_limits_that_a_structure_has_not_are_refused():
+    for limit, complaint in (
+        ("falling", "limit must be 'overturning' or one of"),
+        (("shear", 0.2), "is of a superstructure, and this podium has none"),
+        (("rotation", 1.0), "'rotation' must be < 1"),
+        (("rotation", -0.1), "must be finite and > 0"),
+    ):
+        with pytest.raises(ValueError, match=complaint):
+            rj.failure_probability(BLOCK, NOISE, limit=limit)
+    with pytest.raises(ValueError, match=r"motion must be a rockjax.GaussianMotion, got Ricker"):
+        rj.failure_probability(BLOCK, rj.Ricker(1.0, 1.0))

@@ -98,7 +98,7 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
             hazard,
         )
         return dataclasses.replace(
-            found, sensitivities=found.sensitivities | _of_structure(curve, found.sensitivities)
+            found, sensitivities=dict(found.sensitivities) | _of_structure(curve, found.sensitivities)
         )
     return _of_stripes(owner, curve, hazard)
 

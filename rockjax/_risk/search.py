@@ -139,13 +139,8 @@ def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float
     found = _distinct(e, r, normal, aligned)
     if not limit.mirrored:
         return found
-    return _distinct(
-        *(
-            np.concatenate([y, s * y])
-            for y, s in zip((_unit(found.u), found.beta, found.normal), (-1, 1, -1), strict=True)
-        ),
-        np.tile(found.aligned, 2),
-    )
+    e, r = np.concatenate([_unit(found.u), -_unit(found.u)]), np.tile(found.beta, 2)
+    return _distinct(e, r, np.concatenate([found.normal, -found.normal]), np.tile(found.aligned, 2))
 
 
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from rockjax._repr import units as written
+
 from ._style import COLOURS, plt, styled
 
 if TYPE_CHECKING:
@@ -50,6 +52,4 @@ def risk(dataset: xarray.Dataset) -> Figure:
 
 
 def _written(units: str) -> str:
-    from rockjax._account import units as written
-
     return written(units) or "–"

@@ -59,7 +59,7 @@ class Importance(AbstractMean):
         u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        weight = np.exp(-logsumexp(ratios, axis=1, b=self.weights))
+        weight = np.exp(-np.asarray(logsumexp(ratios, axis=1, b=self.weights)))
         failed = self.limit.values(u) <= 0
         self.add(np.where(failed, weight, 0.0))
         return u[failed & (weight > FAR)]
