@@ -172,7 +172,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of
       median and points
 
-    Returns a dataset over `intensity` with `density` [–], `hazard` [1/year] and `fragility` [–].
+    Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve does, `hazard`
+    [1/year] and `fragility` [–]; and the `given` points of the hazard curve over `point`.
     """
     import xarray
 
@@ -202,9 +203,14 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
                 {"units": "1", "long_name": "share of λ_f per unit of ln(intensity)"},
             ),
             "hazard": ("intensity", rate, {"units": "year-1", "long_name": "mean annual rate of exceedance"}),
+            "given": (
+                "point",
+                np.asarray(hazard.annual_rate),
+                {"units": "year-1", "long_name": "rates that are given"},
+            ),
             "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
         },
-        coords={"intensity": ("intensity", x, of)},
+        coords={"intensity": ("intensity", x, of), "point": ("point", np.asarray(hazard.intensity), of)},
         attrs={
             "title": "Risk",
             "kind": "risk",

@@ -29,6 +29,8 @@ def risk(dataset: xarray.Dataset) -> Figure:
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     axes[0].loglog(x, dataset["hazard"], color=COLOURS[0])
+    axes[0].plot(dataset["point"], dataset["given"], "o", ms=4, color=COLOURS[0], label="given points")
+    axes[0].legend(loc="upper right")
     axes[0].set(ylabel="annual rate of\nexceedance λ [1/year]")
     inside = (x > 0.5 * low) & (x < 2 * high)
     rates = dataset["hazard"].values[inside]
