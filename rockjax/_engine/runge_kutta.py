@@ -16,10 +16,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-Value = Float[Array, ""]
-Vector = tuple[Value, ...]
+from rockjax._types import Value, Vector
+
 Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 

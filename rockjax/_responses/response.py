@@ -14,22 +14,13 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax._checks import as_float, concrete
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import (
-    Coefficients,
-    Value,
-    Vector,
-    acceleration,
-    beam,
-    coefficients,
-    energy,
-    power,
-    restoring_moment,
-)
+from rockjax._engine.model import Coefficients, acceleration, beam, coefficients, energy, power, restoring_moment
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._results import RESULTS, AbstractPeak, State
 from rockjax._structures import Elastic, Podium
+from rockjax._types import Value, Vector
 
 if TYPE_CHECKING:
     import xarray
