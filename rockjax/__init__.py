@@ -27,9 +27,11 @@ from ._motions.record import Record
 from ._motions.records import Records
 from ._motions.synthetic import synthetic_motions
 from ._options import Options
-from ._responses.response import Energies, Response
+from ._responses.history import Energies
+from ._responses.peak import Peak
+from ._responses.response import Response
 from ._responses.simulate import peak_response, simulate
-from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
+from ._results import RESULTS, Errors, Interrupted, State, Stats
 from ._structures import Elastic, Podium, Rigid
 from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
 from ._studies.lognormal import Lognormal
@@ -37,8 +39,7 @@ from ._studies.overturning_spectrum import overturning_spectrum
 from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._sweep.grid import Grid, grid
 from ._sweep.sweep import SweepPlan, sweep
-
-__version__ = "0.1.0"
+from ._version import __version__ as __version__
 
 __all__ = [
     "RESULTS",

@@ -26,7 +26,8 @@ from rockjax._checks import as_float, concrete, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
-from rockjax._responses.simulate import REST, check_range, check_types
+from rockjax._responses.arguments import check_range, check_types
+from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._types import Value
 
