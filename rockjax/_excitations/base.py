@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
-from rockjax._repr import readable
+from rockjax._repr import card, readable
 from rockjax._types import Index, Number, Value
 
 
@@ -110,6 +110,9 @@ class AbstractExcitation(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self)
 
 
 class _Silence(AbstractOutlook):

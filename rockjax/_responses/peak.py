@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax import _results as results
+from rockjax import _tables
 from rockjax._checks import concrete
 from rockjax._options import OUTPUTS
 from rockjax._results import RESULTS, Errors, Stats
@@ -157,13 +158,7 @@ def _text(peak: AbstractPeak) -> str:
 def _html(peak: AbstractPeak) -> str:
     """The same as a table."""
     headline, rows = _account(peak)
-    cells = (
-        f"<tr><td>{escape(label)}</td><td>{escape(value)}</td></tr>"
-        if value
-        else f'<tr><td colspan="2">{escape(label)}</td></tr>'
-        for label, value in rows
-    )
-    return f"<p><b>{escape(headline)}</b></p>" + (f"<table>{''.join(cells)}</table>" if rows else "")
+    return f"<p><b>{escape(headline)}</b></p>" + (_tables.html(rows) if rows else "")
 
 
 def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
