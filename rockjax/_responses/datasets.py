@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from importlib.metadata import version
 from typing import Any
 
 import jax
@@ -94,6 +95,5 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 def describe_versions() -> dict[str, str]:
     """What the numbers were made with, for the attributes of a file."""
-    import diffrax
-
-    return {"rockjax_version": _version.__version__, "jax_version": jax.__version__, "diffrax_version": diffrax.__version__}
+    # Diffrax itself takes long to import.
+    return {"rockjax_version": _version.__version__, "jax_version": jax.__version__, "diffrax_version": version("diffrax")}
