@@ -3,7 +3,7 @@
 import os as _os
 import sys as _sys
 from importlib import import_module as _import_module
-from importlib.metadata import version as _version
+from importlib.metadata import version as _installed
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__ as __version__
@@ -193,7 +193,7 @@ def _is_command() -> bool:
     return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")
 
 
-if _version("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
+if _installed("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
     # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
