@@ -126,13 +126,15 @@ def _path(given: Given, name: str) -> Path:
 
 
 def _fragility(given: Given, curve: Curve) -> Any:
+    import jax.numpy as jnp
+
     import rockjax as rj
 
     by_numbers = [value for value in (curve.median, curve.dispersion) if value is not None]
     if curve.fragility is None:
         if len(by_numbers) != 2:
             raise ValueError("needs a fragility curve: --fragility FILE, or --median and --dispersion")
-        return rj.Lognormal(float(by_numbers[0]), float(by_numbers[1]))
+        return rj.Lognormal(jnp.asarray(by_numbers[0]), jnp.asarray(by_numbers[1]))
     if by_numbers:
         raise ValueError("--fragility: give a file, or --median and --dispersion, not both")
     path = _path(given, curve.fragility)

@@ -106,13 +106,11 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
     if measure != hazard.measure:
         raise ValueError(
-            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; "
-            "they must be of one measure"
+            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure"
         )
     if units != hazard.units:
         raise ValueError(
-            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; "
-            "convert it with hazard.in_si()"
+            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
         )
 
 
@@ -122,9 +120,7 @@ def _lognormal(curve: Lognormal, hazard: Hazard):
         parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
         return parts.total, parts
 
-    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
-        jnp.log(curve.median), curve.dispersion
-    )
+    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(jnp.log(curve.median), curve.dispersion)
     some = frequency > 0
     safe = jnp.where(some, frequency, 1.0)
     share = jnp.where(some, (parts.below + parts.above) / safe, 0.0)
@@ -180,9 +176,7 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     found = annual_frequency(curve, hazard)
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
-            raise ValueError(
-                "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
-            )
+            raise ValueError("disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first")
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))

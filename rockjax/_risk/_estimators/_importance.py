@@ -11,6 +11,8 @@ that is missing; then the mixture is widened, and the samples of the old one are
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -59,7 +61,8 @@ class Importance(AbstractMean):
         u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        weight = np.exp(-np.asarray(logsumexp(ratios, axis=1, b=self.weights)))
+        known: Any = logsumexp(ratios, axis=1, b=self.weights)
+        weight = np.exp(-known)
         failed = self.limit.values(u) <= 0
         self.add(np.where(failed, weight, 0.0))
         return u[failed & (weight > FAR)]
