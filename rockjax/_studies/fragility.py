@@ -236,8 +236,8 @@ def fragility(
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`);
     `probability`, `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled`
     (dims `quantity`, `resample`), NaN where a resample had no fit; and where the analysis has sensitivities,
-    `median_sensitivity` and
-    `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y. Raises `ValueError` where no curve fits, and says why.
+    `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
+    Raises `ValueError` where no curve fits, and says why.
     """
     import xarray
 
