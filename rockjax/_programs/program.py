@@ -25,7 +25,7 @@ _WAITING = (
 )
 
 
-class Program:
+class KeptProgram:
     """A compiled function of pytrees of arrays and numbers; `fixed` names arguments that it is compiled for.
 
     Concrete arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs neither
@@ -39,9 +39,10 @@ class Program:
         fixed: Sequence[str] = (),
         donate: Sequence[int] = (),
         compiler_options: dict[str, Any] | None = None,
+        name: str | None = None,
     ):
         functools.update_wrapper(self, function)
-        self.name = f"{function.__module__}.{function.__qualname__}"
+        self.name = name or f"{function.__module__}.{function.__qualname__}"
         self._how = f"donated {tuple(donate)}, compiler options {compiler_options}"
         self._function, self._donate, self._options = function, tuple(donate), compiler_options
         self.traced = jax.jit(
@@ -110,7 +111,7 @@ class Program:
             self._making.clear()
 
 
-_ALL: list[Program] = []
+_ALL: list[KeptProgram] = []
 
 
 def forget() -> None:
@@ -119,24 +120,51 @@ def forget() -> None:
         program.forget()
 
 
+def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
+    """What `make()` gives for a fixed argument, kept like a program: trees of NumPy arrays, lists and named tuples."""
+    place = store()
+    try:
+        text = f"{name}\n{kind.source()}\n{kind.machine()}\n{kind.describe(what)}" if place else None
+    except kind.Unknown:
+        text = None
+    if not place or not text:
+        return make()
+    content = _content(place, text)
+    if content is not None:
+        try:
+            return pickle.loads(content)
+        except Exception as error:  # a class that is no longer there
+            _LOG.debug("what is kept of %s cannot be loaded: %r", name, error)
+    value = make()
+    try:
+        folder.write(place, text, pickle.dumps(value))
+    except OSError as error:
+        _LOG.debug("nothing can be kept: %s", error)
+    return value
+
+
 def store() -> Path | None:
     """The folder of kept programs; None where none are kept."""
     return folder.path() / "programs" if folder.enabled() else None
+
+
+def _content(place: Path, text: str) -> bytes | None:
+    """What is kept under a text, if it can be trusted."""
+    try:
+        return folder.read(place, text)
+    except folder.Damaged as damaged:
+        _LOG.debug("%s", damaged)
+        folder.discard(place, text)
+    except OSError as error:
+        _LOG.debug("no kept programs are read: %s", error)
+    return None
 
 
 def _load(place: Path, text: str) -> Callable | None:
     """A kept program. Whatever is wrong with it, it is compiled again."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
-    try:
-        content = folder.read(place, text)
-    except folder.Damaged as damaged:
-        _LOG.debug("%s", damaged)
-        folder.discard(place, text)
-        return None
-    except OSError as error:
-        _LOG.debug("no kept programs are read: %s", error)
-        return None
+    content = _content(place, text)
     if content is None:
         return None
     try:
