@@ -57,7 +57,7 @@ class KeptProgram:
         leaves, structure = jax.tree.flatten(arguments)
         if not all(map(_is_here, leaves)) or not _usual():
             return self.traced(*arguments, **fixed)
-        key = structure, tuple(map(jax.typeof, leaves)), tuple(sorted(fixed.items())), _present_settings()
+        key = structure, tuple(map(_type, leaves)), tuple(sorted(fixed.items())), _present_settings()
         ready = self._ready.get(key) or self._make(key, arguments, fixed)
         return ready(*leaves)
 
@@ -201,6 +201,13 @@ def _is_here(leaf: Any) -> bool:
     if isinstance(leaf, jax.Array):
         return not isinstance(leaf, Tracer) and leaf.sharding == _sharding()
     return isinstance(leaf, np.ndarray | np.generic | bool | int | float)
+
+
+def _type(leaf: Any) -> Hashable:
+    """What a program is compiled for of a number or an array: arrays of NumPy and of JAX are the same."""
+    if isinstance(leaf, np.ndarray | np.generic | jax.Array):
+        return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
+    return type(leaf)
 
 
 def _usual() -> bool:
