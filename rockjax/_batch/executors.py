@@ -92,7 +92,7 @@ class Devices(AbstractCrew):
         return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
 
 
-_on_one = KeptProgram(advance, fixed=["layout"], donate=[0], compiler_options=_COMPILER["cpu"])
+_on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 
 
 @functools.cache

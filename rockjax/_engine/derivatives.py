@@ -78,7 +78,7 @@ def _slopes(program: KeptProgram) -> KeptProgram:
 
         return jax.vmap(along, out_axes=(None, 0))(*units)
 
-    return KeptProgram(slopes, fixed=["numbers", "history"], name=f"derivatives of {program.name}")
+    return KeptProgram(slopes, name=f"derivatives of {program.name}")
 
 
 def _along(slope: np.ndarray, directions: dict[int, Any]):

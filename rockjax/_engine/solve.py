@@ -88,7 +88,7 @@ def _solve(
     return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
 
 
-PROGRAM = KeptProgram(_solve, fixed=["history"])
+PROGRAM = KeptProgram(_solve)
 
 
 def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:
