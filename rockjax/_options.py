@@ -106,13 +106,7 @@ class Options(eqx.Module):
     @property
     def solver(self) -> diffrax.AbstractSolver:
         """The Diffrax solver that `method` names."""
-        import diffrax
-
-        if isinstance(self.method, diffrax.AbstractSolver):
-            return self.method
-        if self.method not in METHODS:
-            raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}")
-        return getattr(diffrax, METHODS[self.method])()
+        return solver_of(self.method)
 
     def check_precision(self) -> None:
         """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
@@ -128,3 +122,14 @@ class Options(eqx.Module):
     def replace(self, **changes) -> Options:
         """A variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
+
+
+def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """The Diffrax solver that a method names. Raises `ValueError` where there is none."""
+    import diffrax
+
+    if isinstance(method, diffrax.AbstractSolver):
+        return method
+    if method not in METHODS:
+        raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}")
+    return getattr(diffrax, METHODS[method])()

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
 
 
-@jax.jit
+@KeptProgram
 def _derive(podium: Podium) -> dict[str, Any]:
     return {
         "restitution_factor": podium.restitution_factor,
