@@ -1,15 +1,14 @@
 """Intensity measures of ground motions, exact for motions that are linear between samples.
 
 Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy; pyRotd imports
-`pkg_resources`, which is gone from setuptools. SciPy has what is needed: the exact discretisation of an oscillator under a
-load that is linear between samples (`cont2discrete` with a first-order hold, the recursion of Nigam & Jennings 1969).
+`pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too, read Sa off at samples.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     import xarray
 
     from .motion import Motion, Motions
-
-_PER_PERIOD = 100  # samples per period of an oscillator: a peak between two of them is missed by 0.05 % at most
 
 
 def energy(motion: Motion) -> np.ndarray:
@@ -56,7 +53,8 @@ def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) 
 
     - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The motion is followed by a period of rest, in which the peak of a slow oscillator may lie.
+    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for inside of the
+    intervals and in the free vibration that follows, in which the peak of a slow oscillator may lie.
     """
     if not (math.isfinite(period) and period >= 0):
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
@@ -64,17 +62,9 @@ def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) 
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     if period == 0:
         return motion.pga
-    from scipy.signal import cont2discrete, lfilter
+    from ._oscillator import largest_displacement
 
-    finer = max(1, math.ceil(_PER_PERIOD * motion.dt / period))
-    dt = motion.dt / finer
-    rest = np.zeros(math.ceil(period / motion.dt) + 1)
-    coarse = np.concatenate([motion.acceleration, rest])
-    load = np.interp(np.arange((len(coarse) - 1) * finer + 1) / finer, np.arange(len(coarse)), coarse)
-    w = 2 * math.pi / period
-    # ω² u as the output, so that its size is that of the load.
-    filtering: Any = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), dt, method="foh")
-    return float(np.abs(np.asarray(lfilter(np.ravel(filtering[0]), filtering[1], load))).max())
+    return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
 
 def measured(motion: Motion, measure: str, period: float | None, damping: float) -> tuple[float, int]:

@@ -101,13 +101,25 @@ class Motion:
 
     @property
     def pgv(self) -> float:
-        """Peak ground velocity, at a sample [m/s]."""
-        return float(np.abs(self.velocity).max())
+        """Peak ground velocity [m/s], inside of an interval too, where ü_g crosses zero."""
+        start, end, after = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
+        turns = start * end < 0
+        inside = after[turns] + 0.5 * self.dt * start[turns] ** 2 / (start[turns] - end[turns])
+        return float(np.abs(np.concatenate([self.velocity, inside])).max())
 
     @property
     def pgd(self) -> float:
-        """Peak ground displacement, at a sample [m]."""
-        return float(np.abs(self.displacement).max())
+        """Peak ground displacement [m], inside of an interval too, where the velocity crosses zero."""
+        a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
+        slope = np.diff(self.acceleration) / dt
+        # v + aτ + ½ slope τ² = 0, in the form that does not cancel.
+        root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
+        sum_ = -(a + np.copysign(root, a))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.stack([2 * v / sum_, sum_ / slope])
+        times = np.where((times > 0) & (times < dt), times, 0.0)
+        inside = u + times * (v + times * (a / 2 + times * slope / 6))
+        return float(np.abs(np.append(inside, self.displacement[-1])).max())
 
     def record(self, scale: float = 1.0) -> Record:
         """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]."""
