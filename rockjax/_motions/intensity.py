@@ -7,31 +7,31 @@ Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
+from .accelerogram import Accelerogram
+
 if TYPE_CHECKING:
     import xarray
 
-    from .motion import Motion, Motions
 
-
-def energy(motion: Motion) -> np.ndarray:
+def energy(motion: Accelerogram) -> np.ndarray:
     """∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
     a, b = motion.acceleration[:-1], motion.acceleration[1:]
     return np.concatenate([[0.0], np.cumsum(motion.dt / 3 * (a * a + a * b + b * b))])
 
 
-def arias_intensity(motion: Motion) -> float:
+def arias_intensity(motion: Accelerogram) -> float:
     """π/(2g) ∫ü_g² dt (Arias 1970) [m/s]."""
     return float(math.pi / (2 * STANDARD_GRAVITY) * energy(motion)[-1])
 
 
-def cumulative_absolute_velocity(motion: Motion) -> float:
+def cumulative_absolute_velocity(motion: Accelerogram) -> float:
     """∫|ü_g| dt [m/s]."""
     a, b = np.abs(motion.acceleration[:-1]), np.abs(motion.acceleration[1:])
     both = np.where(a + b > 0, a + b, 1.0)
@@ -39,7 +39,7 @@ def cumulative_absolute_velocity(motion: Motion) -> float:
     return float(0.5 * motion.dt * np.sum(np.where(crosses, (a * a + b * b) / both, a + b)))
 
 
-def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
+def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
     """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975) [s]."""
     spent = energy(motion)
     if spent[-1] == 0:
@@ -48,7 +48,7 @@ def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95)
     return float(t[1] - t[0])
 
 
-def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) -> float:
+def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
     """Pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator at rest at first [m/s²].
 
     - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
@@ -62,12 +62,12 @@ def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) 
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     if period == 0:
         return motion.pga
-    from ._oscillator import largest_displacement
+    from .oscillator import largest_displacement  # SciPy takes long to import
 
     return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
 
-def measured(motion: Motion, measure: str, period: float | None, damping: float) -> tuple[float, int]:
+def measured(motion: Accelerogram, measure: str, period: float | None, damping: float) -> tuple[float, int]:
     """One measure of a motion by its name, and with which power of the motion it grows."""
     simple = {
         "PGA": (lambda: motion.pga, 1),
@@ -89,7 +89,7 @@ def measured(motion: Motion, measure: str, period: float | None, damping: float)
 
 
 def intensity_measures(
-    motion: Motion | Motions,
+    motion: Accelerogram | Sequence[Accelerogram],
     *,
     periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
     damping: float = 0.05,
@@ -110,9 +110,7 @@ def intensity_measures(
     """
     import xarray
 
-    from .motion import Motions
-
-    several = isinstance(motion, Motions)
+    several = not isinstance(motion, Accelerogram)
     motions = list(motion) if several else [motion]
     T = np.atleast_1d(np.asarray(tuple(periods) if isinstance(periods, Iterable) else periods, float))
     columns: dict[str, tuple[str, str, list]] = {
