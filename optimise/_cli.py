@@ -25,7 +25,7 @@ def design_command(
     import rockjax as rj
     from rockjax._files import as_json, write_figure, write_whole
 
-    from ._report import before_after, convergence
+    from ._pictures import before_after, convergence
     from ._suite import Suite
     from ._variables import as_podium
 

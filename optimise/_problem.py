@@ -34,11 +34,11 @@ from typing import Any, NamedTuple
 
 import rockjax as rj
 from rockjax._problem import Reader, load_table
+from rockjax._repr import readable
 
-from ._answer import Design
+from ._answer import Design, aligned
 from ._design import design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
-from ._report import problem
 from ._targets import (
     AbstractTarget,
     MedianCapacity,
@@ -73,7 +73,28 @@ class Problem(NamedTuple):
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
     def __repr__(self):
-        return problem(self)
+        return _described(self)
+
+
+def _described(asked: Problem) -> str:
+    """What a file asks for in lines: variables where they start, targets with their scenes, sets of motions."""
+    wanted = asked.minimise
+    if wanted is None:
+        least = "the nearest design"
+    elif isinstance(wanted, AbstractObjective):
+        least = f"least {wanted.describe()}"
+    else:
+        least = f"least {getattr(wanted, '__name__', 'objective')}"
+    box = variables(asked.podium, asked.vary)
+    start = box.values(box.start())
+    rows = [["variable", "start", "unit", "bounds"]]
+    for name, value, unit in zip(box.names, start, box.units, strict=True):
+        low, high = asked.vary[name]
+        rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
+    targets = [["target", "scenes"], *([target.name or target.describe(), str(target.scenes)] for target in asked.targets)]
+    sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
+    lines = [f"Problem: {least}", f"  {readable(asked.podium)}"]
+    return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
 
 
 def load(path: str | Path) -> Problem:
