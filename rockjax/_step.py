@@ -232,7 +232,11 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not how.to_the_end:
         code = jnp.where(certificate(scene, how, advanced, piece, ground), results.SETTLED, code)
-    x, v = restart(scene, stamp, delta, x, v, mode, piece)
+    # Back to the stamp by the field after it. An event that falls on a breakpoint comes before it: from one to the other by
+    # the field between them, where both move their own ways.
+    stops = jnp.where(piece > lane.piece, trial.stop - constant(trial.stop), delta)
+    x, v = restart(scene, stamp, delta - stops, x, v, mode, lane.piece)
+    x, v = restart(scene, stamp, stops, x, v, mode, piece)
     advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
     decision = Decision(h, trial.reaches, lands, fizzles, mode)
     return advanced, Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
