@@ -1,21 +1,21 @@
-"""What results and structures say of themselves: in lines, and as the table of a notebook."""
+"""What structures, motions and options say of themselves: in lines, and as the table of a notebook."""
 
 from __future__ import annotations
 
 import dataclasses
-from html import escape
-from typing import TYPE_CHECKING, Any
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from . import _tables
 from ._checks import concrete
 
-if TYPE_CHECKING:
-    from ._results import AbstractPeak
-
-Rows = list[tuple[str, str]]
+LONGEST = 90  # characters of a meaning
 _UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": ""}
 
 
@@ -26,8 +26,50 @@ def units(of: str) -> str:
 
 def readable(module: eqx.Module) -> str:
     """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
-    fields = ((field.name, getattr(module, field.name)) for field in dataclasses.fields(module))
-    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in fields)})"
+    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
+
+
+def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
+    """A structure, motion or options as a table of HTML: its numbers, what follows from them, and what they mean."""
+    rows = list(_rows(module))
+    cls = type(module)
+    for name in derived:
+        rows.append((name, _value(getattr(module, name)), _plain(getattr(cls, name).__doc__)))
+    return _tables.html(rows, caption=cls.__name__, heads="column")
+
+
+def _fields(module: eqx.Module) -> list[tuple[str, Any]]:
+    return [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
+
+
+def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`: meaning`."""
+    meanings = _meanings(type(module))
+    for name, value in _fields(module):
+        known = meanings.get(name, "")
+        if isinstance(value, eqx.Module) and type(value).__repr__ is not eqx.Module.__repr__ and _fields(value):
+            yield f"{prefix}{name}", type(value).__name__, known
+            yield from _rows(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", _value(value), known
+
+
+def _meanings(cls: type) -> dict[str, str]:
+    """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`: meaning"."""
+    found = {}
+    told = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
+    for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", told, re.M):
+        _, *parts = re.split(r"(?:^|; )((?:`\w+`(?:, )?)+): ", " ".join(bullet.split()))
+        for names, meaning in zip(parts[::2], parts[1::2], strict=True):
+            found |= dict.fromkeys(re.findall(r"\w+", names), _plain(meaning))
+    return found
+
+
+def _plain(docstring: str | None) -> str:
+    """The first sentence, without marks of the documentation."""
+    words = re.sub(r"\[`(?:\w+\.)?(\w+)`\]\[\]", r"\1", " ".join((docstring or "").split())).replace("`", "")
+    sentence = re.split(r"(?<!Eq)(?<!Eqs)\.(?:\s|$)|;\s", words, maxsplit=1)[0]
+    return sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST].rsplit(' ', 1)[0]} …"
 
 
 def _value(value: Any) -> str:
@@ -42,47 +84,3 @@ def _value(value: Any) -> str:
         return f"{float(numbers):.6g}"
     span = f", {numbers.min():.4g} … {numbers.max():.4g}" if numbers.size else ""
     return f"array(shape {numbers.shape}{span})"
-
-
-def text(peak: AbstractPeak) -> str:
-    """A readable account of one scene, or of the size of a batch."""
-    headline, rows = _account(peak)
-    return "\n".join([headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)])
-
-
-def html(peak: AbstractPeak) -> str:
-    """The same as a table."""
-    headline, rows = _account(peak)
-    cells = (
-        f"<tr><td>{escape(label)}</td><td>{escape(value)}</td></tr>"
-        if value
-        else f'<tr><td colspan="2">{escape(label)}</td></tr>'
-        for label, value in rows
-    )
-    return f"<p><b>{escape(headline)}</b></p>" + (f"<table>{''.join(cells)}</table>" if rows else "")
-
-
-def _account(peak: AbstractPeak) -> tuple[str, Rows]:
-    from ._results import END_OF_TIME, NAMES, code_of
-
-    kind = type(peak).__name__
-    codes = concrete(peak.peak_rotation) is not None and concrete(code_of(peak.result))
-    if codes is None or codes is False:
-        return f"{kind}(traced)", []
-    if codes.ndim:
-        overturned = int(np.sum(np.asarray(peak.overturned)))
-        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned)", []
-    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
-    rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
-    rows = [("peak rotation", rotation)]
-    if peak.errors is not None and peak.errors.undecided:
-        rows.append(("undecided: within the estimated error the columns may overturn or not; tighten rtol and atol", ""))
-    if peak.overturned:
-        rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
-    rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
-    rows.append(("impacts", f"{int(peak.impacts)}"))
-    rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
-    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
-    rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
-    at = f", t = {float(peak.stats.end_time):.6g} s" if codes == END_OF_TIME else ""
-    return f"{kind}: {NAMES[int(codes)]}{at}", rows

@@ -12,13 +12,12 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ._checks import as_float, concrete, not_negative, positive, require
-from ._repr import readable
+from ._repr import card, readable
+from ._types import Number
 
 STANDARD_GRAVITY = 9.80665
-Number = Float[Array, "*batch"]
 
 
 class Elastic(eqx.Module):
@@ -45,6 +44,9 @@ class Elastic(eqx.Module):
     def __repr__(self):
         return readable(self)
 
+    def _repr_html_(self):
+        return card(self)
+
 
 class Rigid(eqx.Module):
     """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
@@ -59,6 +61,9 @@ class Rigid(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self)
 
 
 class PaperRestitution(eqx.Module):
@@ -267,3 +272,6 @@ class Podium(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self, derived=("p", "width", "height", "restitution_factor"))

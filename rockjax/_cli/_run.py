@@ -111,8 +111,8 @@ class Report(Flags):
         for path in self.written:
             self.say(f"wrote {path}")
         if self.json:
-            from rockjax import __version__
             from rockjax._files import as_json
+            from rockjax._version import __version__
 
             about = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
             typer.echo(as_json(about | self.facts | {"files": list(map(str, self.written))}))
@@ -123,8 +123,6 @@ class Report(Flags):
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """The command that a function is: its groups of options as options one by one, and how it ends."""
-    from rockjax._motions.motion import RecordWarning
-
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters.values()
     groups = {
@@ -146,6 +144,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**values):
+        from rockjax._motions.motion import RecordWarning
+
         ctx = values.pop("ctx")
         given = frozenset(name for name in values if _is_given(ctx, name))
         made = {name: _group(kind, values, given) for name, kind in groups.items()}

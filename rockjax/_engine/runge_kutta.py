@@ -10,16 +10,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-Value = Float[Array, ""]
-Vector = tuple[Value, ...]
+from rockjax._types import Value, Vector
+
+if TYPE_CHECKING:
+    import diffrax
+
 Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 
@@ -41,6 +42,8 @@ class Tableau:
 @functools.cache
 def tableau(solver: diffrax.AbstractERK) -> Tableau:
     """The tableau of a Diffrax solver."""
+    import diffrax
+
     source = solver.tableau
     assert isinstance(source, diffrax.ButcherTableau)
     stages = source.num_stages
