@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -36,6 +37,16 @@ def numbers(name: str, value: str | list) -> list[float]:
         return [float(part) for part in value.split(",")]
     except ValueError:
         raise typer.BadParameter(f"{flag(name)}: expected numbers separated by commas, got {value!r}") from None
+
+
+def ascending(option: str, ends: tuple[float, float], least: float = 0.0, open_below: bool = True) -> tuple[float, float]:
+    """The ends of a range, the lowest first. Raises `ValueError` that names the option."""
+    low, high = ends
+    above = low > least if open_below else low >= least
+    if not (above and low < high and math.isfinite(high)):
+        sign = "<" if open_below else "<="
+        raise ValueError(f"{option}: must have {least:g} {sign} lowest < highest, got {low:g} and {high:g}")
+    return low, high
 
 
 def names(value: str | list) -> list[str]:

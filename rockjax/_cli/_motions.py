@@ -56,6 +56,8 @@ def motions(
 
     if (tan_alpha is None) != (R is None):
         raise typer.BadParameter("--tan-alpha and --R go together")
+    if tan_alpha is not None and not (tan_alpha > 0 and math.isfinite(tan_alpha)):
+        raise ValueError(f"--tan-alpha: must be finite and > 0, got {tan_alpha:g}")
     podium = None if tan_alpha is None or R is None else Podium(math.atan(tan_alpha), R)
     wanted = numbers("periods", periods)
     found = read(paths, units and units.value, dt, component, pattern)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from ._given import Given, names
+from ._given import Given, ascending, names
 from ._options import GRID, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume, Rtol
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
@@ -65,7 +66,9 @@ def overturning(
     podiums, ratios, periods, zeta = given.panels(structure)
     search = given.settings(search)
     parameters, end = names(search.sensitivities), search.max_acceleration_ratio
-    x, pulse = np.linspace(*search.frequency_ratio, search.points), PULSES[search.pulse]
+    x, pulse = np.linspace(*ascending("--frequency", search.frequency_ratio), search.points), PULSES[search.pulse]
+    if not (end > 0 and math.isfinite(end)):
+        raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")
     options = given.options(accuracy)
     found: list = _partial.load(_partial.path_of(output), len(podiums)) if resume else [None] * len(podiums)
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")

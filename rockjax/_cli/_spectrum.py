@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from ._given import Given
+from ._given import Given, ascending
 from ._options import GRID, Accuracy, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
@@ -57,7 +57,8 @@ def spectrum(
     options = given.options(accuracy, outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
-    x, y = np.linspace(*grid.frequency_ratio, grid.points), np.linspace(*grid.acceleration_ratio, grid.points)
+    x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
+    y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
     report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
     known = _partial.load(_partial.path_of(output), len(podiums)) if resume else None
