@@ -58,9 +58,9 @@ class Explorer:
         self.sliders = {name: _slider(name, self._grids[name], *now[name]) for name in vary}
         self._text = ipywidgets.HTML()
         self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
-        left = ipywidgets.VBox([*self.sliders.values(), self._text], layout={"flex": "0 0 22em"})
+        left = ipywidgets.VBox([*self.sliders.values(), self._text], layout={"flex": "0 0 25em", "overflow": "hidden"})
         right = ipywidgets.Box(
-            [self._image], layout={"flex": "1 1 0", "min_width": "0", "max_width": f"{_WIDTH * _DPI:.0f}px"}
+            [self._image], layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"}
         )
         self.widget = ipywidgets.HBox([left, right], layout={"align_items": "flex-start"})
         self._first = self._solved()
@@ -318,10 +318,12 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     def number(peak: rj.Peak, field: str, factor: float) -> str:
         return f"{factor * float(getattr(peak, field)):.3g}"
 
-    rows = [f"<td>{name}</td>" + "".join(f"<td>{number(p, *of)}</td>" for p in (first, now)) for name, of in _ROWS.items()]
-    ends = "".join(f"<td>{_end(peak)}</td>" for peak in (first, now))
-    lines = ["<th></th><th>at first</th><th>now</th>", *rows, f"<td>the scene</td>{ends}"]
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+    rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in _ROWS.items()]
+    rows += [("the scene", _end(first), _end(now))]
+    cell = '<td style="padding: 1px 6px; text-align: left">'
+    head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
+    lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
+    return '<table style="line-height: 1.4">' + "".join(f"<tr>{line}</tr>" for line in (head, *lines)) + "</table>"
 
 
 def _end(peak: rj.Peak) -> str:

@@ -36,7 +36,8 @@ import rockjax as rj
 from rockjax._problem import Reader, load_table
 from rockjax._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
 
-from ._design import Design, design
+from ._answer import Design
+from ._design import design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._report import problem
 from ._targets import (

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from ._pulses import PULSES
+from ._excitations.pulses import PULSES
 
 # Everything that a file may hold: one file can serve all commands.
 DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")
