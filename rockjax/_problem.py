@@ -205,8 +205,9 @@ class Reader:
     def options(self, table: Mapping[str, Any], **changes) -> Options:
         """The options of a file; `changes` are what it need not say."""
         given = self.typed(table.get("options", {}), "options", OPTIONS)
+        chosen: dict[str, Any] = {"throw": False} | changes | given
         with self.at("options"):
-            return Options(**({"throw": False} | changes | given))
+            return Options(**chosen)
 
     def numbers(self, value, key: str) -> np.ndarray:
         if not ONE_OR_MORE.holds(value):

@@ -80,7 +80,8 @@ def _account(peak: AbstractPeak) -> tuple[str, Rows]:
     if peak.overturned:
         rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
     rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
-    rows.append(("impacts", f"{int(peak.impacts)}"))
+    uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
+    rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
     rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))

@@ -93,7 +93,8 @@ class AbstractPeak(eqx.Module):
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
     - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until the scene ended
+    - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that, because what was
+      wanted stood (ask for the output `"impacts"`, or for a history)
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
     - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
@@ -111,7 +112,7 @@ class AbstractPeak(eqx.Module):
     overturn_time: Float[Array, "*batch"]
     uplifted: Bool[Array, "*batch"]
     uplift_time: Float[Array, "*batch"]
-    impacts: Int[Array, "*batch"]
+    impacts: Float[Array, "*batch"]
     peak_deformation: Float[Array, "*batch"]
     peak_shear: Float[Array, "*batch"]
     margin: Float[Array, "*batch"]

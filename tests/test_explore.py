@@ -59,7 +59,7 @@ def test_what_is_given_is_computed_until_a_slider_is_moved():
     # Moved, and back again.
     study.sliders["a_p"].set_state({"value": 0.5 + 27 * 0.1})
     assert study.values["a_p"] == 3.2
-    study.sliders["a_p"].set_state({"value": 3.2001 + 1e-9})
+    study.sliders["a_p"].set_state({"value": 3.2001 + 1e-13})
     assert study.values == given
 
 

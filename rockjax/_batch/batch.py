@@ -118,8 +118,8 @@ def responses(
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
-        raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
-    return Peak(**fields(floats, integers), errors=doubt)
+        raise Interrupted(message, Peak(**fields(floats, integers, options), errors=doubt))
+    return Peak(**fields(floats, integers, options), errors=doubt)
 
 
 class Tally(NamedTuple):

@@ -29,7 +29,7 @@ VARIABLES = {
     "overturn_time": ("s", "time of overturning", None),
     "uplifted": ("1", "columns left full contact", None),
     "uplift_time": ("s", "time of the first uplift", None),
-    "impacts": ("1", "impacts until the scene ended", None),
+    "impacts": ("1", "impacts until rest, overturning or t_end, NaN where not counted to the end", None),
     "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
     "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
     "margin": ("1", "overturning margin", "margin"),

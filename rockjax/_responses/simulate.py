@@ -42,7 +42,9 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
+    if options.throw:
+        raise_without_answer(integers["code"])
+    return Peak(**fields(floats, integers, options), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
@@ -73,8 +75,10 @@ def simulate(
         used = int(count)
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
+    if options.throw:
+        raise_without_answer(integers["code"])
     return Response(
-        **fields(floats, integers, options.throw),
+        **fields(floats, integers, options, history=True),
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
@@ -100,11 +104,8 @@ def _errors(arguments, floats, integers) -> Errors | None:
     return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
 
 
-def fields(floats, integers, throw: bool = False) -> dict:
+def fields(floats, integers, options: Options, history: bool = False) -> dict:
     """The fields of a `Peak` from the answers of its lanes."""
-    code = integers["code"]
-    if throw:
-        raise_without_answer(code)
     stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
     names = (
         "peak_rotation",
@@ -116,13 +117,30 @@ def fields(floats, integers, throw: bool = False) -> dict:
         "margin",
         "smallest_impact_speed",
     )
-    flags = ("exceeded_alpha", "overturned", "uplifted", "impacts")
+    flags = ("exceeded_alpha", "overturned", "uplifted")
     return {
         **{name: floats[name] for name in names},
         **{name: integers[name] for name in flags},
-        "result": results.named(code),
+        "impacts": _impacts(floats, integers, options, history),
+        "result": results.named(integers["code"]),
         "stats": stats,
     }
+
+
+def _impacts(floats, integers, options: Options, history: bool):
+    """The number of impacts, NaN where the scene ended before it stood.
+
+    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a history goes
+    on to rest, or where the columns never lift: they cannot any more without a change of rotation and margin.
+    """
+    code, count = integers["code"], integers["impacts"]
+    stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
+    if history or "impacts" in options.outputs:
+        stands |= code == results.SETTLED
+    elif {"peak_rotation", "margin"} & set(options.outputs):
+        stands |= (code == results.SETTLED) & ~integers["uplifted"]
+    numpy = np if isinstance(count, np.ndarray) else jnp
+    return numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
 
 
 def raise_without_answer(code: Array) -> None:
