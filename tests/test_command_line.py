@@ -21,7 +21,7 @@ from rockjax._cli import app, main
 
 from .scenes import Stops
 
-PROBLEMS = Path(__file__).parent.parent / "docs" / "problems"
+PROBLEMS = Path(__file__).parent.parent / "rockjax" / "examples"
 
 RUN = CliRunner()
 

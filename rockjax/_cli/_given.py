@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import typer
 
-from ._options import Accuracy, Column, Motion, Panels
+from ._options import EXAMPLES, Accuracy, Column, Motion, Panels
 from ._run import Flags
 
 if TYPE_CHECKING:
@@ -56,6 +56,17 @@ def names(value: str | list) -> list[str]:
 
 def component(value: str | None) -> int | str | None:
     return int(value) if value is not None and value.isdecimal() else value
+
+
+def problem_file(problem: Path | None, example: str | None) -> Path | None:
+    """The problem file that is meant: one of the user's, or one that comes with rockjax. Raises `ValueError` for both."""
+    if example is None:
+        return problem
+    if problem is not None:
+        raise ValueError(f"--example: stands for a problem file; {problem} is one already")
+    if example not in EXAMPLES:
+        raise ValueError(f"--example: must be one of {', '.join(EXAMPLES)}, got {example!r}")
+    return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
 class Given:

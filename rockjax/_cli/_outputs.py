@@ -33,12 +33,12 @@ class Outputs(NamedTuple):
         return self
 
 
-def outputs(output: Path, name: str) -> Outputs:
+def outputs(text: str, name: str) -> Outputs:
     """What `--output` means: an existing folder, or one that ends in a slash, is to hold files called `name`.
 
     The suffix of a picture is the format of all pictures. Raises `ValueError` for suffixes that are not written.
     """
-    text = os.fspath(output)
+    output = Path(text)
     if output.is_dir() or text.endswith(("/", os.sep)):
         return Outputs(output / name)
     suffix = output.suffix.lower()
@@ -50,6 +50,17 @@ def outputs(output: Path, name: str) -> Outputs:
     if suffix in PICTURES:
         return Outputs(output.with_suffix(""), suffix)
     return Outputs(output.with_suffix("") if suffix in DATA else output)
+
+
+def store_place(output: Path) -> Path:
+    """The zarr store that `--output` means. Raises `ValueError` and `OSError` where there can be none."""
+    suffix = output.suffix.lower()
+    if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
+        raise ValueError(f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr")
+    if output.is_dir() and any(output.iterdir()) and not (output / "zarr.json").exists():
+        output /= "rockjax-sweep.zarr"
+    require_writable(output / "zarr.json")
+    return output
 
 
 def require_writable(path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._files import CONVENTIONS
 from rockjax._options import OUTPUTS, Options
 from rockjax._results import AbstractPeak
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
@@ -131,6 +132,7 @@ def describe_options(options: Options) -> dict[str, Any]:
         "atol": float(options.atol),
         "overturn_ratio": float(options.overturn_ratio),
         **describe_versions(),
+        "Conventions": CONVENTIONS,
     }
 
 
@@ -148,7 +150,7 @@ def peaks(peak: AbstractPeak) -> xarray.Dataset:
 
     dims = tuple(f"scene_{k}" for k in range(np.ndim(peak.peak_rotation)))
     data = xarray.Dataset({name: (dims, values, attrs) for name, values, attrs in peak_variables(peak, OUTPUTS)})
-    data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions()}
+    data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions(), "Conventions": CONVENTIONS}
     return data
 
 
