@@ -46,7 +46,7 @@ class Explorer:
     - `picture`: the picture, as PNG with two pixels for each of the screen's points
     """
 
-    def __init__(self, structure, excitation, vary, options):
+    def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
         import ipywidgets
 
         self._study = _Study(numbers_as_arrays(structure), excitation, tuple(vary))

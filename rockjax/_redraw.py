@@ -111,8 +111,8 @@ def redraw(
 ) -> list[Path]:
     """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without its ending.
 
-    `suffix`: the format of the pictures; `names`: which pictures; by default those that the command which made the file draws. Raises `ValueError` for files that
-    are not rockjax's and for pictures that they do not have.
+    `suffix`: the format of the pictures; `names`: which, by default those that the command which made the file draws. Raises
+    `ValueError` for files that are not rockjax's and for pictures that they do not have.
     """
     data = load(path)
     groups = _groups(path)

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
+from rockjax._batch.memory import BYTES, require_memory
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -101,6 +102,7 @@ def responses(
             "segments engine"
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
+    require_memory("peak_responses", scenes.total, (2 if "errors" in options.outputs else 1) * BYTES)
     who = crew("peak_responses", devices, threads)
     solutions = [drive(scenes, options, progress, stop, who)[:2]]
     if "errors" in options.outputs and not stop.is_set():

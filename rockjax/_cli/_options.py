@@ -50,14 +50,14 @@ Example = Annotated[
         autocompletion=lambda: list(EXAMPLES),
     ),
 ]
-Output = Annotated[  # a text: a slash at its end says something
-    str,
+Output = Annotated[
+    str,  # a slash at its end says something
     option(
         "--output",
         "-o",
         metavar="PATH",
         panel=OUTPUT,
-        help="Prefix of the files to write; a folder for them; or a name with the format of the pictures, such as x.pdf.",
+        help="Prefix of the files to write; or a folder for them; or a name with the format of the pictures, as x.pdf.",
     ),
 ]
 Resume = Annotated[bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")]

@@ -52,6 +52,7 @@ def spectrum(
 
     import rockjax as rj
     from rockjax import _partial
+    from rockjax._batch.memory import require_memory
     from rockjax._excitations.pulses import PULSES
 
     to = outputs(output, "rockjax-spectrum").check(("rotation", "overturning"))
@@ -64,6 +65,7 @@ def spectrum(
     x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
     y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
+    require_memory("rockjax spectrum", total)
     report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
     known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
     try:
