@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._batch import memory
 
 from .scenes import PODIUMS, G, elastic, options, shaking
 

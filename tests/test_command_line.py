@@ -321,10 +321,10 @@ def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
     """As `| head -1` does; what is left to say goes nowhere, what is left to write is written."""
     (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
     command = [sys.executable, "-m", "rockjax", *words("motions record.txt --units g --dt 0.1 -o a")]
-    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    running.stdout.close()
-    said = running.stderr.read().decode()
-    assert running.wait(timeout=300) == 0, said
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        running.stdout.close()
+        said = running.stderr.read().decode()
+        assert running.wait(timeout=300) == 0, said
     assert "Broken pipe" not in said
     assert "Traceback" not in said
     assert (tmp_path / "a.nc").exists()
