@@ -57,7 +57,7 @@ def response(
     report.write(to.data(), data)
     report.draw(to.picture(), plots.response(data))
     from rockjax import _results as results
-    from rockjax._responses.datasets import VARIABLES
+    from rockjax._responses.peak import VARIABLES
 
     code = int(results.code_of(history.result))
     wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}

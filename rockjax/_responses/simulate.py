@@ -12,13 +12,13 @@ from rockjax._checks import as_float, concrete, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
-from rockjax._results import Errors, Peak, State, Stats
+from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 
+from .arguments import check_range, check_types
 from .estimate import companion, errors
+from .peak import Peak, peak_fields
 from .response import Response
-
-REST = State()
 
 
 def peak_response(
@@ -42,9 +42,7 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    if options.throw:
-        raise_without_answer(integers["code"])
-    return Peak(**fields(floats, integers, options), errors=_errors(arguments, floats, integers))
+    return Peak(**peak_fields(floats, integers, options, throw=options.throw), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
@@ -75,10 +73,8 @@ def simulate(
         used = int(count)
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
-    if options.throw:
-        raise_without_answer(integers["code"])
     return Response(
-        **fields(floats, integers, options, history=True),
+        **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
@@ -104,59 +100,6 @@ def _errors(arguments, floats, integers) -> Errors | None:
     return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
 
 
-def fields(floats, integers, options: Options, history: bool = False) -> dict:
-    """The fields of a `Peak` from the answers of its lanes."""
-    stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
-    names = (
-        "peak_rotation",
-        "peak_rotation_time",
-        "overturn_time",
-        "uplift_time",
-        "peak_deformation",
-        "peak_shear",
-        "margin",
-        "smallest_impact_speed",
-    )
-    flags = ("exceeded_alpha", "overturned", "uplifted")
-    return {
-        **{name: floats[name] for name in names},
-        **{name: integers[name] for name in flags},
-        "impacts": _impacts(floats, integers, options, history),
-        "result": results.named(integers["code"]),
-        "stats": stats,
-    }
-
-
-def _impacts(floats, integers, options: Options, history: bool):
-    """The number of impacts, NaN where the scene ended before it stood.
-
-    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a history goes
-    on to rest, or where the columns never lift: they cannot any more without a change of rotation and margin.
-    """
-    code, count = integers["code"], integers["impacts"]
-    stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
-    if history or "impacts" in options.outputs:
-        stands |= code == results.SETTLED
-    elif {"peak_rotation", "margin"} & set(options.outputs):
-        stands |= (code == results.SETTLED) & ~integers["uplifted"]
-    numpy = np if isinstance(count, np.ndarray) else jnp
-    return numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
-
-
-def raise_without_answer(code: Array) -> None:
-    """Raise `RuntimeError` if any (concrete) scene ended without an answer, naming the first."""
-    codes = concrete(code)
-    if codes is None:
-        return
-    failed = np.argwhere(codes > results.OVERTURNED)
-    if len(failed):
-        first = tuple(int(k) for k in failed[0])
-        name = results.NAMES[int(codes[first])]
-        where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""
-        message = results.RESULTS[getattr(results.RESULTS, name)]
-        raise RuntimeError(f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)")
-
-
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
     """The arguments as arrays, checked where they are concrete."""
     check_types(owner, podium, excitation, options)
@@ -173,27 +116,3 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
         require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
     return podium, excitation, initial, t_end, options
-
-
-def check_types(owner: str, podium, excitation, options) -> None:
-    for name, value, kind in (
-        ("podium", podium, Podium),
-        ("excitation", excitation, AbstractExcitation),
-        ("options", options, Options),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
-    options.check_precision()
-
-
-def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """What can be said of concrete numbers together."""
-    alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
-    if alpha is not None and ratio is not None:
-        limit = float(np.pi / 2 / alpha.max())
-        require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
-    if t_end is None:
-        return
-    start = concrete(excitation.support[0])
-    if start is not None and start.ndim == 0:
-        require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
