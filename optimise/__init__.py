@@ -1,5 +1,7 @@
 """Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is least."""
 
+from rockjax import __version__ as __version__
+
 from ._answer import Design, table
 from ._chart import design_chart, plot_chart
 from ._design import design

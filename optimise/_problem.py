@@ -34,6 +34,7 @@ from typing import Any, NamedTuple
 
 import rockjax as rj
 from rockjax._problem import Reader, load_table
+from rockjax._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
 from rockjax._repr import readable
 
 from ._answer import Design, aligned
@@ -52,6 +53,23 @@ from ._targets import (
 )
 from ._variables import Dimensions, Structure, as_podium, variables
 
+SETTINGS: dict[str, Kind] = {
+    "starts": whole(1),
+    "seed": whole(0),
+    "tolerance": POSITIVE,
+    "max_iterations": whole(1),
+}
+TARGET: dict[str, Kind] = {
+    "limit": POSITIVE,
+    "at_least": POSITIVE,
+    "at_most": POSITIVE,
+    "max_scale": POSITIVE,
+    "max_acceleration_ratio": POSITIVE,
+    "smoothing": POSITIVE,
+    "intensity": POSITIVE,
+    "ratio": TRUTH,
+    "name": TEXT,
+}
 NUMBERS = ("alpha", "R", "gamma", "width", "height")
 WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
 
@@ -128,8 +146,8 @@ class _Reader(Reader):
         super().__init__(path, where, by_dimensions=Dimensions)
 
     def problem(self, table: dict) -> Problem:
-        settings = ("starts", "seed", "tolerance", "max_iterations")
         self.whole(table, ("structure", "vary"))
+        settings = self.entries(table, "", SETTINGS)
         structure = self.structure(table["structure"])
         podium = as_podium(structure)
         motions = self.motions(table.get("motions", {}), podium)
@@ -146,8 +164,7 @@ class _Reader(Reader):
         minimise = self.minimise(table["minimise"], motions) if "minimise" in table else None
         if minimise is None and not targets:
             self.fail("targets", "nothing to do: give [minimise], [[targets]] or both")
-        chosen = {name: table[name] for name in settings if name in table}
-        return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, chosen, motions)
+        return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions)
 
     def minimise(self, value, motions: dict):
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
@@ -185,6 +202,7 @@ class _Reader(Reader):
             self.fail(f"{key}.kind", f"must be one of {', '.join(kinds)}, got {entry['kind']!r}")
         kind, needed, optional = kinds[entry["kind"]]
         self.table(entry, key, ("kind", *needed), (*optional, "name"))
+        self.entries(entry, key, TARGET)
         numbers = {
             name: value
             for name, value in entry.items()

@@ -34,6 +34,8 @@ def concrete(x) -> np.ndarray | None:
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
+    if isinstance(x, str | bytes):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
     value = concrete(x)
     if value is None:
         return

@@ -51,7 +51,10 @@ def own_motion(kind: str):
     count = 16
     if kind in ("kink", "jump"):
         # A sample on the impact: in the middle of the record, or its last, after which the ground is at rest.
-        samples = {"kink": np.r_[np.full(count, 0.5), 0.5 + 1.5 * np.sin(np.linspace(0, 6, count))], "jump": np.full(17, 0.3)}
+        samples = {
+            "kink": np.r_[np.full(count, 0.5), 0.5 + 1.5 * np.sin(np.linspace(0, 6, count))],
+            "jump": np.full(17, 0.3),
+        }
         return lambda y, time: rj.Record(samples[kind], time / count * y[5], y[3])
     share = {"HalfSine": 2.0}.get(kind, 1.0)
     return lambda y, time: getattr(rj, kind)(0.4 * y[3], share * time * y[5])

@@ -556,7 +556,7 @@ def test_a_file_is_the_problem_it_says(folder):
     ("old", "new", "words"),
     [
         ("R = 1.5", "", r"structure: R is missing"),
-        ("R = 1.5", "R = -1.5", r"structure: Podium: R must be finite and > 0"),
+        ("R = 1.5", "R = -1.5", r"structure\.R: must be a number > 0"),
         ("R = 1.5", "radius = 1.5", r"structure\.radius: is not known"),
         ("tan_alpha = 0.15", "", r"needs alpha or tan_alpha"),
         ("alpha = [0.1, 0.4]", "beta = [0.1, 0.4]", r"vary: .*names 'beta'"),

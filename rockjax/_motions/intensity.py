@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockjax._files import CONVENTIONS
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
 from .accelerogram import Accelerogram
@@ -138,7 +139,7 @@ def intensity_measures(
     data = xarray.Dataset(
         {name: (dims, put(values), {"units": unit, "long_name": words}) for name, (unit, words, values) in columns.items()},
         coords={"motion": (dims, put([m.name for m in motions])), "period": ("period", T, {"units": "s"})},
-        attrs={"title": "Intensity measures", **attrs},
+        attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )
     spectra = [[spectral_acceleration(m, float(period), damping) for period in T] for m in motions]
     shape = (len(motions), len(T)) if several else (len(T),)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax._batch.memory import readable_bytes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
@@ -171,8 +172,8 @@ class SweepPlan:
             ("chunks", f"{self.chunks}, each {of_chunk}"),
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
             ("time", f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)"),
-            ("memory", f"{_bytes(self.memory)} in each process"),
-            ("disk", f"up to {_bytes(self.disk)} in {self.store}"),
+            ("memory", f"{readable_bytes(self.memory)} in each process"),
+            ("disk", f"up to {readable_bytes(self.disk)} in {self.store}"),
         ]
         return "\n".join(["SweepPlan", *(f"  {label:<8} {value}" for label, value in rows)])
 
@@ -182,13 +183,6 @@ def _duration(seconds: float) -> str:
         if seconds >= 2 * length:
             return f"{seconds / length:.3g} {unit}"
     return f"{seconds:.3g} s"
-
-
-def _bytes(number: float) -> str:
-    for unit, size in (("GiB", 2**30), ("MiB", 2**20)):
-        if number >= size:
-            return f"{number / size:.3g} {unit}"
-    return f"{number / 2**10:.3g} KiB"
 
 
 def _plan(study: Study, layout: Layout, pilot: Pilot, found: Store | None, where: Here | There, path: str) -> SweepPlan:
