@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax._account import readable
+from rockjax._repr import readable
 
 from . import _variables
 from ._objectives import AbstractObjective
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ._design import Design
+    from ._answer import Design
     from ._problem import Problem
 
 

@@ -1,0 +1,294 @@
+"""The overturning boundary of a podium: the least scale of a ground motion that overturns it, with derivatives.
+
+Survival is not monotone in the amplitude, and under a record windows of overturning may be as narrow as 1e-4 of the range
+with nothing beside them that would tell. So scales are looked at from below, as close to each other as the narrowest
+window that must not be missed, up to the first that overturns; that change is narrowed down by dividing its bracket.
+Where all numbers are known the scenes go through the batch path on all cores; under `jit` they are rows of one loop.
+
+Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the boundary. M
+passes through zero with a slope, so this is well conditioned though the trajectory lingers at the saddle.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from rockjax import _results as results
+from rockjax._checks import as_float, concrete, require
+from rockjax._engine.scene import Value
+from rockjax._engine.solve import solve
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.record import Record
+from rockjax._motions.records import Records
+from rockjax._options import Options
+from rockjax._responses.simulate import REST, check_range, check_types
+from rockjax._structures import Podium
+
+from .crossings import scan
+from .first import WIDTH, First, first_boundary
+from .verdict import NARROWEST, boundary_residual, has_margin, looking, margin_options, signed_margin
+
+BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # a boundary is as sharp as the scenes that find it
+SPACING = 0.95  # of the width: a tolerance may move the ends of a window
+PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
+ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin this low: another branch is about to take over
+
+
+class Boundary(eqx.Module):
+    """Where a ground motion begins to overturn a podium.
+
+    - `scale`: the least factor of the motion that overturns, inf where none in the range does; differentiable, with
+      derivative zero where it is inf [–]
+    - `found`: whether there is one
+    - `impacts`: before overturning, just past the boundary
+    - `dip`: the least overturning margin at a surviving scale below the boundary where the margin has a minimum, 1
+      without any: how far another branch of lower scales is from opening
+    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative holds to one side
+    - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been found: the
+      `width` asked for times `max_scale`, more where scenes ended without an answer [–]
+    """
+
+    scale: Float[Array, "*batch"]
+    found: Bool[Array, "*batch"]
+    impacts: Int[Array, "*batch"]
+    dip: Float[Array, "*batch"]
+    one_sided: Bool[Array, "*batch"]
+    certain_width: Float[Array, "*batch"]
+
+    def __repr__(self):
+        if isinstance(self.scale, Tracer) or jnp.ndim(self.scale):
+            return f"Boundary(of shape {jnp.shape(self.scale)})"
+        if not self.found:
+            return f"Boundary: nothing overturns; least dip of the margin {float(self.dip):.3g}"
+        side = ", one-sided: the minimum is about to jump" if self.one_sided else ""
+        after = f"after {int(self.impacts)} impacts"
+        below = f"dip below {float(self.dip):.3g}{side}; no window wider than {float(self.certain_width):.2g} below"
+        return f"Boundary: overturns from {float(self.scale):.10g} {after}; {below}"
+
+
+def overturning_acceleration(
+    podium: Podium,
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    T_p,
+    *,
+    max_acceleration_ratio=12.0,
+    options: Options = BOUNDARY,
+    width: float = NARROWEST,
+    resolution: int = 128,
+) -> Value:
+    """The least pulse acceleration a_p that overturns a podium [m/s²], inf where none up to the limit does.
+
+    Works under `jit`, `vmap`, `grad`, `jacfwd` with respect to every number of `podium` and to `T_p`; the derivative is
+    exact on its branch, and zero where the result is inf. [`rockjax.overturning_boundary`][] says more about the result.
+
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with a_p
+    - `T_p`: pulse period, > 0 [s]
+    - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
+    - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
+
+    Raises `ValueError` for inputs that make no sense, where they are concrete.
+    """
+    require("overturning_acceleration", "T_p", T_p, lambda v: v > 0, "finite and > 0")
+    positive_limit("overturning_acceleration", "max_acceleration_ratio", max_acceleration_ratio)
+    limit = as_float(max_acceleration_ratio) * podium.g * jnp.tan(podium.alpha)
+    motion = pulse(1.0, T_p)
+    return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
+
+
+def overturning_scale(
+    podium: Podium,
+    excitation: AbstractExcitation,
+    *,
+    max_scale: Float[ArrayLike, ""] = 10.0,
+    options: Options = BOUNDARY,
+    width: float = NARROWEST,
+    resolution: int = 128,
+) -> Value:
+    """The least factor of a ground motion that overturns a podium [–]: `scale` of [`rockjax.overturning_boundary`][]."""
+    return overturning_boundary(
+        podium, excitation, max_scale=max_scale, options=options, width=width, resolution=resolution
+    ).scale
+
+
+def overturning_boundary(
+    podium: Podium,
+    excitation: AbstractExcitation,
+    *,
+    max_scale: Float[ArrayLike, ""] = 10.0,
+    options: Options = BOUNDARY,
+    width: float = NARROWEST,
+    resolution: int = 128,
+) -> Boundary:
+    """The least factor in (0, max_scale] by which a ground motion overturns a podium, with what is around it.
+
+    Works under `jit` and `vmap`; `scale` has derivatives with respect to every number of `podium` and `excitation`.
+    `options.overturn_ratio` decides what overturned means; above 1 there is no margin, the dips are those of the peak
+    rotation, and the derivative is that of the time of overturning.
+
+    - `width`: every interval of overturning scales below the boundary that is wider than this share of `max_scale` is
+      found, in (0, 0.1]. So many scales are looked at from the first that lifts the columns up to the boundary: a
+      `max_scale` far above it costs little, a range in which nothing overturns up to 1/`width` scenes
+    - `resolution`: at least so many scales in the range, however wide `width` is
+
+    Raises `ValueError` for inputs that make no sense, where they are concrete.
+    """
+    owner = "overturning_boundary"
+    check_types(owner, podium, excitation, options)
+    check_range(owner, podium, excitation, None, options)
+    positive_limit(owner, "max_scale", max_scale)
+    check_search(owner, width, resolution)
+    if any(map(jnp.ndim, (*jax.tree.leaves(podium), *excitation.support, max_scale))):
+        raise ValueError(
+            f"{owner}: podium, excitation and its end must be single ones; for several use jax.vmap, or "
+            f"rockjax.overturning_spectrum for all frequencies of a pulse"
+        )
+    excitation.scaled(1.0)  # raises for a motion that cannot be
+    return _boundary(podium, excitation, as_float(max_scale), options, min(width, 1 / resolution), has_margin(options))
+
+
+def check_search(owner: str, width, resolution) -> None:
+    """Raise `ValueError`, in the name of `owner`, for a search that cannot be."""
+    require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
+    if concrete(width) is None or np.ndim(width):
+        raise ValueError(f"{owner}: width must be a number that is known, got {width!r}")
+    if not isinstance(resolution, int) or resolution < WIDTH:
+        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+
+
+def positive_limit(owner: str, name: str, value) -> None:
+    require(owner, name, value, lambda v: v > 0, "finite and > 0")
+
+
+def _boundary(podium: Podium, excitation, limit, options: Options, width: float, margin: bool) -> Boundary:
+    leaves, structure = jax.tree.flatten((podium, excitation, limit, options))
+    search = _searched(structure, width, margin)
+
+    def rule(primals, tangents):
+        first = search(*primals)
+        live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
+        moving = [tangent for tangent, moves in zip(tangents, live, strict=True) if moves]
+        change = _implicit(list(primals), moving, first.scale, structure, live, margin)
+        none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
+        zero = jnp.zeros_like(first.scale)
+        return first, First(change, zero, zero, none)
+
+    found = jax.custom_jvp(search)
+    found.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
+    first = found(*leaves)
+    low = first.dip < ONE_SIDED_BELOW
+    return Boundary(first.scale, jnp.isfinite(first.scale), first.impacts, first.dip, low, first.certain)
+
+
+def _searched(structure, width: float, margin: bool) -> Callable[..., First]:
+    """The search as a function of all numbers; on the host where they are known, single or mapped over."""
+
+    @jax.custom_batching.custom_vmap
+    def program(*leaves):
+        return _in_program(leaves, width, structure, margin)
+
+    @program.def_vmap
+    def _(count, mapped, *leaves):
+        common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))  # options
+        if common and not _traced(leaves):
+            rows = [y if own else jnp.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)]
+            return _on_host(rows, count, structure, width, margin), First(True, True, True, True)
+        axes = [0 if own else None for own in mapped]
+        first = jax.vmap(lambda *leaves: _in_program(leaves, width, structure, margin), axes)(*leaves)
+        return first, First(True, True, True, True)
+
+    def search(*leaves):
+        if _traced(leaves):
+            return program(*leaves)
+        first = _on_host([jnp.asarray(y)[None] for y in leaves], 1, structure, width, margin)
+        return jax.tree.map(lambda y: y[0], first)
+
+    return search
+
+
+def _traced(leaves) -> bool:
+    return any(isinstance(y, Tracer) for y in leaves)
+
+
+def _on_host(rows: list, count: int, structure, width: float, margin: bool) -> First:
+    """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each search."""
+    rows = [np.asarray(y) for y in rows]
+    podium, excitation, limit, options = jax.tree.unflatten(structure, rows)
+    limits = np.broadcast_to(limit, count)
+
+    def plane(line, part):
+        of_each = lambda y: y[0] if y.shape[0] == 1 else y[np.asarray(line, np.int32)]
+        motion = _picked(excitation, np.asarray(line, np.int32), of_each)
+        return jax.tree.map(of_each, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
+
+    options = jax.tree.map(lambda y: y[0], options)
+    found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, look_closer="first", width=width)
+    first, impacts = (y[:, 0] for y in found.crossings.table(count))
+    scale = np.where(np.isnan(first), np.inf, first) * limits
+    kind = jnp.result_type(float)
+    scale, dip, certain = (jnp.asarray(y, kind) for y in (scale, found.dip, found.certain * limits))
+    return First(scale, dip, certain, jnp.maximum(impacts, 0))
+
+
+def _picked(excitation, line: np.ndarray, of_each) -> Any:
+    """The motions of scenes of these searches; the samples of many records stay in one table."""
+    if isinstance(excitation, Record) and excitation.acceleration.shape[0] > 1:
+        one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
+        dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
+        counts = jnp.full(len(dt), excitation.acceleration.shape[1], jnp.int32)
+        return Records(excitation.acceleration, counts, jnp.asarray(dt), jnp.asarray(start), line, scale[line])
+    return jax.tree.map(of_each, excitation)
+
+
+@functools.partial(jax.jit, static_argnames=("structure", "margin"))
+def _in_program(leaves, width, structure, margin: bool) -> First:
+    podium, excitation, limit, options = jax.tree.unflatten(structure, leaves)
+    wanted = margin_options(options, margin)
+    loose = looking(wanted, width)
+
+    def row(scales, sharp):
+        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), wanted, loose)
+
+        def one(scale):
+            (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)
+            value = signed_margin(floats, integers["overturned"], options.overturn_ratio, margin)
+            return jnp.where(integers["code"] > results.OVERTURNED, jnp.nan, value), integers["impacts"]
+
+        return jax.vmap(one)(scales)
+
+    return first_boundary(row, limit, SPACING * width * limit)
+
+
+@functools.partial(jax.jit, static_argnames=("structure", "live", "margin"))
+def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
+    """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
+    found = jnp.isfinite(scale)
+    places = [k for k, moves in enumerate(live) if moves]
+    limit = jax.tree.unflatten(structure, leaves)[2]
+    past = jnp.where(found, scale * (1 + PAST), limit)
+
+    def residual(scale, *values):
+        numbers = list(leaves)
+        for k, value in zip(places, values, strict=True):
+            numbers[k] = value
+        podium, excitation, _, options = jax.tree.unflatten(structure, numbers)
+        wanted = margin_options(options, margin)
+        (floats, _), _ = solve(podium, excitation.scaled(scale), REST, None, wanted)
+        return boundary_residual(floats, margin)
+
+    point = tuple(leaves[k] for k in places)
+    _, along = jax.linearize(residual, past, *point)
+    slope = along(jnp.ones_like(past), *(jnp.zeros_like(y) for y in point))
+    change = along(jnp.zeros_like(past), *moving)
+    usable = found & (slope != 0) & jnp.isfinite(slope)
+    weight = jnp.where(usable, -1 / jnp.where(usable, slope, 1.0), 0.0)
+    return weight * jnp.where(usable, change, 0.0)
