@@ -19,8 +19,8 @@ import numpy as np
 from jax import Array
 
 WIDTH = 32  # scenes side by side
-DIPS = 4  # the lowest dips that are looked at closer …
-ZOOMS = 3  # … in so many rows
+DIPS = 16  # the lowest dips that are looked at closer …
+ZOOMS = 7  # … so many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
 NARROW = 12  # … or this many divisions of it, whatever comes first
 
