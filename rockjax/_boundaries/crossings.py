@@ -15,7 +15,7 @@ from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
 
-from .first import CLOSE, DIPS, NARROW, WIDTH, ZOOMS, divisions
+from .first import CLOSE, DIPS, NARROW, ZOOMS, divisions
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
@@ -267,11 +267,8 @@ def _around_dips(known: _Known) -> tuple[np.ndarray, np.ndarray]:
     order = np.lexsort((depth, known.line[here]))
     line = known.line[here[order]]
     here = here[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
-    count = WIDTH // DIPS // 2
-    part = np.arange(1, count + 1) / (count + 1)
-    left, middle, right = (known.y[here + k, None] for k in (-1, 0, 1))
-    places = np.concatenate([left + (middle - left) * part, middle + (right - middle) * part], axis=1)
-    return np.repeat(known.line[here], 2 * count), places.ravel()
+    sides = np.concatenate([known.y[here - 1] + known.y[here], known.y[here] + known.y[here + 1]])
+    return np.tile(known.line[here], 2), 0.5 * sides
 
 
 def _dip(known: _Known) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 
 WIDTH = 32  # scenes side by side
-DIPS = 16  # the lowest dips that are looked at closer …
+DIPS = WIDTH // 2  # the lowest dips that are looked at closer, on both sides …
 ZOOMS = 7  # … so many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
 NARROW = 12  # … or this many divisions of it, whatever comes first
@@ -157,9 +157,7 @@ def _confirmed(state: _State, scales: Array, margin: Array, impacts: Array, limi
 
 
 def _dip_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    part = jnp.arange(1, WIDTH // DIPS // 2 + 1) / (WIDTH // DIPS // 2 + 1)
-    left, here, right = (state.dips[:, k, None] for k in range(3))
-    return jnp.concatenate([left + (here - left) * part, here + (right - here) * part], axis=1).ravel()
+    return (0.5 * (state.dips[:, :2] + state.dips[:, 1:])).ravel()
 
 
 def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -176,7 +174,7 @@ def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: 
     order = jnp.argsort(around, axis=1)
     around, levels = (jnp.take_along_axis(y, order, axis=1) for y in (around, levels))
     deepest = jnp.argmin(jnp.where(levels[:, 1:-1] > 0, levels[:, 1:-1], 1.0), axis=1)
-    three = deepest[:, None] + jnp.arange(3)
+    three = jnp.stack([deepest, deepest + 1, deepest + 2], axis=1)
     rounds = state.rounds + 1
     return state._replace(
         stage=jnp.where(rounds == ZOOMS, NARROWING, ZOOM),
