@@ -25,14 +25,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import as_float, concrete, require
-from rockjax._engine.scene import Value
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
-from rockjax._responses.simulate import REST, check_range, check_types
+from rockjax._responses.arguments import check_range, check_types
+from rockjax._results import REST
 from rockjax._structures import Podium
+from rockjax._types import Value
 
 from .crossings import scan
 from .first import WIDTH, First, first_boundary
