@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from rockjax import _results as results
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import as_float, check_dtype, concrete, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -165,6 +165,7 @@ def check_types(owner: str, podium, excitation, options) -> None:
     ):
         if not isinstance(value, kind):
             raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
+        check_dtype(owner, name, value)
     options.check_precision()
 
 
