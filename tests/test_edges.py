@@ -241,6 +241,37 @@ def test_float32_on_purpose():
     assert float(peak.peak_rotation) == pytest.approx(0.458271, abs=2e-4)
 
 
+def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
+    """Made with float64 and used without it, or the other way round: all entrances say which and what to do."""
+    switched = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64
+    make = lambda: (rj.Podium(alpha=ALPHA, R=1.5), rj.Ricker(3.0, 1.0), rj.Record(np.sin(np.arange(50)), 0.02))
+    loose = rj.Options(rtol=1e-4, atol=1e-5)
+
+    def entrances(podium, motion):
+        yield lambda: rj.peak_response(podium, motion, options=loose)
+        yield lambda: rj.simulate(podium, motion, options=loose)
+        yield lambda: rj.peak_responses(podium, motion, options=loose)
+        yield lambda: rj.overturning_boundary(podium, motion, max_scale=4.0, options=loose)
+        yield lambda: jax.jit(rj.peak_response)(podium, motion, options=loose)
+        yield lambda: rj.sweep(podium, motion, store=tmp_path / "a.zarr", options=loose, progress=False)
+
+    def refused(podium, motion, words):
+        for call in entrances(podium, motion):
+            with pytest.raises(ValueError, match=words):
+                call()
+
+    podium, ricker, record = make()
+    with switched(False):
+        single = make()
+        refused(podium, single[1], r"podium holds float64 numbers, but jax_enable_x64 is off here.*create the podium")
+        for motion in (ricker, record):
+            refused(single[0], motion, r"excitation holds float64 numbers, but jax_enable_x64 is off here")
+    refused(
+        single[0], ricker, r"podium holds float32 numbers, but jax_enable_x64 is on here, so that all numbers are float64"
+    )
+    refused(podium, single[2], r"excitation holds float32 numbers")
+
+
 def test_reference_is_itself_right():
     """The independent implementation against the closed form of a free rocking block."""
     podium = rj.Podium(alpha=math.atan(1 / 3), R=math.hypot(0.5, 1.5), g=9.81, restitution=0.85)

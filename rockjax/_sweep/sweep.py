@@ -25,7 +25,7 @@ from rockjax._structures import Podium
 from .chunks import Devices, Job
 from .pilot import Pilot
 from .runners import Bar, Here, There
-from .store import Layout, Row, Store, located, require_zarr
+from .store import Layout, Row, Store, TakenError, located, require_zarr
 from .study import Study, check_same, coords_of, study_of
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def sweep(
         layout = Layout.of(study.shape, size) if found is None else found.layout
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
-        found = _created(store, study, layout, pilot)
+        found = _created(store, study, layout, pilot, chunk)
     job = Job(found.path, found.about["fingerprint"], study.numbers.skeleton, study.options, study.precision)
     todo, solved = _todo(found, progress)
     with Bar(found, todo, solved, progress) as bar:
@@ -112,15 +112,21 @@ def _check_chunk(chunk) -> None:
         raise ValueError(f"sweep: chunk must be a whole number of scenes ≥ 1, got chunk = {chunk!r}")
 
 
-def _created(path, study: Study, layout: Layout, pilot: Pilot) -> Store:
+def _created(path, study: Study, layout: Layout, pilot: Pilot, chunk: int | None) -> Store:
+    """A new store; or, where another client was the first to start this very sweep, that one."""
     import xarray
 
     coords = xarray.Dataset(coords=dict(coords_of(study)))
     fixed = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
     attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **describe_options(study.options)}
-    return Store.create(
-        path, study.about(layout), study.dims, coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
-    )
+    parts = coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
+    try:
+        return Store.create(path, study.about(layout), study.dims, *parts)
+    except TakenError:
+        found = Store.open(path)
+        assert found is not None
+        check_same(found, study, chunk)
+        return found
 
 
 def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
