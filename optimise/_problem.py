@@ -33,9 +33,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import rockjax as rj
-from rockjax._problem import Reader, load_table
-from rockjax._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
-from rockjax._repr import readable
+from rockjax.internal import POSITIVE, TEXT, TRUTH, Kind, Reader, load_table, readable, whole
 
 from ._answer import Design, aligned
 from ._design import design
