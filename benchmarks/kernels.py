@@ -17,10 +17,10 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 import rockjax as rj
-from rockjax._batch import layout
-from rockjax._crews import Devices, _on_mesh
-from rockjax._lanes import idle
-from rockjax._scenes import broadcast
+from rockjax._batch.batch import layout
+from rockjax._batch.executors import Devices, _on_mesh
+from rockjax._batch.lanes import idle
+from rockjax._batch.scenes import broadcast
 
 from .families import family
 from .measure import keep, options, podium, show

@@ -82,7 +82,7 @@ def keep(name: str, rows: list[dict]) -> None:
 
 
 def _cores() -> int:
-    from rockjax._crews import workers
+    from rockjax._batch.executors import workers
 
     return workers()
 

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax._batch import drive
-from rockjax._scenes import broadcast
+from rockjax._batch.batch import drive
+from rockjax._batch.scenes import broadcast
 
 from .families import family
 from .measure import keep, options, podium, show

@@ -14,8 +14,10 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax import _contact, _lanes, _step
-from rockjax._pulses import _PulseOutlook
+from rockjax._batch import lanes as _lanes
+from rockjax._engine import contact as _contact
+from rockjax._engine import step as _step
+from rockjax._excitations.pulses import _PulseOutlook
 
 from .families import PERIODS, Family, family
 from .measure import keep, options, podium, shortest, show

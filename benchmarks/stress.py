@@ -29,8 +29,8 @@ import numpy as np
 from tqdm import tqdm
 
 import rockjax as rj
+from rockjax._engine.scene import default_end
 from rockjax._results import NAMES, code_of
-from rockjax._scene import default_end
 from tests import reference
 
 from .measure import keep, show

@@ -51,7 +51,7 @@ def sweep(scenes: rj.Grid, folder: Path, **more: Any) -> float:
 
 def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
     """The store with its pilot, and nothing solved."""
-    from rockjax._chunks import Job
+    from rockjax._sweep.chunks import Job
 
     solve = Job.solve
 
@@ -69,7 +69,7 @@ def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
 
 def overhead(folder: Path) -> list[dict]:
     """A sweep in this process against the batch path, over the size of its chunks."""
-    from rockjax._store import Store
+    from rockjax._sweep.store import Store
 
     scenes = grid(150, 100)  # 1 500 000
     options = rj.Options(outputs=OUTPUTS)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rockjax as rj
-from rockjax import _model as model
+from rockjax._engine import model
 
 OPTIONS = rj.Options(rtol=1e-10, atol=1e-12, method="dopri8", outputs=("peak_rotation",), history=8192)
 SCENES = 4096  # of one batch: always the same, so that each pulse is compiled once

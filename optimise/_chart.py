@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import rockjax as rj
-from rockjax._boundaries import boundaries
+from rockjax._boundaries.boundaries import boundaries
+from rockjax._boundaries.boundary import BOUNDARY, has_margin
 from rockjax._checks import require
-from rockjax._datasets import describe_options
-from rockjax._overturning import BOUNDARY, has_margin
+from rockjax._responses.datasets import describe_options
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, replaced, variables
 

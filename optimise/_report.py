@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax._account import readable
+from rockjax._repr import readable
 
 from . import _variables
 from ._objectives import AbstractObjective

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax._checks import concrete
-from rockjax._lognormal import fit_capacities
+from rockjax._studies.lognormal import fit_capacities
 
 from ._suite import Margins, Suite
 

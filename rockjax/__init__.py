@@ -15,28 +15,28 @@ import jax as _jax
 if "JAX_ENABLE_X64" not in _os.environ:
     _jax.config.update("jax_enable_x64", True)
 
-from ._batch import peak_responses
-from ._excitations import AbstractExcitation, AbstractOutlook, Rest
-from ._fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
-from ._grid import Grid, grid
-from ._intensity import intensity_measures
-from ._lognormal import Lognormal
-from ._motions import Motion, Motions, RecordWarning
+from ._batch.batch import peak_responses
+from ._boundaries.boundary import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
+from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
+from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
+from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
+from ._motions.intensity import intensity_measures
+from ._motions.motion import Motion, Motions, RecordWarning
+from ._motions.readers import read_motion, read_suite
+from ._motions.record import Record
+from ._motions.records import Records
+from ._motions.synthetic import synthetic_motions
 from ._options import Options
-from ._overturning import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
-from ._overturning_spectrum import overturning_spectrum
-from ._pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
-from ._readers import read_motion, read_suite
-from ._record import Record
-from ._records import Records
-from ._response import Energies, Response
+from ._responses.response import Energies, Response
+from ._responses.simulate import peak_response, simulate
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
-from ._simulate import peak_response, simulate
-from ._spectra import minimum_overturning, rocking_spectra, rocking_spectrum
 from ._structures import Elastic, Podium, Rigid
-from ._sweep import SweepPlan, sweep
-from ._synthetic import synthetic_motions
-from ._wavelets import Gabor, MavroeidisPapageorgiou
+from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+from ._studies.lognormal import Lognormal
+from ._studies.overturning_spectrum import overturning_spectrum
+from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum
+from ._sweep.grid import Grid, grid
+from ._sweep.sweep import SweepPlan, sweep
 
 __version__ = "0.1.0"
 

@@ -86,13 +86,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ._excitations import AbstractExcitation
-from ._motions import Motions
+from ._excitations.base import AbstractExcitation
+from ._excitations.pulses import PULSES, AbstractPulse
+from ._motions.motion import Motions
+from ._motions.readers import read_motion, read_suite
+from ._motions.synthetic import synthetic_motions
 from ._options import Options
-from ._pulses import PULSES, AbstractPulse
-from ._readers import read_motion, read_suite
 from ._structures import Elastic, Podium, Rigid
-from ._synthetic import synthetic_motions
 
 # Everything that a file may hold: one file can serve all commands.
 DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")

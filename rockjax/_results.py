@@ -121,12 +121,12 @@ class AbstractPeak(eqx.Module):
     stats: Stats
 
     def __repr__(self):
-        from ._account import text
+        from ._repr import text
 
         return text(self)
 
     def _repr_html_(self):
-        from ._account import html
+        from ._repr import html
 
         return html(self)
 
@@ -136,6 +136,6 @@ class Peak(AbstractPeak):
 
     def dataset(self) -> xarray.Dataset:
         """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and `long_name`."""
-        from ._datasets import peaks
+        from ._responses.datasets import peaks
 
         return peaks(self)

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._account import readable
 from ._checks import as_float, concrete, not_negative, positive, require
+from ._repr import readable
 
 STANDARD_GRAVITY = 9.80665
 Number = Float[Array, "*batch"]

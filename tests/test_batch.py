@@ -42,8 +42,8 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
     same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
-    monkeypatch.setattr(rj._batch, "LANES", 32)
-    monkeypatch.setattr(rj._batch, "CHUNK", 96)
+    monkeypatch.setattr(rj._batch.batch, "LANES", 32)
+    monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     same(whole, chunks, rtol=1e-6)
     alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10), threads=1)
@@ -119,8 +119,8 @@ class _no_compiles:
 
 def test_lanes_are_busy_and_no_scene_is_lost():
     """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
-    from rockjax._batch import drive
-    from rockjax._scenes import broadcast
+    from rockjax._batch.batch import drive
+    from rockjax._batch.scenes import broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
     for podium in (PODIUMS["rigid"], elastic(0.5)):
@@ -132,7 +132,7 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 
 
 def test_rows_are_stored_once_however_many_scenes_share_them():
-    from rockjax._scenes import broadcast
+    from rockjax._batch.scenes import broadcast
 
     scenes, shape = broadcast("", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None)
     assert shape == (3, 400)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax import _flat, _results
-from rockjax._contact import _combine, _interpolation, glide
-from rockjax._flat import runs
-from rockjax._scene import plan, prepare
-from rockjax._step import step
+from rockjax import _results
+from rockjax._engine import flat as _flat
+from rockjax._engine.contact import _combine, _interpolation, glide
+from rockjax._engine.flat import runs
+from rockjax._engine.scene import plan, prepare
+from rockjax._engine.step import step
 
 from .scenes import PODIUMS, elastic, options, pulse, shaking
 

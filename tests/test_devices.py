@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._batch import layout, responses
-from rockjax._crews import Devices, Threads, _on_mesh, crew
-from rockjax._lanes import idle
-from rockjax._scenes import broadcast
+from rockjax._batch.batch import layout, responses
+from rockjax._batch.executors import Devices, Threads, _on_mesh, crew
+from rockjax._batch.lanes import idle
+from rockjax._batch.scenes import broadcast
 
 from .scenes import PODIUMS, G, elastic, options, shaking
 
@@ -178,7 +178,7 @@ def test_a_default_device_is_where_batches_run(monkeypatch):
     assert isinstance(crew(""), Threads)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend])
-    monkeypatch.setattr(rj._crews, "Devices", list)
+    monkeypatch.setattr(rj._batch.executors, "Devices", list)
     assert crew("") == ["a", "b"]
     assert crew("", threads=2).hosts == 2
     for chosen in (device, "cpu"):
@@ -203,7 +203,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == (64, 1024)
-    monkeypatch.setattr(rj._batch, "ACCELERATOR_NUMBERS", 2**16)
+    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**16)
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 

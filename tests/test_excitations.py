@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import rockjax as rj
-from rockjax._pulses import BETA
+from rockjax._excitations.pulses import BETA
 
 from .scenes import shaking
 

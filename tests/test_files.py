@@ -13,7 +13,8 @@ import pytest
 import xarray
 
 import rockjax as rj
-from rockjax import _batch, _partial
+from rockjax import _partial
+from rockjax._batch import batch as _batch
 from rockjax._files import write_whole
 
 from .scenes import PODIUMS

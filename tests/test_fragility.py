@@ -8,8 +8,8 @@ import scipy.optimize
 import scipy.stats
 
 import rockjax as rj
-from rockjax import _lognormal
-from rockjax._fragility import ENSEMBLE
+from rockjax._studies import lognormal as _lognormal
+from rockjax._studies.fragility import ENSEMBLE
 
 from .scenes import PODIUMS, shaking
 

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import rockjax as rj
-from rockjax import _model as model
+from rockjax._engine import model
 
 from .scenes import shaking
 

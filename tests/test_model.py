@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax import _guard as guard
-from rockjax import _hermite as hermite
-from rockjax import _model as model
-from rockjax._runge_kutta import Step
-from rockjax._scene import after_impact, contact_mode, default_end, plan, prepare
+from rockjax._engine import guard, hermite, model
+from rockjax._engine.runge_kutta import Step
+from rockjax._engine.scene import after_impact, contact_mode, default_end, plan, prepare
 
 from .scenes import PODIUMS, G
 

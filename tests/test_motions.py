@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app
-from rockjax._intensity import spectral_acceleration
-from rockjax._synthetic import Soil, _noise, envelope, spectral_density
+from rockjax._motions.intensity import spectral_acceleration
+from rockjax._motions.synthetic import Soil, _noise, envelope, spectral_density
 
 G = 9.80665
 RUN = CliRunner()

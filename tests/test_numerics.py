@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rockjax import _hermite as hermite
-from rockjax._runge_kutta import step, tableau
-from rockjax._sincos import sincos
+from rockjax._engine import hermite
+from rockjax._engine.runge_kutta import step, tableau
+from rockjax._engine.sincos import sincos
 
 
 def test_sincos_to_rounding():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._crossings import scan
-from rockjax._overturning import BOUNDARY
+from rockjax._boundaries.boundary import BOUNDARY
+from rockjax._boundaries.crossings import scan
 
 from . import reference
 from .scenes import ALPHA, PODIUMS, G, options, shaking

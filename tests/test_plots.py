@@ -13,10 +13,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import rockjax as rj
-from rockjax import _model as model
 from rockjax import _redraw, plots
 from rockjax._cli import app
-from rockjax._datasets import describe_podium, podium_of
+from rockjax._engine import model
+from rockjax._responses.datasets import describe_podium, podium_of
 
 from .scenes import PODIUMS, G, pulse, shaking
 

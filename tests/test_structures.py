@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._model import acceleration, coefficients
+from rockjax._engine.model import acceleration, coefficients
 
 from .scenes import PODIUMS, G
 

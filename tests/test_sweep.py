@@ -18,8 +18,8 @@ import pytest
 import xarray
 
 import rockjax as rj
-from rockjax import _chunks
-from rockjax._store import Layout, Store
+from rockjax._sweep import chunks as _chunks
+from rockjax._sweep.store import Layout, Store
 
 from .scenes import PODIUMS
 

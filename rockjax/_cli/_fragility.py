@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
     import rockjax as rj
-    from rockjax._motions import Motions
+    from rockjax._motions.motion import Motions
 
 HIGHEST = 6.0  # PGA over g tan α: up to there the suite is scaled, where nothing else is said
 STATISTICS = "Statistics"
@@ -129,7 +129,7 @@ def fragility(
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions import distinct
+    from rockjax._motions.motion import distinct
 
     problems = [path for path in inputs or [] if path.suffix.lower() == ".toml"]
     paths = [path for path in inputs or [] if path not in problems]
@@ -176,7 +176,7 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
 
     import rockjax as rj
     from rockjax import plots
-    from rockjax._account import units
+    from rockjax._repr import units
 
     name, of = analysis.attrs["measure"], units(analysis["intensity"].attrs["units"])
     in_units = f" {of}" if of else ""
@@ -230,7 +230,7 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
 
 def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
     """The records that are meant: files, synthetic ones, or a set of the problem file."""
-    from rockjax._synthetic import synthetic_motions
+    from rockjax._motions.synthetic import synthetic_motions
 
     sets = given.reader.sets(given.table.get("motions", {}))
     if paths and suite.synthetic is not None:
@@ -257,7 +257,7 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
-    from rockjax._intensity import measured
+    from rockjax._motions.intensity import measured
 
     name = levels.values()["measure"]
     if name != "Sa" and levels.measure_period is not None:

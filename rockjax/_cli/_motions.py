@@ -13,7 +13,7 @@ from ._options import GRID, MOTION, OUTPUT, STRUCTURE, Component, SamplingInterv
 from ._run import Report, argument, option
 
 if TYPE_CHECKING:
-    from rockjax._motions import Motions
+    from rockjax._motions.motion import Motions
 
 Pattern = Annotated[str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")]
 
@@ -50,8 +50,8 @@ def motions(
     """
     import math
 
-    from rockjax._intensity import intensity_measures
-    from rockjax._motions import aligned
+    from rockjax._motions.intensity import intensity_measures
+    from rockjax._motions.motion import aligned
     from rockjax._structures import STANDARD_GRAVITY, Podium
 
     if (tan_alpha is None) != (R is None):
@@ -90,8 +90,8 @@ def motions(
 
 def read(paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None) -> Motions:
     """Motions of files, folders and tables."""
-    from rockjax._motions import Motions
-    from rockjax._readers import is_table, read_motion, read_suite
+    from rockjax._motions.motion import Motions
+    from rockjax._motions.readers import is_table, read_motion, read_suite
 
     which, found = channel(component), []
     for path in paths:
@@ -137,9 +137,9 @@ def synthetic(
     import csv
     import io
 
+    from rockjax._excitations.wavelets import MavroeidisPapageorgiou
     from rockjax._files import write_whole
-    from rockjax._synthetic import synthetic_motions
-    from rockjax._wavelets import MavroeidisPapageorgiou
+    from rockjax._motions.synthetic import synthetic_motions
 
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
     made = synthetic_motions(

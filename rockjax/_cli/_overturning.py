@@ -58,8 +58,8 @@ def overturning(
 
     import rockjax as rj
     from rockjax import _partial
-    from rockjax._overturning_spectrum import check_overturning_resumes
-    from rockjax._pulses import PULSES
+    from rockjax._excitations.pulses import PULSES
+    from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
     given = Given("overturning", problem, structure, search, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)

@@ -123,7 +123,7 @@ class Report(Flags):
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """The command that a function is: its groups of options as options one by one, and how it ends."""
-    from rockjax._motions import RecordWarning
+    from rockjax._motions.motion import RecordWarning
 
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters.values()

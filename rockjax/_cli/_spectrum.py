@@ -49,7 +49,7 @@ def spectrum(
 
     import rockjax as rj
     from rockjax import _partial
-    from rockjax._pulses import PULSES
+    from rockjax._excitations.pulses import PULSES
 
     given = Given("spectrum", problem, structure, grid, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)

@@ -87,7 +87,7 @@ def sweep(
     """
     prepare(report, pictures=False)
     import rockjax as rj
-    from rockjax._store import require_zarr
+    from rockjax._sweep.store import require_zarr
 
     require_zarr()
     given = Given("sweep", problem, structure, motion, grid, machines, accuracy)

@@ -15,7 +15,7 @@ from matplotlib.patches import Polygon
 
 from rockjax._checks import require
 from rockjax._files import write_whole
-from rockjax._response import Response
+from rockjax._responses.response import Response
 
 from ._histories import TIME, as_history
 from ._style import COLOURS, ROTATION, in_style

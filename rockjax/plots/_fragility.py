@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from rockjax._account import units
+from rockjax._repr import units
 
 from ._style import COLOURS, on_axes
 

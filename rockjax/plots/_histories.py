@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._datasets import podium_of
-from rockjax._model import coefficients, potential
-from rockjax._response import Response
+from rockjax._engine.model import coefficients, potential
+from rockjax._responses.datasets import podium_of
+from rockjax._responses.response import Response
 from rockjax._structures import Elastic, Rigid
 
 from ._style import COLOURS, ROTATION, look, on_axes, styled

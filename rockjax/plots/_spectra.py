@@ -12,7 +12,7 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
-from rockjax._spectra import minimum_overturning
+from rockjax._studies.spectra import minimum_overturning
 
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled
 

@@ -1,0 +1,231 @@
+"""Many scenes at once: lanes that step together and take the next scene as soon as theirs has ended.
+
+A thread per core owns `LANES` lanes and goes on from one chunk of scenes to the next, without waiting for those that are
+still running. Accelerators have lanes by the thousand, each device its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, cast
+
+import jax
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._checks import concrete
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
+from rockjax._responses.estimate import companion, errors
+from rockjax._responses.simulate import REST, check_range, check_types, fields
+from rockjax._results import Interrupted, Peak, State
+from rockjax._structures import Podium
+from rockjax._threads import Pool
+
+from .executors import AbstractCrew, crew
+from .lanes import Done, Layout
+from .scenes import Scenes, broadcast
+
+LANES = 64  # fit the first-level cache, and still fill the vector unit
+CHUNK = 1024  # scenes prepared at once
+
+# An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
+ACCELERATOR_LANES = 1024, 32768  # at least, so that few programs serve all sizes of batches; and at most
+ACCELERATOR_CHUNK = 4  # scenes prepared at once for each lane
+ACCELERATOR_NUMBERS = 2**26  # of all lanes in one array: wide scenes have fewer lanes
+
+_REPORTING = threading.Lock()  # batches side by side may share one progress bar
+
+
+def peak_responses(
+    podiums: Podium,
+    excitations: AbstractExcitation,
+    *,
+    initial: State = REST,
+    t_end=None,
+    options: Options = Options(),
+    progress: Any = False,
+    devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
+    threads: int | None = None,
+) -> Peak:
+    """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
+
+    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast to the shape
+    of the batch (a `Record`'s samples along the last axis are one record). Returns a [`rockjax.Peak`][] of NumPy arrays of
+    that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts them: one scene never
+    costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that holds the answers
+    so far, as soon as the present chunks of scenes are through.
+
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By default a thread
+      on each core where JAX runs on a CPU, else all of `jax.local_devices()`
+    - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with `devices`
+
+    Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
+    """
+    peaks = responses(podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads)
+    warn_of_failures(peaks, stacklevel=3)
+    return peaks
+
+
+def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
+    """A `RuntimeWarning` that counts the scenes without an answer."""
+    codes = np.asarray(results.code_of(peaks.result))
+    failed = codes[codes > results.OVERTURNED]
+    if failed.size:
+        kinds = {results.NAMES[k] for k in np.unique(failed)}
+        message = f"{failed.size} of {codes.size} scenes ended without an answer: {kinds}"
+        warnings.warn(message, RuntimeWarning, stacklevel)
+
+
+def responses(
+    podiums: Podium,
+    excitations: AbstractExcitation,
+    initial: State,
+    t_end,
+    options: Options,
+    progress: Any,
+    stop: threading.Event,
+    devices: Sequence | None = None,
+    threads: int | None = None,
+) -> Peak:
+    """[`peak_responses`][rockjax.peak_responses] that another thread can stop, and that warns of nothing."""
+    check_types("peak_responses", podiums, excitations, options)
+    check_range("peak_responses", podiums, excitations, None, options)
+    if options.engine != "flat":
+        raise ValueError(
+            f"peak_responses: options.engine must be 'flat', got {options.engine!r}; loop over peak_response for the "
+            "segments engine"
+        )
+    scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
+    who = crew("peak_responses", devices, threads)
+    solutions = [drive(scenes, options, progress, stop, who)[:2]]
+    if "errors" in options.outputs and not stop.is_set():
+        solutions.append(drive(scenes, companion(options), False, stop, who)[:2])
+    if stop.is_set() and not all(floats for floats, _ in solutions):
+        raise Interrupted("stopped before any scene had ended", None)
+    if len(solutions) > 1:
+        (_, first), (_, second) = solutions
+        first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
+    for answer in (answer for solution in solutions for answer in solution):
+        for name, values in answer.items():
+            answer[name] = values.reshape(shape)
+    floats, integers = solutions[0]
+    doubt = errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
+    left = int(np.sum(integers["code"] == results.INTERRUPTED))
+    if left or stop.is_set():
+        message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
+        raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
+    return Peak(**fields(floats, integers), errors=doubt)
+
+
+class Tally(NamedTuple):
+    """What the lanes did, for those who measure: trials of scenes, and trials that the lanes had time for."""
+
+    useful: int
+    possible: int
+
+
+def drive(
+    scenes: Scenes,
+    options: Options,
+    progress: Any,
+    stop: threading.Event | None = None,
+    who: AbstractCrew | None = None,
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
+    """Floats and integers of every scene, and how busy the lanes were.
+
+    Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code INTERRUPTED.
+    Without it Ctrl-C raises.
+    """
+    who = crew("drive") if who is None else who
+    plan = layout(scenes, who)
+    idle, advance = who.program(scenes, options, plan)
+    floats: dict[str, np.ndarray] = {}
+    integers: dict[str, np.ndarray] = {}
+    useful = possible = 0
+    lock = threading.Lock()
+    stopped = threading.Event() if stop is None else stop
+
+    def chunks() -> Iterator[tuple[int, int]]:
+        # A small batch is shared out: not every chunk is full.
+        share = min(plan.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+        for start in range(0, scenes.total, share):
+            yield start, min(start + share, scenes.total)
+
+    todo = chunks()
+
+    # Ctrl-C while a thread is being started can leave it out of those that the pool waits for.
+    closed = threading.Event()
+
+    def store(done: Done) -> None:
+        nonlocal useful, possible
+        done = jax.tree.map(np.asarray, done)
+        used = np.reshape(done.used, (-1, 1))
+        rows = (np.arange(done.which.size // used.size) < used).ravel()
+        index = done.which[rows]
+        with lock:
+            if closed.is_set():
+                return
+            # Devices wait for the one that has most to do.
+            useful, possible = (
+                useful + int(np.sum(done.useful)),
+                possible + int(np.max(done.trials)) * plan.lanes * who.devices,
+            )
+            for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
+                for name, values in part.items():
+                    if name not in whole:
+                        whole[name] = np.full(scenes.total, results.INTERRUPTED if name == "code" else fill, values.dtype)
+                    whole[name][index] = values[rows]
+        with _REPORTING:
+            bar.update(index.size)
+
+    def ends() -> Iterator[Done]:
+        lanes = idle
+        while not stopped.is_set():
+            with lock:
+                start, stop = next(todo, (0, 0))
+            # With nothing left to hand out, the lanes run to their ends.
+            lanes, done = advance(lanes, start, stop)
+            yield done
+            if stop == start:
+                return
+
+    def work() -> None:
+        # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
+        for done, _ in itertools.pairwise(itertools.chain(ends(), [None])):
+            store(cast(Done, done))
+
+    from rockjax._progress import bar as bar_of
+
+    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, Pool(who.hosts) as pool:
+        wanted = min(who.hosts, -(-scenes.total // LANES))
+        try:
+            for future in [pool.submit(work) for _ in range(wanted)]:
+                future.result()
+        except BaseException as error:
+            stopped.set()
+            if stop is None or not isinstance(error, KeyboardInterrupt):
+                raise
+    with lock:
+        closed.set()
+    return floats, integers, Tally(useful, possible)
+
+
+def layout(scenes: Scenes, who: AbstractCrew) -> Layout:
+    """How many lanes a device has, and how many scenes are prepared at once."""
+    if who.platform == "cpu":
+        lanes, chunk = LANES, CHUNK
+    else:
+        least, most = ACCELERATOR_LANES
+        share = -(-scenes.total // who.devices)
+        lanes = min(most, max(least, 1 << (share - 1).bit_length()))
+        while lanes > LANES and lanes * scenes.numbers > ACCELERATOR_NUMBERS:
+            lanes //= 2
+        chunk = ACCELERATOR_CHUNK * lanes
+    refill = not scenes.wide
+    size = chunk if refill and scenes.total > max(2, who.devices) * lanes else lanes
+    return Layout(scenes.axes, scenes.structure, lanes, size, refill)

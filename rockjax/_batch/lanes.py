@@ -1,0 +1,280 @@
+"""Lanes that step side by side: those whose scene has ended write it out and take the next one.
+
+One call of `advance` goes through one chunk of scenes on one core or device. Between calls its lanes keep the scenes that
+are still running. Inside, they make trials through the same per-lane step as everywhere else; every few of them the lanes
+that wait are served together.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import custom_vmap
+
+from rockjax import _results as results
+from rockjax._engine.contact import glide
+from rockjax._engine.flat import closed, runs
+from rockjax._engine.scene import Flag, Lane, Plan, Scene, plan, prepare
+from rockjax._engine.solve import answers
+from rockjax._engine.step import leap, trial
+from rockjax._options import Options
+
+PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
+
+
+class Layout(NamedTuple):
+    """What a program is made for, besides the options."""
+
+    axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
+    structure: Any  # of (podium, excitation, initial, t_end)
+    lanes: int
+    size: int  # scenes of a chunk, a multiple of the lanes
+    refill: bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
+
+
+class Lanes(NamedTuple):
+    """What the lanes hold from one chunk to the next."""
+
+    lane: Lane
+    parts: list[Any]  # of `Scene`: what differs between scenes
+    held: jax.Array  # which scene of the batch each lane holds, −1 where none
+
+
+class Done(NamedTuple):
+    """Scenes that have ended, in the order of their ends; so many of the rows are used."""
+
+    which: jax.Array
+    floats: dict[str, jax.Array]
+    integers: dict[str, jax.Array]
+    used: jax.Array
+    trials: jax.Array  # of each lane
+    useful: jax.Array  # of all lanes, those that moved a scene on
+
+
+class _Loop(NamedTuple):
+    lanes: Lanes
+    following: jax.Array  # the next scene of the chunk to hand out
+    done: Done
+
+
+def advance(held: Lanes, leaves, first, stride, count, options: Options, layout: Layout) -> tuple[Lanes, Done]:
+    """Go on until the last scene of a chunk has been handed out; with none in it, until every lane has come to its end.
+
+    The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
+    """
+    lanes, size, refill = layout.lanes, layout.size, layout.refill
+    how = plan(jax.tree.unflatten(layout.structure, leaves)[0], options, history=False)
+    chunk = _glided(_prepared(leaves, layout, options), how, lanes, count)
+    moves, settle = _automaton(how, options)
+    patience = max(1, round(PATIENCE * lanes))
+
+    def over_lanes(function, *arguments):
+        return jax.vmap(lambda parts, *rest: function(chunk.scene(parts), *rest))(*arguments)
+
+    index_type = held.held.dtype
+    if not refill:
+        index = jnp.arange(lanes, dtype=index_type)
+        number = jnp.where(index < count, first + stride * index, -1)
+        held = Lanes(chunk.starts(lanes), [y[:lanes] for y in chunk.parts], number)
+
+    def exchange(loop: _Loop) -> _Loop:
+        state, done = loop.lanes, loop.done
+        lane = over_lanes(settle, state.parts, state.lane)
+        ended = (state.held >= 0) & ~runs(lane, options.max_steps)
+        floats, integers = over_lanes(lambda scene, lane: answers(scene, how, closed(lane)), state.parts, lane)
+        place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, size + lanes)
+
+        def write(stores, values):
+            return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
+
+        done = done._replace(
+            which=write(done.which, state.held),
+            floats=write(done.floats, floats),
+            integers=write(done.integers, integers),
+            used=done.used + jnp.sum(ended),
+        )
+        free = ended | (state.held < 0)
+        local = loop.following + jnp.cumsum(free) - 1
+        loads = free & (local < count)
+        place = jnp.clip(local, 0, size - 1)
+
+        def load(store, differs, current):
+            flag = loads.reshape((-1,) + (1,) * (current.ndim - 1))
+            return jnp.where(flag, store[place] if differs else store, current)
+
+        state = Lanes(
+            jax.tree.map(load, chunk.lane, chunk.lane_differs, lane),
+            [load(y, True, now) for y, now in zip(chunk.parts, state.parts, strict=True)] if refill else state.parts,
+            jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type),
+        )
+        return _Loop(state, jnp.minimum(loop.following + jnp.sum(free), count), done)
+
+    def waiting(loop: _Loop) -> jax.Array:
+        """How many lanes an exchange would help."""
+        more = (loop.lanes.held >= 0) | (loop.following < count)
+        return jnp.sum(~_moves(how, options, loop.lanes.lane) & more)
+
+    def busy(loop: _Loop) -> Flag:
+        """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
+        return (waiting(loop) < patience) & jnp.any(_moves(how, options, loop.lanes.lane))
+
+    def body(loop: _Loop) -> _Loop:
+        loop = exchange(loop)
+
+        def trials(loop: _Loop) -> _Loop:
+            lane, done = loop.lanes.lane, loop.done
+            useful = done.useful + jnp.sum(_moves(how, options, lane))
+            lane = over_lanes(moves, loop.lanes.parts, lane)
+            return loop._replace(
+                lanes=loop.lanes._replace(lane=lane), done=done._replace(trials=done.trials + 1, useful=useful)
+            )
+
+        return jax.lax.while_loop(busy, trials, loop)
+
+    blank = jax.eval_shape(
+        functools.partial(over_lanes, lambda scene, lane: answers(scene, how, lane)), held.parts, held.lane
+    )
+    floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
+    zero = jnp.zeros((), index_type)
+    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, zero, zero, zero)
+    start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
+    drains = (count == 0) | (not refill)
+    loop = jax.lax.while_loop(
+        lambda loop: (loop.following < count) | (drains & jnp.any(loop.lanes.held >= 0)),
+        body,
+        _Loop(held, start, done),
+    )
+    return loop.lanes, loop.done
+
+
+def _moves(how: Plan, options: Options, lane: Lane) -> Flag:
+    """Whether a lane has trials to make; with nothing elastic, full contact is left by a leap at the next exchange."""
+    going = runs(lane, options.max_steps)
+    return going if how.elastic else going & (lane.sigma != 0)
+
+
+def _automaton(how: Plan, options: Options):
+    """One trial of a lane that moves; and what a lane in full contact does before it can: leap to its next uplift."""
+
+    def moves(scene: Scene, lane: Lane) -> Lane:
+        going = _moves(how, options, lane)
+        after, _ = trial(scene, how, lane)
+        return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
+
+    def settle(scene: Scene, lane: Lane) -> Lane:
+        if how.elastic:
+            return lane
+        waits = (lane.sigma == 0) & runs(lane, options.max_steps)
+        leapt, _ = leap(scene, how, lane)
+        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), leapt, lane)
+
+    return moves, settle
+
+
+class _Chunk(NamedTuple):
+    """Scenes made ready: what differs between them has a row for each, what is common to all is there once."""
+
+    parts: list[Any]  # of `Scene`: what differs
+    common: list[Any]  # of `Scene`: what does not, None where it does
+    structure: Any
+    lane: Lane  # at the start
+    lane_differs: Any
+
+    def scene(self, parts) -> Scene:
+        parts = iter(parts)
+        return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in self.common])
+
+    def starts(self, lanes: int) -> Lane:
+        def start(y, differs):
+            return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
+
+        return jax.tree.map(start, self.lane, self.lane_differs)
+
+
+def _prepared(leaves, layout: Layout, options: Options) -> _Chunk:
+    axes, structure = layout.axes, layout.structure
+    how = plan(jax.tree.unflatten(structure, leaves)[0], options, history=False)
+    _, settle = _automaton(how, options)
+
+    def ready(*leaves) -> tuple[Scene, Lane]:
+        podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
+        scene, lane = prepare(podium, excitation, initial, t_end, options, how)
+        return scene, settle(scene, lane)
+
+    differs = _differing(ready, axes, leaves)
+    out_axes = jax.tree.map(lambda flag: 0 if flag else None, differs)
+    scenes, lane = jax.vmap(ready, in_axes=axes, out_axes=out_axes)(*leaves)
+    flat, scene_structure = jax.tree.flatten(scenes)
+    own = jax.tree.leaves(differs[0])
+    parts = [y for y, flag in zip(flat, own, strict=True) if flag]
+    common = [None if flag else y for y, flag in zip(flat, own, strict=True)]
+    return _Chunk(parts, common, scene_structure, lane, differs[1])
+
+
+_GLIDES = ("t", "mark", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
+
+
+def _glided(chunk: _Chunk, how: Plan, lanes: int, count) -> _Chunk:
+    """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
+    if not how.elastic:
+        return chunk
+
+    def block(arguments):
+        def one(parts, lane: Lane):
+            lane = glide(chunk.scene(parts), how, lane)
+            return {name: getattr(lane, name) for name in _GLIDES}
+
+        return jax.vmap(one)(*arguments)
+
+    size = chunk.parts[0].shape[0]
+    split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
+    starts = chunk.starts(size)
+    used = jnp.arange(size) < count  # what fills up the chunk goes nowhere
+    starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
+    blocks = jax.tree.map(split, (chunk.parts, starts))
+    moved = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), jax.lax.map(block, blocks))
+    differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, moved))
+    return chunk._replace(lane=chunk.lane._replace(**moved), lane_differs=differs)
+
+
+def idle(leaves, options: Options, layout: Layout, devices: int) -> Lanes:
+    """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one chunk."""
+    shapes = tuple((y.shape, y.dtype) for y in leaves)
+    numbers, how = jax.tree.flatten(options)
+    blank = _shapes_of_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), how, layout)
+    none: Lanes = jax.tree.map(lambda y: np.zeros((devices * y.shape[0], *y.shape[1:]), y.dtype), blank)
+    code = np.full_like(none.lane.code, results.END_OF_TIME)
+    return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
+
+
+@functools.lru_cache(maxsize=256)
+def _shapes_of_lanes(shapes, option_types, option_structure, layout: Layout):
+    def hold(leaves, numbers):
+        chunk = _prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
+        parts = [y[: layout.lanes] for y in chunk.parts]
+        return Lanes(chunk.starts(layout.lanes), parts, jnp.zeros(layout.lanes, jnp.result_type(int)))
+
+    numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
+    return jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
+
+
+def _differing(function, axes, leaves):
+    """For each output of the vmapped function, whether it differs between scenes."""
+    found: list[Any] = []
+
+    @custom_vmap
+    def probe(outputs):
+        return outputs
+
+    @probe.def_vmap
+    def _(axis_size, in_batched, outputs):
+        del axis_size
+        found.append(in_batched[0])
+        return outputs, in_batched[0]
+
+    jax.eval_shape(jax.vmap(lambda *leaves: probe(function(*leaves)), in_axes=axes), *leaves)
+    return found[-1]

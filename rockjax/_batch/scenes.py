@@ -1,0 +1,94 @@
+"""A batch of scenes: the arrays in the arguments against each other, every row kept once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from rockjax._checks import as_float
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._results import State
+from rockjax._structures import Podium
+
+WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
+
+
+class Scenes(NamedTuple):
+    """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
+
+    leaves: list[Any]
+    rows: list[np.ndarray | None]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
+    structure: Any
+    total: int
+
+    @property
+    def axes(self) -> tuple[int | None, ...]:
+        return tuple(None if rows is None else 0 for rows in self.rows)
+
+    @property
+    def numbers(self) -> int:
+        """The most numbers that a scene has to itself in one leaf."""
+        return max(y[0].size for y, rows in zip(self.leaves, self.rows, strict=True) if rows is not None)
+
+    @property
+    def wide(self) -> bool:
+        return self.numbers > WIDE
+
+    def part(self, start: int, stop: int, size: int, hands: int = 1) -> list[Any]:
+        """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many hands in turn.
+
+        Hands lie one after another, each filled up to the compiled size with copies that are never run.
+        """
+        dealt = start + np.arange(hands)[:, None] + hands * np.arange(size)
+        dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
+        return [y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)]
+
+
+def broadcast(
+    owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
+) -> tuple[Scenes, tuple[int, ...]]:
+    """All scenes of the arguments, and the shape of their grid.
+
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    """
+    arguments = podiums, excitations, jax.tree.map(as_float, initial), None if t_end is None else as_float(t_end)
+    leaves, structure = jax.tree.flatten(arguments)
+    outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
+    if not any(outer):
+        outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
+    rows: list[np.ndarray | None] = []
+    for k, batch in enumerate(outer):
+        if not batch:
+            rows.append(None)
+            continue
+        # A row is stored once, however many scenes share it.
+        index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
+        rows.append(np.broadcast_to(index, shape or batch))
+        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
+    return Scenes(leaves, rows, structure, int(np.prod(shape, dtype=int))), shape
+
+
+def axes_of(owner: str, leaves: Sequence[Any], own: Sequence[int]) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
+    """The axes of the grid that each leaf has, and the shape of the grid.
+
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    """
+    outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
+    try:
+        shape = np.broadcast_shapes(*outer)
+    except ValueError as error:
+        raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
+    if 0 in shape:
+        raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
+    return outer, shape
+
+
+def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
+    """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
+    podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
+    for name, dimensions in excitations.own_dimensions.items():
+        object.__setattr__(motion, name, dimensions)
+    return jax.tree.leaves((podium, motion, *rest))

@@ -1,0 +1,166 @@
+"""Full contact without steps: a linear oscillator under a polynomial ground motion has an exact solution.
+
+Before the first uplift nothing happens but Eq. (4). The ground motion over a panel of time is a polynomial (to rounding
+for smooth pulses, by Chebyshev interpolation; exactly for a sampled record, whose panels are its intervals); under it
+the oscillator moves along another polynomial plus a free vibration. As long as a bound of the demand over the panel
+stays under Eq. (9), the columns provably stay down, and the panel is crossed at once, however stiff the superstructure.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax import _results as results
+
+from .hermite import derivative
+from .model import Value
+from .scene import Flag, Index, Lane, Plan, Scene, restart
+from .settled import certificate
+
+_SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
+_TERMS = 24  # … of so many terms; beyond, it follows the ground motion
+_ROUNDING = 1e-14
+_DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damping is left to the steps
+
+
+@functools.partial(jax.jit, static_argnames="how")
+def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
+    """Cross the panels over which the columns provably stay down, from the start of a scene on."""
+    if not how.elastic:
+        return lane
+    constant = jax.lax.stop_gradient
+    c, excitation = scene.c, scene.excitation
+    degree, lengths = excitation.panels
+    omega = jnp.sqrt(c.omega2)
+    zeta = 0.5 * c.damping / omega
+    # Long panels as far as they go, then shorter ones.
+    kinds = [(half, omega * half, _free(zeta, omega * half)) for half in (0.5 * constant(y) for y in lengths)]
+    shaking = excitation.piece(lane.piece)(lane.t)
+    settled = (lane.code == results.RUNNING) & certificate(scene, how, lane, lane.piece, shaking)
+    lane = lane._replace(code=jnp.where(settled, results.SETTLED, lane.code).astype(lane.code.dtype))
+    highest = scene.outlook.peak(lane.t, lane.piece, jnp.abs(shaking))
+    nodes, to_powers, to_tail = _interpolation(degree)
+
+    def panel(carry: tuple[Lane, Index]) -> tuple[Lane, Index]:
+        lane, level = carry
+        half, turn, free = kinds[0]
+        for k, kind in enumerate(kinds[1:], start=1):
+            half, turn, free = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free))
+        ground, edge, length = excitation.piece(lane.piece), excitation.breakpoint(lane.piece), 2 * half
+        reaches = jnp.abs(lane.t + length - constant(edge)) <= 1e-9 * length
+        values = jax.lax.optimization_barrier(jax.vmap(ground)(lane.t + half * (1 + jnp.asarray(nodes))))
+        force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
+        path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
+        rates = [*derivative(path), jnp.zeros_like(half)]
+        before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
+        # The free vibration is what the state at the start has besides the particular solution.
+        offset = lane.x[1] - sum(y * s for y, s in zip(path, before, strict=True))
+        speed = lane.v[1] * half - sum(y * s for y, s in zip(rates, before, strict=True))
+        x = sum(path) + free[0] * offset + free[1] * speed
+        v = (sum(rates) + free[2] * offset + free[3] * speed) / half
+
+        # Bounds over the panel: of polynomials by their coefficients, of the free vibration by its energy.
+        vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
+        spring = [c.omega2 * y + c.damping * r / half for y, r in zip(path, rates, strict=True)]
+        shaken = c.omega2 * jnp.sqrt(1 + 4 * zeta**2) * vibration
+        padded = [*force, *[0.0] * (len(path) - len(force))]
+        demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
+        goes = _size(demand) + c.demand * shaken < c.uplift
+        if how.deformation:
+            goes &= _size(path) + vibration < jnp.maximum(lane.deformation, scene.atol * c.two_R * c.sin_alpha)
+        if how.shear:
+            goes &= _size(spring) + shaken < jnp.maximum(lane.shear * c.g, scene.atol * c.uplift)
+        for coefficient in _combine(to_tail, values):
+            goes &= jnp.abs(coefficient) <= _ROUNDING * highest
+        goes &= (zeta < _DAMPED) & (reaches | (lane.t + length < constant(jnp.minimum(edge, scene.end))))
+
+        # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
+        mark = jnp.where(reaches, edge, lane.t + length)
+        past = mark - constant(mark)
+        u_ddot = -ground(constant(mark)) - (c.omega2 * x + c.damping * v)
+        x, v = x + past * v, v + past * u_ddot
+        piece = lane.piece + reaches
+        xs, vs = restart(scene, constant(mark), past, (lane.x[0], x), (lane.v[0], v), lane.sigma, piece)
+        crossed = lane._replace(t=constant(mark), mark=mark, x=xs, v=vs, piece=piece, steps=lane.steps + 1)
+        lane = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, lane)
+        return lane, level + ~goes
+
+    def may(carry: tuple[Lane, Index]) -> Flag:
+        lane, level = carry
+        return (level < len(kinds)) & (lane.code == results.RUNNING) & (lane.sigma == 0) & (lane.t < scene.quiet)
+
+    return jax.lax.while_loop(may, panel, (lane, jnp.zeros((), jnp.int32)))[0]
+
+
+def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
+    """`weights @ values`, written out so that it is done lane by lane, and with half the products.
+
+    Nodes are symmetric, so a row of weights is even or odd over them.
+    """
+    count = values.shape[0]
+    pairs = [(values[j], values[count - 1 - j]) for j in range((count + 1) // 2)]
+    sums, differences = [a + b for a, b in pairs], [a - b for a, b in pairs]
+    if count % 2:
+        sums[-1] = pairs[-1][0]  # the node in the middle is its own mirror image
+    sums, differences = jax.lax.optimization_barrier((sums, differences))
+    combined: list[Value] = []
+    for row in weights:
+        half = row[: len(pairs)]
+        folded = sums if np.allclose(row, row[::-1]) else differences
+        combined.append(sum((float(w) * y for w, y in zip(half, folded, strict=True)), jnp.zeros_like(values[0])))
+    return combined
+
+
+def _size(coefficients: list[Value]) -> Value:
+    return sum((jnp.abs(y) for y in coefficients[1:]), jnp.abs(coefficients[0]))
+
+
+def _free(zeta: Value, turn: Value) -> tuple[Value, Value, Value, Value]:
+    """The free vibration across a panel: (y, y')(1) from (y, y')(−1), with y'' + 2ζΩy' + Ω²y = 0, Ω = `turn`."""
+    decay = zeta * turn
+    damped = turn * jnp.sqrt(jnp.maximum(1 - zeta**2, 1 - _DAMPED**2))
+    fall = jnp.exp(-2 * decay)
+    cos, sin = fall * jnp.cos(2 * damped), fall * jnp.sin(2 * damped) / damped
+    return cos + decay * sin, sin, -(turn**2) * sin, cos - decay * sin
+
+
+def _particular(force: list[Value], zeta: Value, turn: Value, half: Value) -> list[Value]:
+    """A solution Σ y_k r^k of y'' + 2ζΩy' + Ω²y = −h²Σ f_k r^k on r ∈ [−1, 1].
+
+    For a stiff oscillator the one that follows the ground motion, a polynomial of the same degree, from the highest
+    power down; for a soft one the Taylor series from rest at r = 0, from the lowest power up.
+    """
+    zero = jnp.zeros_like(half)
+    load = [-(half**2) * f for f in force] + [zero] * (_TERMS - len(force))
+    stiff = turn > _SERIES
+    safe = jnp.where(stiff, turn, 1.0)
+    inverse, drag = 1 / safe**2, 2 * zeta * safe
+    # Barriers keep the compiler from working the recursions out again for everything that uses them.
+    hold = jax.lax.optimization_barrier
+    following = [zero] * (_TERMS + 2)
+    for k in reversed(range(len(force))):
+        y = inverse * (load[k] - drag * (k + 1) * following[k + 1] - (k + 2) * (k + 1) * following[k + 2])
+        following[k] = hold(y)
+    slow = jnp.where(stiff, 0.0, turn)
+    square, drag = slow**2, 2 * zeta * slow
+    series = [zero, zero]
+    for k in range(_TERMS - 2):
+        series.append(hold((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1))))
+    return [jnp.where(stiff, a, b) for a, b in zip(following, series, strict=False)]
+
+
+def _interpolation(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes on [−1, 1]; values there to powers of r; values to the last Chebyshev coefficients, none where it is exact."""
+    j = np.arange(degree + 1)
+    nodes = -np.cos(np.pi * j / degree)
+    chebyshev = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
+    powers = np.zeros((degree + 1, degree + 1))
+    for k in j:
+        powers[: k + 1, k] = np.polynomial.chebyshev.cheb2poly(np.eye(degree + 1)[k])[: k + 1]
+    tail = chebyshev[-2:] if degree > 1 else np.zeros((0, degree + 1))
+    return nodes, powers @ chebyshev, tail

@@ -1,0 +1,134 @@
+"""The guard over a step: when and where the mode of a lane ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .hermite import Quintic, crossing, quintic, turning_point, turns_twice
+from .model import Vector, acceleration, uplift_demand
+from .runge_kutta import Step
+from .scene import Flag, Lane, Plan, Scene, Value
+
+
+class Guard(NamedTuple):
+    """σθ while rocking, which may not reach 0 or the overturning angle; in full contact the demand q, within ±q_up.
+
+    Over a step, monotone on both sides of at most one turning point. Everything but the two paths and `ending` is a
+    constant for derivatives.
+    """
+
+    path: Quintic  # over the step, z ∈ [0, 1]
+    at_end: Quintic  # a parabola in the time past the end of the step
+    rising: Flag  # at the start …
+    rises_on: Flag  # … and at the end
+    turned: Flag
+    turn: Value  # the turning point, 1 where there is none
+    top: Value  # the value there
+    last: Value  # the value at the end
+    early: Flag  # broken before the turning point …
+    late: Flag  # … or after it
+    inside: Value  # where it breaks
+    ending: Quintic  # what is left of it, in the time past the end of the step …
+    ahead: Value  # … and when it is used up
+    converges: Flag  # if it falls there
+    winds: Flag  # it turns more than once, and may break meanwhile
+
+
+def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
+    """The guard over a step of length h from the lane's state, with accelerations a0, to `end`."""
+    constant = jax.lax.stop_gradient
+    rocking = lane.sigma != 0
+    path, at_end = jax.lax.optimization_barrier(_paths(scene, how, lane, ground, h, a0, end))
+    fixed: Quintic = constant(path)
+    one = jnp.ones_like(h)
+    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
+    rises_on = constant(at_end.c1) > 0
+    turned = rising != rises_on
+    # Barriers keep the compiler from recomputing what many later kernels need in each of them.
+    rising, rises_on, turned = jax.lax.optimization_barrier((rising, rises_on, turned))
+    turn = jnp.where(turned, turning_point(fixed, rising), one)
+    last = constant(at_end.c0)
+    top = jnp.where(turned, fixed.value(turn), last)
+    turn, top = jax.lax.optimization_barrier((turn, top))
+    topple = constant(scene.topple)
+    uplift = constant(scene.c.uplift)
+
+    def broken(value):
+        return jnp.where(rocking, (value < 0) | (value >= topple), jnp.abs(value) > uplift)
+
+    early = turned & broken(top)
+    late = broken(last) & ~early
+    early, late = jax.lax.optimization_barrier((early, late))
+    edge = jnp.where(early, top, last)
+    margin = constant(_margin(scene, rocking, path, edge, edge < 0))
+    inside = crossing(margin, jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
+    ending = _margin(scene, rocking, at_end, last, ~rises_on)
+    rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, topple, uplift)
+    ahead, converges = _newton_to(ending, 0.5 * h, rounding)
+    busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
+    winds = turns_twice(fixed, rising, rises_on) & busy
+    ending, inside, ahead, converges, winds = jax.lax.optimization_barrier((ending, inside, ahead, converges, winds))
+    return Guard(
+        path, at_end, rising, rises_on, turned, turn, top, last, early, late, inside, ending, ahead, converges, winds
+    )
+
+
+def _paths(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end: Step) -> tuple[Quintic, Quintic]:
+    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
+
+    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
+    value only, its slopes are differences of nearly equal numbers.
+    """
+    c, sigma = scene.c, lane.sigma
+    angle = tuple(sigma * y for y in (lane.x[0], lane.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
+    if not how.elastic:
+        return _through(angle, h)
+
+    def jet(t, x, v, a):
+        one = jnp.ones_like(t)
+        rate = lambda s: jax.jvp(ground, (s,), (one,))[1]
+        g0, (g1, g2) = ground(t), jax.jvp(rate, (t,), (one,))
+        jerk = acceleration(c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:]))
+        return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
+
+    demand = (*jet(lane.t, lane.x, lane.v, a0), *jet(lane.t + h, end.x, end.v, end.a))
+    return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
+
+
+def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
+    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the end."""
+    x0, v0, a0, x1, v1, a1 = ends
+    zero = jnp.zeros_like(x1)
+    return quintic(x0, v0, a0, x1, v1, a1, h), Quintic(x1, v1, 0.5 * a1, zero, zero, zero)
+
+
+def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
+    """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full contact."""
+    sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
+    limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.topple), scene.c.uplift)
+    scaled = Quintic(*(sign * k for k in guard))
+    return scaled._replace(c0=scaled.c0 + limit)
+
+
+def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
+    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
+    margin = jax.lax.stop_gradient(margin)
+    ahead = jnp.zeros_like(margin.c0)
+    falls = margin.c1 < 0
+    for _ in range(3):
+        slope = margin.slope(ahead)
+        ahead = ahead - safe_ratio(margin.value(ahead), slope, falls & (slope < 0))
+        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -most, most))
+    # A margin that only touches zero makes Newton creep.
+    arrives = jnp.abs(margin.value(ahead)) <= 1e-3 * jnp.abs(margin.c0) + rounding
+    return ahead, falls & arrives
+
+
+def safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:
+    """a/b where wanted, else 0; never a NaN, in derivatives neither."""
+    good = wanted & (b != 0)
+    return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)

@@ -1,0 +1,193 @@
+"""The model: equations of motion, uplift demand, impact map and energy, each once, with the paper's numbers.
+
+σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One field serves all of them: with σ = 0
+and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
+
+States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is elastic,
+(θ, u_t) with an elastic superstructure. Which of the two is known before tracing.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from rockjax._structures import Elastic, Podium
+
+from .sincos import sincos
+
+Value = Float[Array, ""]
+Vector = tuple[Value, ...]
+
+
+class Coefficients(NamedTuple):
+    """What the equations need of a podium, computed once per scene. Numbers per N m_c where they carry mass."""
+
+    alpha: Value
+    sin_alpha: Value
+    cos_alpha: Value
+    p: Value
+    restitution: Value  # e of Eq. (27) or its alternatives
+    uplift: Value  # q_up, Eq. (9)
+    two_R: Value
+    inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
+    centrifugal: Value  # 3η
+    gravity: Value  # p² (2η+2γ+1)
+    ground: Value  # p² (2γ+1)/g
+    weight: Value  # 2Rg (η+γ+½), Eq. (19)
+    spin: Value  # (1+λ+4γ) R², Eq. (18)
+    impulse: Value  # C of the energy bound, see `energy_after`
+    g: Value
+    eta: Value
+    # None, and never looked at, where nothing is elastic:
+    coupling: Value  # 3η/(2R)
+    demand: Value  # 2η/(1+2γ), Eq. (9)
+    omega2: Value  # ω_s²
+    damping: Value  # 2ζω_s
+    uplifted_frequency: Value  # Eq. (31)
+
+    @property
+    def elastic(self) -> bool:
+        return self.omega2 is not None
+
+
+def coefficients(podium: Podium) -> Coefficients:
+    """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`)."""
+    elastic = podium.superstructure if isinstance(podium.superstructure, Elastic) else None
+    eta = podium.eta
+    gamma = podium.gamma if elastic else podium.gamma + eta  # a rigid superstructure is part of the beam
+    moving = eta if elastic else jnp.zeros_like(eta)
+    lam, R, g, p = podium.lam, podium.R, podium.g, podium.p
+    spin = 1 + lam + 4 * gamma
+    absent: Any = None
+    return Coefficients(
+        alpha=podium.alpha,
+        sin_alpha=jnp.sin(podium.alpha),
+        cos_alpha=jnp.cos(podium.alpha),
+        p=p,
+        restitution=podium.restitution_factor,
+        # Touching it is not uplift, and rounding may not decide about it.
+        uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
+        two_R=2 * R,
+        inertia=3 * gamma + 0.75 * (1 + lam),
+        centrifugal=3 * moving,
+        gravity=p**2 * (2 * moving + 2 * gamma + 1),
+        ground=p**2 * (2 * gamma + 1) / g,
+        weight=2 * R * g * (moving + gamma + 0.5),
+        spin=spin * R**2,
+        impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + moving / 2),
+        g=g,
+        eta=moving,
+        coupling=1.5 * eta / R if elastic else absent,
+        demand=2 * eta / (1 + 2 * gamma) if elastic else absent,
+        omega2=elastic.omega_s**2 if elastic else absent,
+        damping=2 * elastic.zeta * elastic.omega_s if elastic else absent,
+        uplifted_frequency=podium.uplifted_frequency if elastic else absent,
+    )
+
+
+def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
+    """Horizontal displacement and velocity of the beam (u_b, u̇_b), Eqs. (13), (14)."""
+    s, cos = sincos(sigma * c.alpha - theta)
+    return c.two_R * (sigma * c.sin_alpha - s), c.two_R * theta_dot * cos
+
+
+def beam_acceleration(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value) -> Value:
+    """Horizontal acceleration of the beam ü_b, Eq. (14)."""
+    s, cos = sincos(sigma * c.alpha - theta)
+    return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
+
+
+def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Vector:
+    """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` = ü_g.
+
+    In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
+    """
+    s, cos = sincos(sigma * c.alpha - x[0])
+    if not c.elastic:
+        return (-jnp.abs(sigma) * (c.gravity * s + c.ground * ground * cos) / c.inertia,)
+    deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
+    rate = v[1] - c.two_R * v[0] * cos
+    spring = c.omega2 * deformation + c.damping * rate  # V_s/m_t, Eq. (7)
+    moment = s * (c.centrifugal * v[0] ** 2 * cos - c.gravity) + cos * (c.coupling * spring - c.ground * ground)
+    theta_ddot = jnp.abs(sigma) * moment / (c.inertia + c.centrifugal * s**2)
+    return theta_ddot, -ground - spring
+
+
+def uplift_demand(c: Coefficients, ground: Value, x: Vector, v: Vector) -> Value:
+    """q of Eq. (9) in full contact; the columns uplift where |q| exceeds `c.uplift`, to the side −sign q."""
+    if not c.elastic:
+        return ground
+    return ground - c.demand * (c.omega2 * x[1] + c.damping * v[1])
+
+
+def impact(c: Coefficients, theta_dot: Value) -> Value:
+    """θ̇ after an impact: Eq. (27) for θ̇, the same sense of rotation; u_t and u̇_t are continuous, Eq. (26).
+
+    Where e ≤ 0 the result is 0: rocking ends.
+    """
+    return jnp.maximum(c.restitution, 0.0) * theta_dot
+
+
+def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
+    """Gravity part of Eq. (19) per N m_c, zero in full contact [m²/s²]."""
+    _, cos = sincos(sigma * c.alpha - theta)
+    return c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
+
+
+def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
+    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²]."""
+    s, cos = sincos(sigma * c.alpha - x[0])
+    total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
+    if c.elastic:
+        deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
+        top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
+        total = total + 0.5 * c.eta * (top + c.omega2 * deformation**2)
+    return total
+
+
+def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> tuple[Value, Value]:
+    """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their difference.
+
+    The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq. (22) takes
+    2ζω_s η (u̇_t − u̇_b)².
+    """
+    _, beam_rate = beam(c, sigma, x[0], v[0])
+    heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
+    if not c.elastic:
+        return -ground * heavy * beam_rate, jnp.zeros_like(beam_rate)
+    given = -ground * (heavy * beam_rate + c.eta * v[1])
+    return given, c.eta * c.damping * (v[1] - beam_rate) ** 2
+
+
+def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Value:
+    """The moment about the edges that holds the frame up, over its value at uplift [–].
+
+    Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground act at the
+    edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15).
+    The columns' centres rise half as fast as the beam. Both are σ at uplift, where v̈_b = 0.
+    """
+    s, cos = sincos(sigma * c.alpha - x[0])
+    theta_ddot = acceleration(c, sigma, ground, x, v)[0]
+    rises = c.two_R * (theta_ddot * s - v[0] ** 2 * cos)
+    rocking = s / c.sin_alpha * (1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g)
+    return jnp.where(sigma == 0, -uplift_demand(c, ground, x, v) / c.uplift, rocking)
+
+
+def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
+    """The most that the energy can ever be again, when ∫|ü_g| dt = `impulse` is still to come.
+
+    The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c; by Cauchy–Schwarz that is at most
+    2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts
+    only take. Valid while the potential cannot be negative, that is within |θ| ≤ 2α.
+    """
+    return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2
+
+
+def shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector, a: Vector) -> Value:
+    """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration over −g."""
+    if c.elastic:
+        return -(a[1] + ground) / c.g
+    return -(beam_acceleration(c, sigma, x[0], v[0], a[0]) + ground) / c.g

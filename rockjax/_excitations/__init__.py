@@ -1,0 +1,1 @@
+"""Ground motions that are formulas, and what all ground motions have in common."""

@@ -1,0 +1,151 @@
+"""Excitations: callables t ↦ ü_g with support and breakpoints.
+
+An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks `piece(i)` for
+the smooth formula of piece i, so that jumps and kinks cost no accuracy. `outlook(threshold)` answers what the engine
+wants to know about the future: when |ü_g| next exceeds the threshold, and how much can still come.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from rockjax._checks import as_float
+from rockjax._repr import readable
+
+Value = Float[Array, ""]
+Index = Int[Array, ""]
+Number = Float[Array, "*batch"]
+
+
+class AbstractOutlook(eqx.Module):
+    """What is still to come of one excitation; everything here is a constant for derivatives."""
+
+    @abc.abstractmethod
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        """First time ≥ t at which |ü_g| exceeds the threshold, inf where it never does [s]."""
+
+    @abc.abstractmethod
+    def impulse(self, t: Value, piece: Index) -> Value:
+        """An upper bound of ∫|ü_g| dt from t on [m/s]."""
+
+    @abc.abstractmethod
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        """An upper bound of |ü_g| from t on, given |ü_g(t)| = `now` [m/s²]."""
+
+    @abc.abstractmethod
+    def highest_time(self, start: Value, end: Value) -> Value:
+        """When |ü_g| is largest between two times [s]; `end` may be inf."""
+
+
+class AbstractExcitation(eqx.Module):
+    """Base class of ground motions ü_g(t) [m/s²]. To write one, give what is abstract here."""
+
+    @property
+    @abc.abstractmethod
+    def support(self) -> tuple[Number, Number]:
+        """(t_start, t_end): ü_g is zero, or below rounding, outside [s]."""
+
+    @property
+    @abc.abstractmethod
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        """Times at which ü_g or a derivative of it jumps, ascending, on the last axis [s]."""
+
+    @abc.abstractmethod
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        """The smooth formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
+
+    @abc.abstractmethod
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        """What is to come; `threshold` is given where the engine will ask for exceedances."""
+
+    @property
+    def panels(self) -> tuple[int, tuple[Number, ...]]:
+        """(degree, lengths [s]) of polynomials that may stand for ü_g: panels to try where the columns stay down.
+
+        How good they are is looked at each time; for a motion that is polynomial between breakpoints, its own degree.
+        """
+        start, end = self.support
+        return 16, ((end - start) / 20, (end - start) / 80)
+
+    def scaled(self, factor) -> Self:
+        """The same motion times a factor."""
+        raise NotImplementedError(f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`")
+
+    @property
+    def last_piece(self) -> Any:
+        """Index of the piece after the last breakpoint."""
+        return self.breakpoints.shape[-1]
+
+    @property
+    def own_dimensions(self) -> dict[str, int]:
+        """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a batch."""
+        return {}
+
+    def breakpoint(self, index: Index) -> Value:
+        """Time of breakpoint `index`, inf past the last one [s]."""
+        times = self.breakpoints
+        result = jnp.asarray(jnp.inf, times.dtype)
+        for k in reversed(range(times.shape[-1])):
+            result = jnp.where(index == k, times[k], result)
+        return result
+
+    def locate(self, t: Value) -> Index:
+        """The piece that begins at or before t (the right limit at a breakpoint)."""
+        return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
+
+    def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
+        """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece the left."""
+        t = as_float(t)
+
+        def at(s):
+            piece = self.locate(s)
+            last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
+            return self.piece(piece - last)(s)
+
+        return jax.vmap(at)(t.ravel()).reshape(t.shape)
+
+    def __repr__(self):
+        return readable(self)
+
+
+class _Silence(AbstractOutlook):
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        return jnp.full_like(t, jnp.inf)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        return jnp.zeros_like(t)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        return jnp.zeros_like(t)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        return start
+
+
+class Rest(AbstractExcitation):
+    """No ground motion: free rocking from an initial state."""
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        return jnp.zeros(()), jnp.zeros(())
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.zeros((0,))
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        return jnp.zeros_like
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        return _Silence()
+
+    def scaled(self, factor) -> Self:
+        del factor
+        return self

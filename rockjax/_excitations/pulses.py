@@ -1,0 +1,278 @@
+"""Pulses of fixed shape, a_p·s(t/T_p): the analytical ground motions of the field."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, finite, positive
+
+from .base import AbstractExcitation, AbstractOutlook, Index, Number, Value
+
+# sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
+BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
+
+
+def _bisect(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
+    """Where the increasing f passes zero in [lo, hi], to rounding, from the side on which f > 0."""
+
+    def halve(_, bracket):
+        lo, hi = bracket
+        mid = 0.5 * (lo + hi)
+        above = f(mid) > 0
+        return jnp.where(above, lo, mid), jnp.where(above, mid, hi)
+
+    return jax.lax.fori_loop(0, 60, halve, (lo, hi))[1]
+
+
+class _PulseOutlook(AbstractOutlook):
+    a_p: Value
+    T_p: Value
+    lead: Float[Array, " n"] | None  # on monotone interval k, |ü_g| > threshold in [b_k, lead_k) …
+    trail: Float[Array, " n"] | None  # … and in (trail_k, b_{k+1}); in units of T_p
+    pulse: type[AbstractPulse] = eqx.field(static=True)
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        del piece
+        assert self.lead is not None
+        assert self.trail is not None
+        tau = t / self.T_p
+        knots = np.asarray(self.pulse.knots())
+        leading, trailing = jnp.maximum(tau, knots[:-1]), jnp.maximum(tau, self.trail)
+        leading = jnp.where(leading < self.lead, leading, jnp.inf)
+        trailing = jnp.where(trailing < knots[1:], trailing, jnp.inf)
+        return jnp.maximum(t, jnp.min(jnp.minimum(leading, trailing)) * self.T_p)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        del piece
+        pulse = self.pulse
+        knots = (*pulse.zeros, pulse.span[1])
+        velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
+        tau = jnp.clip(t / self.T_p, *pulse.span)
+        # From now to the next zero, and the closed lobes after it.
+        upto, after = velocity[-1], 0.0
+        for k in reversed(range(len(pulse.zeros))):
+            lobe = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
+            upto, after = (jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], upto), (lobe, after)))
+        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(upto - pulse.velocity(tau)) + after)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        del piece
+        # Monotone between turning points: the supremum is now, or at a knot still to come.
+        to_come = 0.0
+        for z in self.pulse.knots():
+            height = abs(float(self.pulse.shape(np.float64(z))))
+            to_come = jnp.where(t <= z * self.T_p, jnp.maximum(height, to_come), to_come)
+        return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * to_come)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        # Monotone between knots: at a knot inside, or at an end.
+        knots = jnp.asarray(self.pulse.knots()) * self.T_p
+        start, end = (jnp.clip(t, knots[0], knots[-1]) for t in (start, end))
+        times = jnp.append(jnp.clip(knots, start, end), jnp.stack([start, end]))
+        return times[jnp.argmax(jnp.abs(self.pulse.shape(times / self.T_p)))]
+
+
+class AbstractPulse(AbstractExcitation):
+    """A pulse a_p·s(t/T_p) with a fixed shape s.
+
+    - `a_p`: amplitude, max|ü_g| [m/s²]; a negative one mirrors the response
+    - `T_p`: period, > 0 [s]; ω_p = 2π/T_p
+    """
+
+    a_p: Number = eqx.field(converter=as_float)
+    T_p: Number = eqx.field(converter=as_float)
+
+    span: ClassVar[tuple[float, float]]  # support, in units of T_p
+    compact: ClassVar[bool]  # exactly zero outside the span, with breakpoints at its ends
+    zeros: ClassVar[tuple[float, ...]]  # interior zeros of the shape
+    turning: ClassVar[tuple[float, ...]]  # interior extrema of the shape
+
+    def __check_init__(self):
+        finite(type(self).__name__, a_p=self.a_p)
+        positive(type(self).__name__, T_p=self.T_p)
+
+    @staticmethod
+    @abc.abstractmethod
+    def shape(tau: Any) -> Any:
+        """ü_g/a_p at τ = t/T_p, inside the span."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def velocity(tau: Any) -> Any:
+        """An antiderivative of the shape; NumPy in, NumPy out."""
+
+    @classmethod
+    def knots(cls) -> tuple[float, ...]:
+        """The shape is monotone between these."""
+        return (cls.span[0], *cls.turning, cls.span[1])
+
+    @property
+    def omega_p(self) -> Number:
+        """Circular frequency ω_p = 2π/T_p [rad/s]."""
+        return 2 * math.pi / self.T_p
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        return self.span[0] * self.T_p, self.span[1] * self.T_p
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        ends = self.span if self.compact else ()
+        return jnp.stack([z * self.T_p for z in ends], axis=-1) if ends else jnp.zeros((*self.T_p.shape, 0))
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, a_p=factor * self.a_p)
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        def formula(t):
+            return self.a_p * self.shape(t / self.T_p)
+
+        def inside(t):
+            return jnp.where(index == 1, formula(t), 0.0)
+
+        return inside if self.compact else formula
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
+        if threshold is None:
+            return _PulseOutlook(a_p, T_p, None, None, type(self))
+        # Relative to the amplitude; a pulse of zero amplitude never exceeds.
+        level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
+        level = jnp.where(a_p == 0, jnp.inf, level)
+        knots = np.asarray(self.knots())
+        left, right = knots[:-1], knots[1:]
+        start, end = self.shape(left), self.shape(right)
+        # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
+        falls = _bisect(lambda z: level - np.sign(start) * self.shape(z), jnp.asarray(left), jnp.asarray(right))
+        rises = _bisect(lambda z: np.sign(end) * self.shape(z) - level, jnp.asarray(left), jnp.asarray(right))
+        lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
+        trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
+        return _PulseOutlook(a_p, T_p, lead, trail, type(self))
+
+
+def _exp(x):
+    return np.exp(x) if isinstance(x, np.ndarray | np.floating) else jnp.exp(x)
+
+
+def _sin(x):
+    return np.sin(x) if isinstance(x, np.ndarray | np.floating) else jnp.sin(x)
+
+
+def _cos(x):
+    return np.cos(x) if isinstance(x, np.ndarray | np.floating) else jnp.cos(x)
+
+
+class Ricker(AbstractPulse):
+    """Symmetric Ricker ("Mexican hat") pulse, Eq. (32)₁, centred on t = 0:
+
+    ü_g = a_p (1 − 2x) e^(−x), x = (π t/T_p)². Support ±2.2 T_p, where |ü_g| is below 1e-18 a_p.
+    """
+
+    span = (-2.2, 2.2)
+    compact = False
+    zeros = (-1 / (math.pi * math.sqrt(2)), 1 / (math.pi * math.sqrt(2)))
+    turning = (-math.sqrt(1.5) / math.pi, 0.0, math.sqrt(1.5) / math.pi)
+
+    @staticmethod
+    def shape(tau: Any) -> Any:
+        x = (math.pi * tau) ** 2
+        return (1 - 2 * x) * _exp(-x)
+
+    @staticmethod
+    def velocity(tau: Any) -> Any:
+        return tau * _exp(-((math.pi * tau) ** 2))
+
+
+def _z_to_tau(z: float) -> float:
+    return z * math.sqrt(3) / (2 * math.pi)
+
+
+class AntisymmetricRicker(AbstractPulse):
+    """Antisymmetric Ricker pulse, Eq. (32)₂, centred on t = 0:
+
+    ü_g = (a_p/β)(z²−3) z e^(−z²/2), z = 2πt/(√3 T_p), with β = 1.380119 so that max|ü_g| = a_p.
+    Support ±2.75 T_p, where |ü_g| is below 1e-18 a_p.
+    """
+
+    span = (-2.75, 2.75)
+    compact = False
+    zeros = (-_z_to_tau(math.sqrt(3)), 0.0, _z_to_tau(math.sqrt(3)))
+    turning = tuple(
+        _z_to_tau(sign * math.sqrt(3 + inner * math.sqrt(6))) for sign, inner in ((-1, 1), (-1, -1), (1, -1), (1, 1))
+    )
+
+    @staticmethod
+    def shape(tau: Any) -> Any:
+        z = (2 * math.pi / math.sqrt(3)) * tau
+        return (z * z - 3) * z * _exp(-0.5 * z * z) / BETA
+
+    @staticmethod
+    def velocity(tau: Any) -> Any:
+        z = (2 * math.pi / math.sqrt(3)) * tau
+        return _z_to_tau(1 / BETA) * (1 - z * z) * _exp(-0.5 * z * z)
+
+
+class OneSine(AbstractPulse):
+    """One full sine, ü_g = a_p sin(2πt/T_p) on [0, T_p]."""
+
+    span = (0.0, 1.0)
+    compact = True
+    zeros = (0.5,)
+    turning = (0.25, 0.75)
+
+    @staticmethod
+    def shape(tau: Any) -> Any:
+        return _sin(2 * math.pi * tau)
+
+    @staticmethod
+    def velocity(tau: Any) -> Any:
+        return (1 - _cos(2 * math.pi * tau)) / (2 * math.pi)
+
+
+class OneCosine(AbstractPulse):
+    """One full cosine, ü_g = a_p cos(2πt/T_p) on [0, T_p]; it starts and ends with a jump."""
+
+    span = (0.0, 1.0)
+    compact = True
+    zeros = (0.25, 0.75)
+    turning = (0.5,)
+
+    @staticmethod
+    def shape(tau: Any) -> Any:
+        return _cos(2 * math.pi * tau)
+
+    @staticmethod
+    def velocity(tau: Any) -> Any:
+        return _sin(2 * math.pi * tau) / (2 * math.pi)
+
+
+class HalfSine(AbstractPulse):
+    """Half a sine, ü_g = a_p sin(2πt/T_p) on [0, T_p/2]."""
+
+    span = (0.0, 0.5)
+    compact = True
+    zeros = ()
+    turning = (0.25,)
+
+    shape = staticmethod(OneSine.shape)
+    velocity = staticmethod(OneSine.velocity)
+
+
+# By the names of the command line and of problem files.
+PULSES: dict[str, type[AbstractPulse]] = {
+    "ricker": Ricker,
+    "antisymmetric-ricker": AntisymmetricRicker,
+    "one-sine": OneSine,
+    "one-cosine": OneCosine,
+    "half-sine": HalfSine,
+}

@@ -1,0 +1,185 @@
+"""Ground motions given by samples: linear between them, zero before the first and after the last, jumps included."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .base import AbstractExcitation, AbstractOutlook
+
+Value = Float[Array, ""]
+Index = Int[Array, ""]
+
+
+class Sampling(NamedTuple):
+    """How a motion is sampled: first sample at `start` [s], `count` of them every `dt` [s], times `scale` [–]."""
+
+    start: Any
+    dt: Any
+    count: Any
+    scale: Any
+
+
+class AbstractSampled(AbstractExcitation):
+    """A sampled motion, wherever its samples are kept."""
+
+    @property
+    @abc.abstractmethod
+    def sampling(self) -> Sampling:
+        """Of one motion, or arrays for a batch of them."""
+
+    @property
+    @abc.abstractmethod
+    def table(self) -> Float[Array, "*table n"]:
+        """Where the samples are kept, unscaled [m/s²]."""
+
+    @abc.abstractmethod
+    def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
+        """Entry i of this motion in a table of the form of `table`."""
+
+    @abc.abstractmethod
+    def row(self, table: Float[Array, "*table n"]) -> Float[Array, " n"]:
+        """The entries of this motion, and what fills up the row."""
+
+    @abc.abstractmethod
+    def sizes(self) -> Float[Array, "*table n"]:
+        """|samples|, unscaled, zero in what only fills up the table [m/s²]."""
+
+    @property
+    def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+        start, dt, count, _ = self.sampling
+        return start, start + (count - 1) * dt
+
+    @property
+    def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
+        return 1, (self.sampling.dt,)
+
+    @property
+    def last_piece(self) -> Any:
+        return self.sampling.count
+
+    def breakpoint(self, index: Index) -> Value:
+        start, dt, count, _ = self.sampling
+        return jnp.where(index < count, start + index * dt, jnp.inf)
+
+    def locate(self, t: Value) -> Index:
+        start, dt, count, _ = self.sampling
+        # Rounding may be one off; the sample times decide.
+        guess = jnp.clip(jnp.floor((t - start) / dt), -1, count - 1).astype(jnp.int32)
+        guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
+        guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
+        return guess + 1
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        start, dt, count, scale = self.sampling
+        inside = (index > 0) & (index < count)
+        i = jnp.clip(index - 1, 0, count - 2)
+        a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
+        a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
+        t0 = start + i * dt
+        return lambda t: a0 + slope * (t - t0)
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        record: AbstractSampled = jax.lax.stop_gradient(self)
+        size = record.sizes()
+        # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
+        areas = 0.5 * (size[..., 1:] + size[..., :-1])
+        areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
+        to_come = jnp.flip(jnp.cumsum(jnp.flip(areas, -1), axis=-1), -1)
+        highest = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
+        if threshold is None:
+            return SampledOutlook(record, None, to_come, highest, None)
+        return SampledOutlook(record, jax.lax.stop_gradient(threshold), to_come, highest, _tree(size))
+
+
+class SampledOutlook(AbstractOutlook):
+    """What is to come of a sampled motion, from sums and maxima over the samples still to come."""
+
+    record: AbstractSampled
+    threshold: Value | None
+    to_come: Float[Array, "*table n"]  # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero
+    highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
+    tree: Float[Array, "*table m"] | None  # of |samples|, unscaled, where exceedances are asked for
+
+    def _from(self, table: Float[Array, "*table n"], piece: Index) -> Value:
+        _, _, count, scale = self.record.sampling
+        value = jnp.abs(scale) * self.record.among(table, jnp.clip(piece - 1, 0, count - 1))
+        return jnp.where(piece < count, value, 0.0)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        return self.record.sampling.dt * self._from(self.to_come, piece)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        return self._from(self.highest, piece)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        # Linear between samples: at a sample inside, or at an end.
+        record = self.record
+        first, last = record.support
+        start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
+        size = jnp.abs(record.row(record.table))  # what fills up the row is past the end
+        samples = first + jnp.arange(size.shape[0]) * record.sampling.dt
+        inside = jnp.where((samples >= start) & (samples <= end), size, -1.0)
+        times = jnp.stack([samples[jnp.argmax(inside)], start, end])
+        return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        """A linear piece exceeds the threshold where one of its ends does: at t, or at the next such sample."""
+        record, threshold = self.record, self.threshold
+        assert threshold is not None
+        count = record.sampling.count
+        t = jnp.maximum(t, record.breakpoint(jnp.zeros_like(piece)))
+        piece = jnp.maximum(piece, 1)
+        at_once = (piece < count) & (jnp.abs(record.piece(piece)(t)) > threshold)
+        sample = self._next_sample(piece, threshold)
+        formula = record.piece(sample)
+        begin = jnp.maximum(t, record.breakpoint(sample - 1))
+        end = record.breakpoint(sample)
+        a0, a1 = formula(begin), formula(end)
+        slope = (a1 - a0) / jnp.where(end > begin, end - begin, 1.0)
+        crossing = begin + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
+        crossing = jnp.nextafter(jnp.clip(crossing, begin, end), end)  # passed, not touched
+        return jnp.where(at_once, t, jnp.where(sample < count, crossing, jnp.inf))
+
+    def _next_sample(self, first: Index, threshold: Value) -> Index:
+        """The first sample from `first` on that exceeds the threshold, `count` where there is none.
+
+        Along a tree of maxima: up past what holds none, down into what does, so that long records cost no more.
+        """
+        tree = self.tree
+        assert tree is not None
+        leaves = tree.shape[-1] // 2
+        _, _, count, scale = self.record.sampling
+
+        def exceeds(node: Index) -> Array:
+            return jnp.abs(scale) * self.record.among(tree, node) > threshold
+
+        def on(carry):
+            node, _ = carry
+            inside = exceeds(node)
+            # To the first child; else to the right neighbour, from a right child to that of the parent.
+            following = jnp.where(inside, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
+            found = inside & (node >= leaves)
+            past = ~inside & ((node & (node + 1)) == 0)  # the rightmost of its row
+            return jnp.where(found | past, node, following), found | past
+
+        # What begins past the end goes nowhere.
+        begin = leaves + jnp.minimum(first, leaves - 1)
+        node, _ = jax.lax.while_loop(lambda carry: ~carry[1], on, (begin, first >= count))
+        hit = (node >= leaves) & exceeds(node) & (first < count)
+        return jnp.where(hit, node - leaves, count).astype(first.dtype)
+
+
+def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
+    """Maxima of pairs, of pairs of pairs …: node k is the larger of nodes 2k and 2k+1, the leaves are the last half."""
+    n = size.shape[-1]
+    width = 1 << (n - 1).bit_length()
+    rows = [jnp.pad(size, [(0, 0)] * (size.ndim - 1) + [(0, width - n)])]
+    while rows[0].shape[-1] > 1:
+        rows.insert(0, jnp.maximum(rows[0][..., ::2], rows[0][..., 1::2]))
+    return jnp.concatenate([jnp.zeros_like(rows[0]), *rows], axis=-1)

@@ -1,0 +1,184 @@
+"""Wavelets with a free number of oscillations: no table of zeros and extrema, but bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, finite, positive, require
+
+from .base import AbstractExcitation, AbstractOutlook, Index, Number, Value
+
+
+class _BoundedOutlook(AbstractOutlook):
+    """For a smooth motion of which only bounds are known: |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
+
+    motion: AbstractExcitation
+    threshold: Value | None
+    amplitude: Value
+    curvature: Value
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present value and
+        slope stays below the threshold until its own root. Converges quadratically to a crossing."""
+        del piece
+        threshold = self.threshold
+        assert threshold is not None
+        _, end = self.motion.support
+        resolution = 4 * jnp.finfo(t.dtype).eps
+
+        def safe_step(a, slope, sign):
+            margin = threshold - sign * a
+            return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * margin)) / self.curvature
+
+        def advance(carry):
+            t, _ = carry
+            formula = self.motion.piece(self.motion.locate(t))
+            a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
+            found = jnp.abs(a) > threshold
+            step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
+            # Never stand still: a touch that does not exceed is passed in steps of the resolution of time.
+            least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
+            return jnp.where(found, t, t + jnp.maximum(step, least)), found
+
+        t = jnp.maximum(t, self.motion.support[0])
+        quiet = self.amplitude <= threshold
+        t, found = jax.lax.while_loop(lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool)))
+        return jnp.where(found, t, jnp.inf)
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        del piece
+        start, end = self.motion.support
+        return self.amplitude * jnp.maximum(end - jnp.maximum(t, start), 0.0)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        del piece, now
+        return jnp.where(t < self.motion.support[1], self.amplitude, 0.0)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        first, last = self.motion.support
+        start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
+        times = start + (end - start) * jnp.linspace(0.0, 1.0, 1025)
+        spacing = (end - start) / 1024
+        best = times[jnp.argmax(jnp.abs(self.motion(times)))]
+        # Newton on the slope, kept within the neighbouring samples.
+        formula = self.motion.piece(self.motion.locate(best))
+        slope = jax.grad(formula)
+        polished = best
+        for _ in range(4):
+            bend = jax.grad(slope)(polished)
+            step = jnp.where(bend == 0, 0.0, -slope(polished) / jnp.where(bend == 0, 1.0, bend))
+            polished = jnp.clip(polished + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing))
+        return jnp.where(jnp.abs(formula(polished)) > jnp.abs(formula(best)), polished, best)
+
+
+class MavroeidisPapageorgiou(AbstractExcitation):
+    """Mavroeidis & Papageorgiou (2003) pulse; ü_g is the derivative of the ground velocity
+
+    v = (A/2) [1 + cos(2πf_p t/γ)] cos(2πf_p t + ν) on |t| ≤ γ/(2f_p).
+
+    - `A`: velocity amplitude [m/s]; `f_p`: prevailing frequency, > 0 [Hz]
+    - `gamma`: number of oscillations γ, > 1 [–]; `nu`: phase ν [rad]
+    """
+
+    A: Number = eqx.field(converter=as_float)
+    f_p: Number = eqx.field(converter=as_float)
+    gamma: Number = eqx.field(converter=as_float, default=2.0)
+    nu: Number = eqx.field(converter=as_float, default=0.0)
+
+    def __check_init__(self):
+        finite("MavroeidisPapageorgiou", A=self.A, nu=self.nu)
+        positive("MavroeidisPapageorgiou", f_p=self.f_p)
+        require("MavroeidisPapageorgiou", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        half = 0.5 * self.gamma / self.f_p
+        return -half, half
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.stack(jnp.broadcast_arrays(*self.support), axis=-1)
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, A=factor * self.A)
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        omega = 2 * math.pi * self.f_p
+
+        def inside(t):
+            envelope, carrier = omega * t / self.gamma, omega * t + self.nu
+            rate = jnp.sin(envelope) * jnp.cos(carrier) / self.gamma + (1 + jnp.cos(envelope)) * jnp.sin(carrier)
+            return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
+
+        return inside
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
+        motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
+        omega = 2 * math.pi * motion.f_p
+        rates = (omega, omega * (1 + 1 / motion.gamma), omega * (1 - 1 / motion.gamma))
+        weights = (0.5 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A))
+        amplitude = sum((w * r for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
+        curvature = sum((w * r**3 for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
+        return _bounded_outlook(motion, threshold, amplitude, curvature)
+
+
+class Gabor(AbstractExcitation):
+    """Gabor wavelet, a harmonic under a Gaussian, centred on t = 0 (Vassiliou & Makris 2011):
+
+    ü_g = a_p exp(−½(2πt/(γT_p))²) cos(2πt/T_p + φ). Support where the Gaussian is above 1e-18.
+
+    - `a_p`: amplitude of the envelope [m/s²]; `T_p`: period of the harmonic, > 0 [s]
+    - `gamma`: number of oscillations γ, > 0 [–]; `phi`: phase φ [rad]
+    """
+
+    a_p: Number = eqx.field(converter=as_float)
+    T_p: Number = eqx.field(converter=as_float)
+    gamma: Number = eqx.field(converter=as_float, default=2.0)
+    phi: Number = eqx.field(converter=as_float, default=0.0)
+
+    def __check_init__(self):
+        finite("Gabor", a_p=self.a_p, phi=self.phi)
+        positive("Gabor", T_p=self.T_p, gamma=self.gamma)
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        half = 9.2 * self.gamma * self.T_p / (2 * math.pi)
+        return -half, half
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return jnp.zeros((*jnp.broadcast_shapes(self.T_p.shape, self.gamma.shape), 0))
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, a_p=factor * self.a_p)
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        del index
+
+        def formula(t):
+            z = 2 * math.pi * t / self.T_p
+            return self.a_p * jnp.exp(-0.5 * (z / self.gamma) ** 2) * jnp.cos(z + self.phi)
+
+        return formula
+
+    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+        motion: Gabor = jax.lax.stop_gradient(self)
+        amplitude = jnp.abs(motion.a_p)
+        # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the curvature.
+        rate = 2 * math.pi / motion.T_p
+        curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
+        return _bounded_outlook(motion, threshold, amplitude, curvature)
+
+
+def _bounded_outlook(motion, threshold, amplitude, curvature) -> AbstractOutlook:
+    threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
+    return _BoundedOutlook(motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny))

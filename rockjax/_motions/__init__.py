@@ -1,0 +1,1 @@
+"""Recorded and synthetic ground motions: files, suites, intensity measures."""

@@ -1,0 +1,149 @@
+"""Intensity measures of ground motions, exact for motions that are linear between samples.
+
+Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy; pyRotd imports
+`pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too, read Sa off at samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockjax._structures import STANDARD_GRAVITY, Podium
+
+if TYPE_CHECKING:
+    import xarray
+
+    from .motion import Motion, Motions
+
+
+def energy(motion: Motion) -> np.ndarray:
+    """∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
+    a, b = motion.acceleration[:-1], motion.acceleration[1:]
+    return np.concatenate([[0.0], np.cumsum(motion.dt / 3 * (a * a + a * b + b * b))])
+
+
+def arias_intensity(motion: Motion) -> float:
+    """π/(2g) ∫ü_g² dt (Arias 1970) [m/s]."""
+    return float(math.pi / (2 * STANDARD_GRAVITY) * energy(motion)[-1])
+
+
+def cumulative_absolute_velocity(motion: Motion) -> float:
+    """∫|ü_g| dt [m/s]."""
+    a, b = np.abs(motion.acceleration[:-1]), np.abs(motion.acceleration[1:])
+    both = np.where(a + b > 0, a + b, 1.0)
+    crosses = motion.acceleration[:-1] * motion.acceleration[1:] < 0
+    return float(0.5 * motion.dt * np.sum(np.where(crosses, (a * a + b * b) / both, a + b)))
+
+
+def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
+    """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975) [s]."""
+    spent = energy(motion)
+    if spent[-1] == 0:
+        return 0.0
+    t = np.interp([start * spent[-1], end * spent[-1]], spent, motion.time)
+    return float(t[1] - t[0])
+
+
+def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) -> float:
+    """Pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator at rest at first [m/s²].
+
+    - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
+
+    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for inside of the
+    intervals and in the free vibration that follows, in which the peak of a slow oscillator may lie.
+    """
+    if not (math.isfinite(period) and period >= 0):
+        raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
+    if not 0 <= damping < 1:
+        raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
+    if period == 0:
+        return motion.pga
+    from ._oscillator import largest_displacement
+
+    return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
+
+
+def measured(motion: Motion, measure: str, period: float | None, damping: float) -> tuple[float, int]:
+    """One measure of a motion by its name, and with which power of the motion it grows."""
+    simple = {
+        "PGA": (lambda: motion.pga, 1),
+        "PGV": (lambda: motion.pgv, 1),
+        "PGD": (lambda: motion.pgd, 1),
+        "CAV": (lambda: cumulative_absolute_velocity(motion), 1),
+        "arias_intensity": (lambda: arias_intensity(motion), 2),
+    }
+    if measure == "Sa":
+        if period is None:
+            raise ValueError("scaled_to: Sa needs period, such as period=1.0 [s]")
+        return spectral_acceleration(motion, period, damping), 1
+    if measure not in simple:
+        raise ValueError(f"scaled_to: measure must be one of {', '.join((*simple, 'Sa'))}, got {measure!r}")
+    if period is not None:
+        raise ValueError(f"scaled_to: period has no meaning for {measure}")
+    find, power = simple[measure]
+    return find(), power
+
+
+def intensity_measures(
+    motion: Motion | Motions,
+    *,
+    periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
+    damping: float = 0.05,
+    podium: Podium | None = None,
+) -> xarray.Dataset:
+    """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
+
+    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][]) the dim `motion`
+    - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
+    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
+      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
+
+    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
+    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and
+    pseudo-acceleration `Sa` [m/s²] along `period`.
+
+    Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
+    """
+    import xarray
+
+    from .motion import Motions
+
+    several = isinstance(motion, Motions)
+    motions = list(motion) if several else [motion]
+    T = np.atleast_1d(np.asarray(tuple(periods) if isinstance(periods, Iterable) else periods, float))
+    columns: dict[str, tuple[str, str, list]] = {
+        "dt": ("s", "sampling interval", [m.dt for m in motions]),
+        "duration": ("s", "duration", [m.duration for m in motions]),
+        "PGA": ("m s-2", "peak ground acceleration", [m.pga for m in motions]),
+        "PGV": ("m s-1", "peak ground velocity", [m.pgv for m in motions]),
+        "PGD": ("m", "peak ground displacement", [m.pgd for m in motions]),
+        "PGV_PGA": ("s", "PGV/PGA", [m.pgv / m.pga if m.pga > 0 else math.nan for m in motions]),
+        "arias_intensity": ("m s-1", "Arias intensity", [arias_intensity(m) for m in motions]),
+        "CAV": ("m s-1", "cumulative absolute velocity", [cumulative_absolute_velocity(m) for m in motions]),
+        "D5_95": ("s", "significant duration, 5–95 % of Arias intensity", [significant_duration(m) for m in motions]),
+        "scale": ("1", "factor on the motion as read", [float(m.metadata.get("scale", 1.0)) for m in motions]),
+    }
+    attrs: dict[str, float] = {"damping_ratio": damping}
+    if podium is not None:
+        if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
+            raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
+        g, tan_alpha, p = float(podium.g), math.tan(float(podium.alpha)), float(podium.p)
+        attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
+        columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / (g * tan_alpha) for m in motions])
+        columns["velocity_ratio"] = ("1", "p PGV/(g tan α)", [p * m.pgv / (g * tan_alpha) for m in motions])
+    dims = ("motion",) if several else ()
+    put = lambda values: values if several else values[0]
+    data = xarray.Dataset(
+        {name: (dims, put(values), {"units": unit, "long_name": words}) for name, (unit, words, values) in columns.items()},
+        coords={"motion": (dims, put([m.name for m in motions])), "period": ("period", T, {"units": "s"})},
+        attrs={"title": "Intensity measures", **attrs},
+    )
+    spectra = [[spectral_acceleration(m, float(period), damping) for period in T] for m in motions]
+    shape = (len(motions), len(T)) if several else (len(T),)
+    words = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
+    data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), words)
+    return data

@@ -1,0 +1,373 @@
+"""Ground motions on the host: samples with a name, a source and what its header said.
+
+Between samples a motion is linear, as it is in a [`rockjax.Record`][]; all integrals here are exact for that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import html
+import math
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, overload
+
+import numpy as np
+
+from rockjax._files import write_whole
+from rockjax._structures import STANDARD_GRAVITY, Podium
+
+from .record import Record
+
+if TYPE_CHECKING:
+    import xarray
+
+HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
+LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
+DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
+_RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
+
+
+class RecordWarning(UserWarning):
+    """A ground motion can be read, but its units or its baseline look wrong."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Motion:
+    """A ground motion (host), linear between samples and zero outside.
+
+    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; kept as a copy that cannot be written to
+    - `dt`: sampling interval, > 0 [s]
+    - `name`: what to call it; `source`: the file it comes from, None where there is none
+    - `metadata`: what the header of the file says: station, component, event, date, units in the file, filter corners …
+
+    Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
+    """
+
+    acceleration: np.ndarray
+    dt: float
+    name: str = "motion"
+    source: Path | None = None
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        samples = np.array(self.acceleration, float)
+        if samples.ndim != 1 or len(samples) < 2:
+            raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
+        if not np.isfinite(samples).all():
+            k = int(np.argmin(np.isfinite(samples)))
+            raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
+        if not (math.isfinite(self.dt) and self.dt > 0):
+            raise ValueError(f"Motion: dt must be finite and > 0 s, got dt = {self.dt!r}")
+        samples.flags.writeable = False
+        for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.acceleration)
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (len(self) - 1) * self.dt
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the samples, from 0, shape (n,) [s]."""
+        return np.arange(len(self)) * self.dt
+
+    @functools.cached_property
+    def velocity(self) -> np.ndarray:
+        """Ground velocity at the samples, from rest, shape (n,) [m/s]: trapezoids, exact for the motion."""
+        steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @functools.cached_property
+    def displacement(self) -> np.ndarray:
+        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with their end
+        correction (Euler–Maclaurin), exact for the motion."""
+        steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
+        trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
+        return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
+
+    @property
+    def pga(self) -> float:
+        """Peak ground acceleration max|ü_g| [m/s²]."""
+        return float(np.abs(self.acceleration).max())
+
+    @property
+    def pgv(self) -> float:
+        """Peak ground velocity [m/s], inside of an interval too, where ü_g crosses zero."""
+        start, end, after = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
+        turns = start * end < 0
+        inside = after[turns] + 0.5 * self.dt * start[turns] ** 2 / (start[turns] - end[turns])
+        return float(np.abs(np.concatenate([self.velocity, inside])).max())
+
+    @property
+    def pgd(self) -> float:
+        """Peak ground displacement [m], inside of an interval too, where the velocity crosses zero."""
+        a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
+        slope = np.diff(self.acceleration) / dt
+        # v + aτ + ½ slope τ² = 0, in the form that does not cancel.
+        root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
+        sum_ = -(a + np.copysign(root, a))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.stack([2 * v / sum_, sum_ / slope])
+        times = np.where((times > 0) & (times < dt), times, 0.0)
+        inside = u + times * (v + times * (a / 2 + times * slope / 6))
+        return float(np.abs(np.append(inside, self.displacement[-1])).max())
+
+    def record(self, scale: float = 1.0) -> Record:
+        """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]."""
+        return Record(self.acceleration, self.dt, scale)
+
+    def scaled(self, factor: float) -> Self:
+        """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
+        if not math.isfinite(factor):
+            raise ValueError(f"scaled: factor must be finite, got {factor!r}")
+        note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
+        return self._changed(factor * self.acceleration, **note)
+
+    def _changed(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
+        dt = self.dt if dt is None else dt
+        return dataclasses.replace(self, acceleration=acceleration, dt=dt, metadata=dict(self.metadata) | notes)
+
+    def resampled(self, dt: float) -> Self:
+        """The motion every `dt` [s] instead, band-limited (`scipy.signal.resample_poly`).
+
+        What lies above the lower of the two Nyquist frequencies is filtered out, so that nothing is folded back; what
+        lies below is kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it folds 30 Hz onto 20 Hz, and
+        towards finer samples it is no change at all, for a motion is linear between samples anyway. Resampling by the
+        Fourier transform takes the motion for a periodic one and rings at both ends. The first sample stays at its time.
+
+        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two intervals are not
+        in a ratio of whole numbers up to 1000.
+        """
+        if not (math.isfinite(dt) and dt > 0):
+            raise ValueError(f"resampled: dt must be finite and > 0 s, got dt = {dt!r}")
+        if dt > self.duration:
+            raise ValueError(f"resampled: dt = {dt:g} s leaves fewer than two samples of {self.duration:g} s")
+        ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
+        if not 0 < ratio.numerator <= _RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
+            raise ValueError(
+                f"resampled: dt = {dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to {_RATIO}"
+            )
+        from scipy.signal import resample_poly
+
+        up, down = ratio.numerator, ratio.denominator
+        count = (len(self) - 1) * up // down + 1
+        return self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
+
+    def baseline_corrected(self, order: int = 2) -> Self:
+        """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in ü_g.
+
+        The polynomial is fitted to the velocity by least squares among those that are zero at the start and meet the
+        velocity at the end, so that the corrected motion begins and ends at rest. `order=1` takes a constant out of the
+        accelerations, 2 a straight line, 3 a parabola.
+
+        Raises `ValueError` for an order that is not a whole number from 1 to 8.
+        """
+        if not isinstance(order, int) or isinstance(order, bool) or not 1 <= order <= 8:
+            raise ValueError(f"baseline_corrected: order must be a whole number from 1 to 8, got order = {order!r}")
+        s = np.linspace(0.0, 1.0, len(self))  # t over the duration T
+        end = self.velocity[-1]
+        # v(T) s + Σ c_k (s^k − s): the sum is zero at both ends.
+        powers = np.arange(2, order + 1)
+        shapes = s[:, None] ** powers - s[:, None]
+        c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
+        slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
+        corrected = self._changed(self.acceleration - slope / self.duration, baseline_order=order)
+        # Trapezoids of a polynomial are not quite its integral.
+        return corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
+
+    def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
+        """The part between the fractions `lower` and `upper` of the Arias intensity [–].
+
+        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises `ValueError` unless
+        0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
+        """
+        if not 0 <= lower < upper <= 1:
+            raise ValueError(f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}")
+        from .intensity import energy
+
+        spent = energy(self)
+        if spent[-1] == 0:
+            raise ValueError(f"trimmed: {self.name} is zero throughout")
+        first = int(np.searchsorted(spent, lower * spent[-1], side="right")) - 1
+        last = int(np.searchsorted(spent, upper * spent[-1]))
+        return self._changed(self.acceleration[max(first, 0) : max(last, first + 1) + 1])
+
+    def save(self, path: str | Path) -> Path:
+        """Write the motion as PEER's `.AT2` (in g, 8 digits) or as `.csv` (time [s], acceleration [m/s²], exactly),
+        by the suffix of `path`; whole or not at all. [`rockjax.read_motion`][] reads both without further arguments.
+
+        Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix not in (".at2", ".csv"):
+            raise ValueError(f"{path}: a motion is saved as .AT2 or .csv, got {Path(path).suffix!r}")
+        lines = self._at2() if suffix == ".at2" else self._csv()
+        return write_whole(path, lambda name: Path(name).write_text("\n".join([*lines, ""]), encoding="utf-8"))
+
+    def _at2(self) -> list[str]:
+        say = lambda key, default: str(self.metadata.get(key) or default).replace(",", ";").replace("\n", " ")
+        event, date, station, component = (
+            say(key, default) for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
+        )
+        numbers = [f"{a:15.7E}" for a in self.acceleration / STANDARD_GRAVITY]
+        return [
+            "ROCKJAX GROUND MOTION",
+            f"{event}, {date}, {station}, {component}",
+            "ACCELERATION TIME SERIES IN UNITS OF G",
+            f"NPTS= {len(self):6d}, DT= {self.dt:.10g} SEC",
+            *("".join(numbers[k : k + 5]) for k in range(0, len(numbers), 5)),
+        ]
+
+    def _csv(self) -> list[str]:
+        rows = (f"{t:.12g},{float(a)!r}" for t, a in zip(self.time, self.acceleration, strict=True))
+        return ["time [s],acceleration [m/s2]", *rows]
+
+    def _facts(self) -> dict[str, str]:
+        facts = {
+            "samples": f"{len(self)} every {self.dt:g} s, {self.duration:.4g} s",
+            "PGA": f"{self.pga:.3g} m/s² ({self.pga / STANDARD_GRAVITY:.3g} g)",
+            "PGV": f"{self.pgv:.3g} m/s",
+            "PGD": f"{self.pgd:.3g} m",
+        }
+        more = {key: str(value) for key, value in self.metadata.items() if value not in (None, "")}
+        return facts | dict(list(more.items())[:8])
+
+    def __repr__(self) -> str:
+        return "\n  ".join([f"Motion {self.name!r}", *(f"{key}: {value}" for key, value in self._facts().items())])
+
+    def _repr_html_(self) -> str:
+        rows = (f"<tr><th>{html.escape(key)}</th><td>{html.escape(value)}</td></tr>" for key, value in self._facts().items())
+        return f"<table><caption>{html.escape(self.name)}</caption>{''.join(rows)}</table>"
+
+
+def check(motion: Motion, where: str, stacklevel: int) -> None:
+    """Warn where units or baseline look wrong; `where` names the file."""
+    if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
+        warnings.warn(
+            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
+        )
+    left = abs(float(motion.velocity[-1]))
+    if left > DRIFT * motion.pgv:
+        warnings.warn(
+            f"{where}: ends with a velocity of {left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
+            "it is cut; Motion.baseline_corrected() takes it out",
+            RecordWarning,
+            stacklevel,
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Motions(Sequence[Motion]):
+    """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
+
+    An index gives a motion, a slice gives motions. Scale factors are in the accelerations already; `scales` tells them.
+    """
+
+    motions: tuple[Motion, ...]
+
+    def __post_init__(self):
+        motions = tuple(self.motions)
+        for motion in motions:
+            if not isinstance(motion, Motion):
+                raise ValueError(f"Motions: must hold rockjax.Motion, got {type(motion).__name__}")
+        object.__setattr__(self, "motions", motions)
+
+    @overload
+    def __getitem__(self, index: int) -> Motion: ...
+    @overload
+    def __getitem__(self, index: slice) -> Motions: ...
+    def __getitem__(self, index):
+        return Motions(self.motions[index]) if isinstance(index, slice) else self.motions[index]
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    @property
+    def names(self) -> list[str]:
+        return [motion.name for motion in self]
+
+    @property
+    def scales(self) -> np.ndarray:
+        """The factor on each motion as it was read, shape (motions,) [–]."""
+        return np.array([float(motion.metadata.get("scale", 1.0)) for motion in self])
+
+    def map(self, change: Callable[[Motion], Motion]) -> Motions:
+        """`change` on every motion, such as `lambda motion: motion.resampled(0.01)`."""
+        return Motions(tuple(change(motion) for motion in self))
+
+    def records(self) -> list[Record]:
+        """One [`rockjax.Record`][] per motion, to simulate with."""
+        return [motion.record() for motion in self]
+
+    def scaled_to(self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05) -> Motions:
+        """Every motion scaled so that `measure` is `value`.
+
+        - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or `"Sa"` [m/s²]
+        - `period`, `damping`: of Sa(T) [s], [–]
+
+        Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
+        """
+        from .intensity import measured
+
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"scaled_to: value must be finite and > 0, got value = {value!r}")
+
+        def scaled(motion: Motion) -> Motion:
+            present, power = measured(motion, measure, period, damping)
+            if present == 0:
+                raise ValueError(f"scaled_to: {measure} of {motion.name} is zero")
+            return motion.scaled((value / present) ** (1 / power))
+
+        return self.map(scaled)
+
+    def dataset(
+        self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Podium | None = None
+    ) -> xarray.Dataset:
+        """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
+        from .intensity import intensity_measures
+
+        return intensity_measures(self, periods=periods, damping=damping, podium=podium)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [
+            ("name", "dt [s]", "duration [s]", "PGA [m/s²]", "PGV [m/s]", "scale"),
+            *(
+                (m.name, f"{m.dt:g}", f"{m.duration:.4g}", f"{m.pga:.3g}", f"{m.pgv:.3g}", f"{scale:.4g}")
+                for m, scale in zip(self, self.scales, strict=True)
+            ),
+        ]
+
+    def __repr__(self) -> str:
+        return "\n  ".join([f"{len(self)} motions", *aligned(self._rows())])
+
+    def _repr_html_(self) -> str:
+        cells = (("th" if k == 0 else "td", row) for k, row in enumerate(self._rows()))
+        rows = ("<tr>" + "".join(f"<{tag}>{html.escape(text)}</{tag}>" for text in row) + "</tr>" for tag, row in cells)
+        return f"<table>{''.join(rows)}</table>"
+
+
+def distinct(labels: Sequence[str]) -> list[str]:
+    """Names that say which is which, where files of different folders have the same."""
+    total, seen, found = Counter(labels), Counter(), []
+    for label in labels:
+        seen[label] += 1
+        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
+    return found
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table: the first column to the left, numbers to the right."""
+    widths = [max(len(text) for text in column) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(text.ljust(w) if k == 0 else text.rjust(w) for k, (text, w) in enumerate(zip(row, widths, strict=True)))
+        for row in rows
+    ]

@@ -1,0 +1,197 @@
+"""Ground motions from files, one by one or as a suite."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from .formats import EVEN, UNITS, parse
+from .motion import Motion, Motions, check
+
+TABLE = "suite.csv"  # what a folder may hold to say what is in it
+_COLUMNS = ("file", "name", "scale", "units", "dt", "component")
+
+
+def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Motion:
+    """The ground motion in a file, without a look at whether it makes sense.
+
+    Raises `ValueError` that names the file, the line and the cause.
+    """
+    path = Path(path)
+    if units is not None and units not in UNITS:
+        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {units!r}")
+    if dt is not None and not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"{path}: dt must be finite and > 0 s, got {dt!r}")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL in the name
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    if not content.strip():
+        raise ValueError(f"{path}: is empty")
+    found = parse(path, content, component)
+    own = found.units
+    if own is None and units is None:
+        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
+        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
+        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
+    if own is not None and units is not None and UNITS[own] != UNITS[units]:
+        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
+    values = found.values
+    if len(values) < 2:
+        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
+    if found.dt is None and dt is None:
+        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
+    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
+        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
+    unit = units or own
+    assert unit is not None
+    with np.errstate(over="ignore"):
+        values = UNITS[unit] * values
+    if not np.isfinite(values).all():
+        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
+    step = found.dt if found.dt is not None else float(dt or 0)
+    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
+
+
+def read_motion(
+    path: str | Path, *, units: str | None = None, dt: float | None = None, component: int | str | None = None
+) -> Motion:
+    """The ground motion in a file (host), with what its header says.
+
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP and of COSMOS (`.V2`, `.V2c`); ESM, ITACA and
+    AFAD (`KEY: value`); K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
+    acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
+    `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
+    - `dt`: sampling interval [s], where the file has neither it nor times
+    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`
+
+    Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
+    lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
+    1e-4 g, and where more than a fifth of PGV is left at the end.
+    """
+    motion = read(path, units, dt, component)
+    check(motion, str(path), stacklevel=3)
+    return motion
+
+
+def read_suite(
+    path: str | Path,
+    *,
+    units: str | None = None,
+    dt: float | None = None,
+    scale: float = 1.0,
+    component: int | str | None = None,
+    pattern: str | None = None,
+) -> Motions:
+    """The ground motions in a folder, or in a table (host).
+
+    - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of headings:
+      `file` (relative to the table) and, where wanted, `name`, `scale`, `units`, `dt` and `component`; empty cells are as if
+      left out, and other columns become metadata. A folder that holds a `suite.csv` is read by it
+    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table comes first
+    - `scale`: factor on all motions, times that of the table [–]
+    - `pattern`: reads these files of a folder only, such as `"*.AT2"`, and no `suite.csv`
+
+    Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
+    """
+    path = Path(path)
+    if not np.isfinite(scale):
+        raise ValueError(f"{path}: scale must be finite, got {scale!r}")
+    if path.is_dir():
+        if pattern is None and (path / TABLE).is_file():
+            path = path / TABLE
+        else:
+            try:
+                files = sorted(p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith("."))
+            except (ValueError, NotImplementedError, OSError) as error:
+                raise ValueError(f"{path}: pattern {pattern!r} cannot be looked for: {error}") from None
+            if not files:
+                raise ValueError(f"{path}: holds no file" + (f" {pattern}" if pattern else ""))
+            return _all(path, [(str(file), {"file": str(file)}) for file in files], units, dt, scale, component, pattern)
+    elif pattern is not None:
+        raise ValueError(f"{path}: is not a folder; pattern has no meaning")
+    return _all(path, _table(path), units, dt, scale, component, "")
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file begins like a table of files, not like a motion."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            return path.suffix.lower() == ".csv" and "file" in stream.readline().strip().split(",")
+    except OSError:
+        return False  # what is wrong with it is said by whoever reads it
+
+
+def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """The rows of a table of files: where each is, for complaints, and its cells that are not empty."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"{path}: is not a table of files: {error}") from None
+    if not rows or "file" not in rows[0][1]:
+        raise ValueError(f"{path}:1: needs a row of headings with the column 'file'; known are {', '.join(_COLUMNS)}")
+    _, names = rows[0]
+    if len(set(names)) != len(names):
+        raise ValueError(f"{path}:{rows[0][0]}: has a heading twice")
+    if len(rows) == 1:
+        raise ValueError(f"{path}: lists no file")
+    found = []
+    for line, cells in rows[1:]:
+        if len(cells) > len(names):
+            raise ValueError(f"{path}:{line}: has {len(cells)} cells where there are {len(names)} headings")
+        row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+        if "file" not in row:
+            raise ValueError(f"{path}:{line}: file is missing")
+        for name in ("scale", "dt"):
+            _cell(f"{path}:{line}", row, name)
+        row["file"] = str(path.parent / row["file"])
+        found.append((f"{path}:{line}", row))
+    return found
+
+
+def _cell(where: str, row: dict[str, str], name: str) -> float | None:
+    try:
+        value = float(row[name]) if name in row else None
+    except ValueError:
+        value = float("nan")
+    if value is not None and not np.isfinite(value):
+        raise ValueError(f"{where}: {name} must be a finite number, got {row[name]!r}")
+    return value
+
+
+def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern) -> Motions:
+    motions, problems = [], []
+    for where, row in rows:
+        own = row.get("component", component)
+        own_dt, own_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
+        try:
+            motion = read(
+                row["file"],
+                row.get("units", units),
+                dt if own_dt is None else own_dt,
+                int(own) if isinstance(own, str) and own.isdecimal() and "component" in row else own,
+            )
+        except ValueError as error:
+            problems.append(str(error))
+            continue
+        check(motion, row["file"], stacklevel=4)
+        more = {key: value for key, value in row.items() if key not in _COLUMNS}
+        motion = Motion(
+            motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)
+        )
+        factor = scale * (1.0 if own_scale is None else own_scale)
+        motions.append(motion.scaled(factor) if factor != 1 else motion)
+    if problems:
+        hint = "; a pattern (on the command line --pattern), say '*.AT2', reads only some" if pattern is None else ""
+        raise ValueError("\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems]))
+    return Motions(tuple(motions))

@@ -1,0 +1,96 @@
+"""Sampled ground motions."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, concrete, finite, positive
+from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
+
+
+class Record(AbstractSampled):
+    """A sampled ground motion, linear between samples and zero before the first and after the last, jumps included.
+
+    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
+    - `dt`: sampling interval, > 0 [s]
+    - `scale`: factor on the samples [–]; `t_start`: time of the first sample [s]
+
+    Raises `ValueError` for empty or non-finite records.
+    """
+
+    acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_float)
+    dt: Float[Array, "*batch"] = eqx.field(converter=as_float)
+    scale: Float[Array, "*batch"] = eqx.field(converter=as_float, default=1.0)
+    t_start: Float[Array, "*batch"] = eqx.field(converter=as_float, default=0.0)
+
+    def __check_init__(self):
+        positive("Record", dt=self.dt)
+        finite("Record", scale=self.scale, t_start=self.t_start)
+        shape = self.acceleration.shape
+        if len(shape) == 0 or shape[-1] < 2:
+            raise ValueError(f"Record: acceleration must hold at least two samples, got shape {shape}")
+        samples = concrete(self.acceleration)
+        if samples is not None and not np.isfinite(samples).all():
+            where = np.argwhere(~np.isfinite(samples))[0]
+            raise ValueError(f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}")
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        *,
+        units: str | None = None,
+        dt: float | None = None,
+        scale: float = 1.0,
+        component: int | str | None = None,
+    ) -> Self:
+        """The record in a file (host): PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's .npy.
+
+        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
+        - `dt`: sampling interval [s], where the file has neither it nor times
+        - `scale`: factor on the samples [–]
+        - `component`: number or name of a channel, where the file has several
+
+        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
+        """
+        from .motion import check  # which knows this module
+        from .readers import read
+
+        motion = read(path, units, dt, component)
+        check(motion, str(path), stacklevel=3)
+        return cls(motion.acceleration, motion.dt, scale)
+
+    @property
+    def sampling(self) -> Sampling:
+        return Sampling(self.t_start, self.dt, self.acceleration.shape[-1], self.scale)
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1]) * self.dt[..., None]
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, scale=factor * self.scale)
+
+    @property
+    def table(self) -> Float[Array, " n"]:
+        return self.acceleration
+
+    def among(self, table: Float[Array, " n"], i: Index) -> Value:
+        return table[i]
+
+    def row(self, table: Float[Array, " n"]) -> Float[Array, " n"]:
+        return table
+
+    def sizes(self) -> Float[Array, " n"]:
+        return jnp.abs(self.acceleration)
+
+    @property
+    def own_dimensions(self) -> dict[str, int]:
+        return {"acceleration": 1}

@@ -1,0 +1,105 @@
+"""Several records in one table, for ensembles."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from rockjax._checks import as_float, concrete
+from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
+
+from .record import Record
+
+
+class Records(AbstractSampled):
+    """Sampled ground motions of any lengths and intervals, kept once for all scenes: a batch of records.
+
+    `Records.of(records)` is made from single records; as it stands it is a batch of all of them, shape (k,). `pick(j)` is
+    record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With [`rockjax.peak_responses`][]
+    the samples are not copied for each scene, and one program serves records of different lengths.
+
+    - `acceleration`: samples, shape (k, n), rows filled up with zeros [m/s²]; `counts`: how many are samples, shape (k,)
+    - `intervals`: sampling intervals, shape (k,) [s]; `starts`: times of the first samples, shape (k,) [s]
+    - `which`: the rows that are meant; `scale`: factor on the samples [–]
+    """
+
+    acceleration: Float[Array, "k n"]
+    counts: Int[Array, " k"]
+    intervals: Float[Array, " k"]
+    starts: Float[Array, " k"]
+    which: Int[Array, "*batch"] = eqx.field(converter=jnp.asarray)
+    scale: Float[Array, "*batch"] = eqx.field(converter=as_float, default=1.0)
+
+    @classmethod
+    def of(cls, records: Sequence[Record]) -> Self:
+        """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches among them."""
+        records = list(records)
+        if not records:
+            raise ValueError("Records: at least one record is needed, got none")
+        for j, record in enumerate(records):
+            if not isinstance(record, Record):
+                raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {record!r}")
+            if record.acceleration.ndim != 1 or any(jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)):
+                raise ValueError(f"Records: entry {j} must be a single record, got a batch; give a list of records")
+        counts = np.array([record.acceleration.size for record in records], np.int32)
+        longest = int(counts.max())
+        rows = [jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size)) for record in records]
+        return cls(
+            acceleration=jnp.stack(rows),
+            counts=jnp.asarray(counts),
+            intervals=jnp.stack([record.dt for record in records]),
+            starts=jnp.stack([record.t_start for record in records]),
+            which=np.arange(len(records), dtype=np.int32),
+        )
+
+    def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
+        """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is concrete."""
+        chosen = concrete(which)
+        whole = jnp.issubdtype(jnp.result_type(which), jnp.integer)
+        if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
+            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {which!r}")
+        return dataclasses.replace(self, which=which, scale=1.0)
+
+    def __len__(self) -> int:
+        return self.counts.shape[0]
+
+    def __iter__(self) -> Iterator[Self]:
+        return (self.pick(j) for j in range(len(self)))
+
+    @property
+    def sampling(self) -> Sampling:
+        j = self.which
+        return Sampling(self.starts[j], self.intervals[j], self.counts[j], self.scale)
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        start, dt, count, _ = (jnp.asarray(y)[..., None] for y in self.sampling)
+        i = jnp.arange(self.acceleration.shape[-1]).reshape((1,) * self.which.ndim + (-1,))
+        return jnp.where(i < count, start + i * dt, jnp.inf)
+
+    def scaled(self, factor) -> Self:
+        return dataclasses.replace(self, scale=factor * self.scale)
+
+    @property
+    def table(self) -> Float[Array, "k n"]:
+        return self.acceleration
+
+    def among(self, table: Float[Array, "k n"], i: Index) -> Value:
+        return table[self.which, i]
+
+    def row(self, table: Float[Array, "k n"]) -> Float[Array, " n"]:
+        return table[self.which]
+
+    def sizes(self) -> Float[Array, "k n"]:
+        samples = jnp.arange(self.acceleration.shape[-1])[None] < self.counts[:, None]
+        return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
+
+    @property
+    def own_dimensions(self) -> dict[str, int]:
+        return {"acceleration": 2, "counts": 1, "intervals": 1, "starts": 1}

@@ -1,0 +1,1 @@
+"""One scene: its peak response, its history, and both as datasets."""

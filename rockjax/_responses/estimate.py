@@ -1,0 +1,53 @@
+"""How wrong a scene may be: how far it is from a second solution of the same scene, at another tolerance.
+
+A tenth of the tolerance where there is room for it: then the difference is the error of the first solution, but for a
+tenth. Close to rounding ten times the tolerance: then it is that of the second one, and errs on the safe side.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from rockjax import _results as results
+from rockjax._options import LEAST_ATOL, Options
+from rockjax._results import Errors
+
+SAFETY = 10.0  # the true error is below this times the estimate, but for one scene in a hundred (docs/stress.md)
+FINER = 0.1
+SHORTER = 0.7  # steps, where it is not the tolerance that sets them
+
+
+def companion(options: Options) -> Options:
+    """The options of the second solution."""
+    rtol, atol = options.rtol, options.atol
+    larger = max if isinstance(atol, int | float) else jnp.maximum
+    finer, looser = (FINER * rtol, larger(FINER * atol, LEAST_ATOL)), (rtol / FINER, atol / FINER)
+    room = FINER * rtol >= 100 * float(jnp.finfo(jnp.result_type(float)).eps)
+    if isinstance(room, bool):  # as plain numbers, which the program of the first solution takes as well
+        tolerances = finer if room else looser
+    else:
+        tolerances = jax.tree.map(lambda a, b: jnp.where(room, a, b), finer, looser)
+    return eqx.tree_at(lambda o: (o.rtol, o.atol, o.stride), options, (*tolerances, SHORTER * options.stride))
+
+
+def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio, xp) -> Errors:
+    """From floats and integers of both solutions; `xp` is NumPy for batches on the host, else jax.numpy."""
+    if xp is jnp:
+        first, second = jax.lax.stop_gradient((first, second))
+    (a, flags), (b, others) = first, second
+    unknown = (flags["code"] > results.OVERTURNED) | (others["code"] > results.OVERTURNED)
+
+    def apart(name):
+        difference = abs(a[name] - b[name])
+        return xp.where(unknown & ~xp.isnan(a[name]), xp.inf, difference)
+
+    rotation = apart("peak_rotation")
+    falls = flags["overturned"]
+    # What a column has too much when it reaches the overturning angle vanishes on the boundary.
+    close = xp.where(falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio)
+    undecided = unknown | (falls != others["overturned"]) | close
+    return Errors(rotation, apart("peak_deformation"), apart("peak_shear"), undecided)

@@ -1,0 +1,1 @@
+"""Spectra, fragilities and their sensitivities: what is made of many scenes."""

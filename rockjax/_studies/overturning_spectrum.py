@@ -1,0 +1,184 @@
+"""Overturning spectra: every boundary between survival and overturning over pulse frequency."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._boundaries.boundaries import boundaries
+from rockjax._boundaries.boundary import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
+from rockjax._boundaries.branches import LANES
+from rockjax._boundaries.crossings import Crossings
+from rockjax._checks import require
+from rockjax._engine.solve import solve
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
+from rockjax._responses.datasets import derived_numbers, describe
+from rockjax._responses.simulate import REST
+from rockjax._structures import Podium
+
+from .sensitivities import along_boundary, check_parameters, varied
+from .spectra import check_resumes
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def overturning_spectrum(
+    podium: Podium,
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    frequency_ratio,
+    *,
+    max_acceleration_ratio: float = 12.0,
+    sensitivities: Sequence[str] = (),
+    method: Literal["scan", "trace"] = "scan",
+    scans: int = 9,
+    resolution: int = 128,
+    options: Options = BOUNDARY,
+    progress: Any = False,
+) -> xarray.Dataset:
+    """Every change between survival and overturning of one podium, over pulse frequency (host).
+
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
+    - `frequency_ratio`: ω_p/p, shape (n,), > 0, ascending
+    - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
+    - `sensitivities`: parameters y of which d a_ov/d ln y is wanted along the minimum: `"alpha"`, `"R"`, `"gamma"`,
+      `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others stay as they are
+    - `method`: `"scan"` scans the amplitudes at every frequency, at `resolution` places and closer where it matters;
+      `"trace"` scans at `scans` frequencies and follows the branches from there, and scans again only where what it has
+      followed cannot be all
+    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+
+    Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing overturns),
+    `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive …), `impacts` before
+    overturning at each boundary (−1 where there is none), `one_sided` where the minimum is about to jump to another
+    branch, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about 1e-10.
+
+    Raises `ValueError` for inputs that make no sense.
+    """
+    owner = "overturning_spectrum"
+    x = np.asarray(frequency_ratio, float)
+    if x.ndim != 1 or x.size == 0:
+        raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
+    require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
+    positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
+    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
+        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    if not isinstance(resolution, int) or resolution < WIDTH:
+        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+    if method not in ("scan", "trace"):
+        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
+    if method == "trace" and not has_margin(options):
+        raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
+    if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
+        raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
+    check_parameters(owner, podium, sensitivities, more=["T_p"])
+    derived = derived_numbers(podium)
+    unit, p = derived["g_tan_alpha"], derived["p_rad_s"]
+
+    def plane(x, y):
+        return podium, pulse(y * unit, 2 * math.pi / (x * p))
+
+    top = float(max_acceleration_ratio)
+    found = boundaries(plane, x, (0.0, top), method, scans, resolution, options, progress)
+    data = _dataset(podium, pulse, x, found.crossings, found.dip, derived, options)
+    data.attrs |= {"method_of_search": method, "max_acceleration_ratio": top, **found.cost}
+    if sensitivities:
+        a_p, T_p = data["minimum"].values * unit, data["T_p"].values
+        slopes = _sensitivities(podium, pulse, a_p, T_p, tuple(sensitivities), options) / unit
+        data["sensitivity"] = (
+            ("parameter", "frequency_ratio"),
+            slopes,
+            {"units": "1", "long_name": "d a_ov/d ln y over g tan α, along the minimum"},
+        )
+        data = data.assign_coords(parameter=list(sensitivities))
+    if found.branches:
+        length = max(len(branch.x) for branch in found.branches)
+        pad = lambda y: np.concatenate([y, np.full(length - len(y), np.nan)])
+        for name, long_name in (("x", "ω_p/p"), ("y", "a_p/(g tan α)")):
+            curves = np.stack([pad(getattr(branch, name)) for branch in found.branches])
+            data[f"branch_{name}"] = (("branch", "point"), curves, {"units": "1", "long_name": f"{long_name} of a branch"})
+    return data
+
+
+def check_overturning_resumes(
+    known: xarray.Dataset, podium: Podium, pulse, frequency_ratio, max_acceleration_ratio, sensitivities, options: Options
+) -> None:
+    """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these arguments."""
+    owner = "overturning_spectrum"
+    attributes = _attributes(podium, pulse, options) | {"max_acceleration_ratio": float(max_acceleration_ratio)}
+    check_resumes(owner, known, attributes, {"frequency_ratio": frequency_ratio})
+    if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
+        raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
+
+
+def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
+    return {"title": "Overturning spectrum", "kind": "overturning-spectrum", **describe(podium, pulse, options)}
+
+
+def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, options: Options) -> xarray.Dataset:
+    import xarray
+
+    places, impacts = crossings.table(x.size)
+    T_p = 2 * math.pi / (x * derived["p_rad_s"])
+    ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
+    data = xarray.Dataset(
+        {
+            "minimum": ("frequency_ratio", places[:, 0], ratio | {"long_name": "least overturning a_p/(g tan α)"}),
+            "boundaries": (("frequency_ratio", "boundary"), places, ratio),
+            "impacts": (("frequency_ratio", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
+            "one_sided": (
+                "frequency_ratio",
+                dip < GRAZES,
+                {"units": "1", "long_name": "the minimum is about to jump to another branch"},
+            ),
+        },
+        coords={
+            "boundary": ("boundary", np.arange(1, places.shape[1] + 1), {"long_name": "boundaries from below"}),
+            "frequency_ratio": ("frequency_ratio", x, {"units": "1", "long_name": "ω_p/p"}),
+            "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
+            "minimum_a_p": (
+                "frequency_ratio",
+                places[:, 0] * derived["g_tan_alpha"],
+                {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
+            ),
+        },
+    )
+    data.attrs = _attributes(podium, pulse, options)
+    return data
+
+
+def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], options: Options) -> np.ndarray:
+    """d a_ov/d ln y at boundaries a_p (n,) for pulses of T_p (n,): (names, n) [m/s²]; NaN where a_p is."""
+    result = np.full((len(names), a_p.size), np.nan)
+    at = np.flatnonzero(np.isfinite(a_p))
+    for start in range(0, at.size, LANES):
+        part = at[start : start + LANES]
+        filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
+        found = _along(podium, a_p[filled], T_p[filled], options, pulse, names, has_margin(options))
+        result[:, part] = np.asarray(found)[: part.size].T
+    return result
+
+
+@functools.partial(jax.jit, static_argnames=("pulse", "names", "margin"))
+def _along(podium: Podium, a_p, T_p, options: Options, pulse, names: tuple[str, ...], margin: bool):
+    own = [k for k, name in enumerate(names) if name != "T_p"]
+
+    def one(a_p, T_p):
+        def past(logs):
+            factor = jnp.exp(logs)
+            period = T_p * factor[1 + names.index("T_p")] if "T_p" in names else T_p
+            structure = varied(podium, [names[k] for k in own], factor[1 + np.array(own, int)])
+            motion = pulse(a_p * (1 + PAST) * factor[0], period)
+            (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
+            return footing(floats, margin)
+
+        return a_p * along_boundary(past, len(names), a_p.dtype)
+
+    return jax.vmap(one)(a_p, T_p)

@@ -1,0 +1,225 @@
+"""Rocking spectra: peak response over pulse frequency and acceleration, in the field's dimensionless axes."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import math
+import threading
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._batch.batch import responses, warn_of_failures
+from rockjax._checks import require
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
+from rockjax._responses.datasets import derived_numbers, describe, peak_variables
+from rockjax._responses.simulate import REST
+from rockjax._results import Interrupted, Peak
+from rockjax._structures import Podium
+from rockjax._threads import Pool
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def rocking_spectrum(
+    podium: Podium,
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    frequency_ratio,
+    acceleration_ratio,
+    *,
+    options: Options = Options(),
+    progress: Any = False,
+    resume: xarray.Dataset | None = None,
+) -> xarray.Dataset:
+    """Peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
+
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
+    - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
+    - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
+
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as variables
+    (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and `undecided`), the dimensional axes
+    `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
+    `ValueError` for axes that are not 1-D, finite and in range.
+    """
+    known = None if resume is None else [resume]
+    try:
+        (spectrum,) = rocking_spectra(
+            [podium], pulse, frequency_ratio, acceleration_ratio, options=options, progress=progress, resume=known
+        )
+    except Interrupted as interrupted:
+        raise Interrupted(str(interrupted), interrupted.partial[0]) from None
+    return spectrum
+
+
+def rocking_spectra(
+    podiums: Sequence[Podium],
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    frequency_ratio,
+    acceleration_ratio,
+    *,
+    options: Options = Options(),
+    progress: Any = False,
+    resume: Sequence[xarray.Dataset | None] | None = None,
+) -> list[xarray.Dataset]:
+    """Rocking spectra of several podiums over the same axes (host), each as from [`rockjax.rocking_spectrum`][].
+
+    Podiums of the same kind (elastic or not, the same restitution law) share one batch: faster than one after another.
+    Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
+
+    - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not solved again.
+      Raises `ValueError` where they belong to other podiums, axes, options or versions
+    """
+    axes = {
+        "frequency_ratio": np.asarray(frequency_ratio, float),
+        "acceleration_ratio": np.asarray(acceleration_ratio, float),
+    }
+    for name, values in axes.items():
+        if values.ndim != 1 or values.size == 0:
+            raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")
+    require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
+    require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
+        raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
+    kinds: dict[Any, list[int]] = {}
+    for k, podium in enumerate(podiums):
+        kinds.setdefault(jax.tree.structure(podium), []).append(k)
+    derived = [derived_numbers(podium) for podium in podiums]
+
+    known = list(resume) if resume is not None else [None] * len(podiums)
+    if len(known) != len(podiums):
+        raise ValueError(
+            f"rocking_spectrum: resume must hold one spectrum or None per podium, got {len(known)} for {len(podiums)}"
+        )
+    for podium, data in zip(podiums, known, strict=True):
+        if data is not None:
+            check_resumes("rocking_spectrum", data, _attributes(podium, pulse, options), axes)
+    stop = threading.Event()
+
+    def solve(members: list[int]) -> list[xarray.Dataset | None]:
+        group = [podiums[k] for k in members]
+        T_p = np.stack([2 * math.pi / (axes["frequency_ratio"] * derived[k]["p_rad_s"]) for k in members])
+        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha"] for k in members])
+        # One number where it is common to all, else one per podium.
+        stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
+        together = jax.tree.map(stack, *group)
+        numbers = a_p[:, :, None], T_p[:, None, :]
+        shape = np.broadcast_shapes(*(y.shape for y in numbers))
+        todo = np.stack([_unsolved(known[k], shape[1:]) for k in members])
+        if not todo.any():
+            return [known[k] for k in members]
+        if not todo.all():  # only these, in a row
+            chosen = lambda y: np.broadcast_to(y, shape)[todo] if np.ndim(y) else y
+            together, numbers = jax.tree.map(chosen, (together, numbers))
+        try:
+            peaks = responses(together, pulse(*numbers), REST, None, options, progress, stop)
+            warn_of_failures(peaks, stacklevel=2)
+        except Interrupted as interrupted:
+            if interrupted.partial is None:
+                return [known[k] for k in members]
+            peaks = interrupted.partial
+        if not todo.all():
+            peaks = jax.tree.map(lambda y: _placed(y, todo), peaks)
+        each = [jax.tree.map(lambda y, j=j: y[j], peaks) for j in range(len(members))]
+        return [
+            _with(known[k], _dataset(podiums[k], pulse, axes, a_p[j], T_p[j], each[j], options))
+            for j, k in enumerate(members)
+        ]
+
+    # Side by side, so that one kind is compiled while another one runs.
+    with Pool(max(1, len(kinds))) as pool:
+        futures = []
+        try:
+            for members in kinds.values():
+                futures.append(pool.submit(solve, members))
+            concurrent.futures.wait(futures)
+        except KeyboardInterrupt:
+            stop.set()
+    solved = [future.result() for future in futures]
+    # Ctrl-C may come before the last kind has begun.
+    solved += [[known[k] for k in members] for members in list(kinds.values())[len(futures) :]]
+    spectra = {
+        k: spectrum
+        for members, group in zip(kinds.values(), solved, strict=True)
+        for k, spectrum in zip(members, group, strict=True)
+    }
+    ordered = [spectra[k] for k in range(len(podiums))]
+    size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
+    left = sum(int(_unsolved(data, size).sum()) for data in ordered)
+    if left or stop.is_set():
+        total = len(podiums) * size[0] * size[1]
+        raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
+    return [data for data in ordered if data is not None]
+
+
+def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Which scenes of a spectrum are still to be solved."""
+    return np.ones(shape, bool) if known is None else np.asarray(known["result"] == results.INTERRUPTED)
+
+
+def _placed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
+    whole = np.zeros(where.shape, values.dtype)
+    whole[where] = values
+    return whole
+
+
+def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
+    """A spectrum, with what was known of it before."""
+    if known is None:
+        return new
+    solved = ~_unsolved(known, ())
+    for name, values in new.data_vars.items():
+        values.values[...] = np.where(solved, known[name].values, values.values)
+    return new
+
+
+def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
+    for name, values in axes.items():
+        if name not in known.coords or not np.array_equal(known[name].values, values):
+            raise ValueError(f"{owner}: the spectrum to resume has another axis {name}")
+    for name, value in attributes.items():
+        found = known.attrs.get(name)
+        if found != value:
+            raise ValueError(f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
+
+
+def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
+    import xarray
+
+    dims = ("acceleration_ratio", "frequency_ratio")
+    dataset = xarray.Dataset(
+        {name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)},
+        coords={
+            "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], {"units": "1", "long_name": "ω_p/p"}),
+            "acceleration_ratio": (
+                "acceleration_ratio",
+                axes["acceleration_ratio"],
+                {"units": "1", "long_name": "a_p/(g tan α)"},
+            ),
+            "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
+            "a_p": ("acceleration_ratio", a_p, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
+        },
+    )
+    dataset.attrs = _attributes(podium, pulse, options)
+    return dataset
+
+
+def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
+    return {"title": "Rocking spectrum", "kind": "rocking-spectrum", **describe(podium, pulse, options)}
+
+
+def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
+    """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
+    ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
+    least = ratio.min("acceleration_ratio")
+    least.attrs = {"units": "1", "long_name": "minimum overturning a_p/(g tan α), read off the grid"}
+    return least

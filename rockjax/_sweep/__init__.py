@@ -1,0 +1,1 @@
+"""Very many scenes: in chunks, kept in a store, resumed, on one machine or a cluster."""

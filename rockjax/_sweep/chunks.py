@@ -1,0 +1,96 @@
+"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write what they answer."""
+
+from __future__ import annotations
+
+import functools
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import jax
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._batch.batch import responses
+from rockjax._batch.executors import crew
+from rockjax._options import Options
+from rockjax._responses.datasets import describe_versions, peak_variables
+from rockjax._results import Peak
+from rockjax._threads import precision
+
+from .numbers import Arguments, Numbers
+from .store import Row, Store
+
+Devices = Literal["all"] | Sequence[Any] | None
+
+
+class Job(NamedTuple):
+    """What a process needs besides the store to solve any of its chunks."""
+
+    store: str
+    fingerprint: str
+    skeleton: Any  # (structures, excitations, initial, t_end) with the names of their numbers
+    options: Options
+    precision: bool
+
+    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> Row:
+        """Solve a chunk and write it, unless another process has done so by now."""
+        store, numbers = _opened(self.store, self.fingerprint, _Skeleton(self.skeleton))
+        if (row := store.row(k)) is not None:
+            return row
+        began = time.perf_counter()
+        with precision(self.precision):
+            peaks = solved(numbers.box(store.layout.box(k)), self.options, threads, devices, progress)
+        answers = {name: values for name, values, _ in peak_variables(peaks, self.options.outputs)}
+        failed = int(np.sum(answers["result"] > results.OVERTURNED))
+        return store.write(k, answers, time.perf_counter() - began, float(trial_steps(peaks).sum()), failed)
+
+
+class _Skeleton(NamedTuple):
+    """Hashed by what it is, for the cache: the store's fingerprint tells it already."""
+
+    tree: Any
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Skeleton)
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Numbers]:
+    """The store and its scenes, read once by each process. Raises `RuntimeError` where it is not what was asked for."""
+    store = Store.open(path)
+    if store is None:
+        raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
+    if store.about["fingerprint"] != fingerprint:
+        raise RuntimeError(f"{path}: is of another sweep")
+    for name, text in describe_versions().items():
+        if store.about.get(name, text) != text:
+            raise RuntimeError(f"{path}: made with {name.removesuffix('_version')} {store.about[name]}, here is {text}")
+    return store, Numbers(store.inputs(), skeleton.tree, store.layout.shape)
+
+
+def solved(arguments: Arguments, options: Options, threads: int | None, devices: Devices, progress: Any) -> Peak:
+    """The batch of some scenes of a sweep, on a CPU by so many threads."""
+    podiums, excitations, initial, t_end = arguments
+    stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
+    return responses(podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads))
+
+
+def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:
+    """Who solves, as arguments of the batch."""
+    if devices is None:
+        return {"threads": threads}
+    return {"devices": jax.local_devices() if isinstance(devices, str) else devices}
+
+
+def cores_of(devices: Devices, threads: int | None) -> int:
+    who = crew("sweep", **_hands(devices, threads))
+    return who.hosts * who.devices
+
+
+def trial_steps(peaks: Peak) -> np.ndarray:
+    return np.asarray(peaks.stats.steps + peaks.stats.rejected, float)

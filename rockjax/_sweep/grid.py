@@ -1,0 +1,201 @@
+"""Labelled grids of scenes: structures and ground motions that vary along axes of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from rockjax._checks import positive
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.pulses import AbstractPulse
+from rockjax._motions.motion import Motions, distinct
+from rockjax._motions.record import Record
+from rockjax._motions.records import Records
+from rockjax._structures import Elastic, GivenRestitution, Podium
+
+Coords = dict[str, np.ndarray]
+
+
+class Grid(NamedTuple):
+    """Scenes of every combination: arguments of [`rockjax.peak_responses`][], and of [`rockjax.sweep`][] with `coords`.
+
+    - `structures`, `excitations`: a podium and a motion whose numbers are arrays that broadcast to the shape of the grid
+    - `coords`: the axes in order, each with its labels
+    """
+
+    structures: Podium
+    excitations: AbstractExcitation
+    coords: Coords
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many scenes along each axis."""
+        return tuple(len(labels) for labels in self.coords.values())
+
+    @property
+    def size(self) -> int:
+        """The number of scenes."""
+        return math.prod(self.shape)
+
+    def __repr__(self) -> str:
+        axes = (f"{name}: {_span(labels)}" for name, labels in self.coords.items())
+        return "\n  ".join([f"Grid of {self.size} scenes", *axes])
+
+
+def _span(labels: np.ndarray) -> str:
+    ends = [f"{y:.6g}" if labels.dtype.kind == "f" else str(y) for y in (labels[0], labels[-1])]
+    return f"{len(labels)} × {ends[0]}" if len(labels) == 1 else f"{len(labels)} from {ends[0]} to {ends[1]}"
+
+
+def grid(
+    structure: Podium, excitation: AbstractExcitation | Motions | Sequence[Any], **axes: Float[ArrayLike, " n"]
+) -> Grid:
+    """A grid of scenes over named axes, in the order of their names (host).
+
+    - `structure`: the podium that the others are variants of
+    - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list of records), which then are
+      the first axis, `motion`
+    - `axes`: the values along each axis. Of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`,
+      `restitution` (where it is a factor) and, of its superstructure, `eta`, `T_s`, `zeta`. Of any motion a factor `scale`;
+      of a single one any number, such as `a_p`, `T_p`, `f_p`; of a single pulse also `acceleration_ratio` = a_p/(g tan α)
+      and `frequency_ratio` = ω_p/p of each podium. A number of the motion that is named as one of the podium's is
+      `excitation.gamma`, given as `**{"excitation.gamma": …}`
+
+    Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
+
+    Raises `ValueError` for a podium that holds arrays already, for names that mean nothing here or contradict each other,
+    and for values that are not one-dimensional or that make no podium or motion.
+    """
+    if not isinstance(structure, Podium):
+        raise ValueError(f"grid: structure must be a rockjax.Podium, got {structure!r}")
+    shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
+    if shapes:
+        raise ValueError(f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes")
+    motion, labels = _motions(excitation)
+    coords: Coords = {} if labels is None else {"motion": labels}
+    for name, values in axes.items():
+        values = np.asarray(values, float)
+        if values.ndim != 1 or not len(values):
+            raise ValueError(f"grid: {name} must be one-dimensional with a value or more, got the shape {values.shape}")
+        coords[name] = values
+    _check_names(structure, motion, tuple(axes), single=labels is None)
+    along = {
+        name: values.reshape(tuple(-1 if k == j else 1 for k in range(len(coords))))
+        for j, (name, values) in enumerate(coords.items())
+    }
+    if labels is not None:
+        place = along.pop("motion").shape
+        if isinstance(motion, Records):
+            motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
+        else:
+            motion = jax.tree.map(lambda y: y.reshape(place), motion)
+    podium = _podium(structure, along)
+    return Grid(podium, _motion(motion, podium, along), coords)
+
+
+def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
+    """The motion, and what its batch is called along `motion`, None where it is one."""
+    if isinstance(excitation, Motions):
+        if not len(excitation):
+            raise ValueError("grid: excitation holds no motion")
+        return Records.of(excitation.records()), np.array(distinct(excitation.names))
+    if isinstance(excitation, Records):
+        if excitation.which.ndim != 1:
+            raise ValueError(
+                f"grid: excitation must be a suite of shape (k,), got Records of shape {excitation.which.shape}"
+            )
+        whole = np.asarray(excitation.which)
+        if not (np.array_equal(whole, np.arange(len(excitation))) and np.all(np.asarray(excitation.scale) == 1)):
+            raise ValueError("grid: excitation must be a whole suite, unscaled; choose motions before Records.of")
+        return excitation, np.arange(len(whole))
+    if isinstance(excitation, AbstractExcitation):
+        fields = [field.name for field in dataclasses.fields(excitation) if field.name not in excitation.own_dimensions]
+        arrays = [name for name in fields if jnp.ndim(getattr(excitation, name))]
+        if arrays:
+            raise ValueError(f"grid: excitation must be a single motion, but {arrays[0]} is an array; give it as an axis")
+        return excitation, None
+    if isinstance(excitation, Sequence) and not isinstance(excitation, str):
+        return _together(list(excitation)), np.arange(len(excitation))
+    raise ValueError(f"grid: excitation must be a motion or several, got {excitation!r}")
+
+
+def _together(motions: list[Any]) -> AbstractExcitation:
+    """Records in one table; pulses of one kind as one with arrays."""
+    if not motions or isinstance(motions[0], Record):
+        return Records.of(motions)
+    kinds = sorted({type(motion).__name__ for motion in motions})
+    if len(kinds) > 1 or not isinstance(motions[0], AbstractExcitation):
+        raise ValueError(f"grid: excitation must be a list of motions of one kind, got {', '.join(kinds)}")
+    return jax.tree.map(lambda *each: jnp.stack(each), *motions)
+
+
+_ANGLES = ("alpha", "tan_alpha")
+_SIDES = ("width", "height")
+_OWN = ("R", "gamma", "lam", "g")
+_TOP = ("eta", "T_s", "zeta")
+_RATIOS = {"acceleration_ratio": "a_p", "frequency_ratio": "T_p"}
+
+
+def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
+    top, of_motion = structure.superstructure, _numbers(motion) if single else []
+    of_structure = [*_ANGLES, *_SIDES, *_OWN]
+    of_structure += ["restitution"] if isinstance(structure.restitution, GivenRestitution) else []
+    of_structure += [] if top is None else _TOP if isinstance(top, Elastic) else ["eta"]
+    ratios = list(_RATIOS) if isinstance(motion, AbstractPulse) and single else []
+    known = of_structure + [_name(field) for field in of_motion] + ratios + ["scale"]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}")
+    for group in (
+        _ANGLES,
+        *((angle, side) for angle in (*_ANGLES, "R") for side in _SIDES),
+        *_RATIOS.items(),
+    ):
+        if set(group) <= set(names):
+            raise ValueError(f"grid: {group[0]} and {group[1]} say the same of a scene: give one of them as an axis")
+
+
+def _numbers(motion: AbstractExcitation) -> list[str]:
+    """The fields of a motion that are single numbers."""
+    left_out = {*motion.own_dimensions, "which", "scale"}
+    names = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
+    return [name for name in names if isinstance(getattr(motion, name), jax.Array)]
+
+
+def _name(field: str) -> str:
+    return f"excitation.{field}" if field in (*_OWN, *_TOP, *_ANGLES) else field
+
+
+def _podium(base: Podium, along: dict[str, np.ndarray]) -> Podium:
+    changes: dict[str, Any] = {name: along[name] for name in ("alpha", *_OWN, "restitution") if name in along}
+    if "tan_alpha" in along:
+        changes["alpha"] = np.arctan(along["tan_alpha"])
+    if any(name in along for name in _SIDES):
+        width, height = along.get("width", float(base.width)), along.get("height", float(base.height))
+        for name, side in (("width", width), ("height", height)):
+            positive("grid", **{name: side})
+        changes["alpha"], changes["R"] = np.arctan2(width, height), 0.5 * np.hypot(width, height)
+    top = {name: along[name] for name in _TOP if name in along}
+    if top:
+        assert base.superstructure is not None
+        changes["superstructure"] = dataclasses.replace(base.superstructure, **top)
+    return base.replace(**changes)
+
+
+def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
+    changes: dict[str, Any] = {field: along[_name(field)] for field in _numbers(base) if _name(field) in along}
+    if "acceleration_ratio" in along:
+        changes["a_p"] = along["acceleration_ratio"] * np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
+    if "frequency_ratio" in along:
+        positive("grid", frequency_ratio=along["frequency_ratio"])
+        p = np.sqrt(0.75 * np.asarray(podium.g) / np.asarray(podium.R))  # Eq. (25)
+        changes["T_p"] = 2 * np.pi / (p * along["frequency_ratio"])
+    motion = dataclasses.replace(base, **changes)
+    return motion.scaled(along["scale"]) if "scale" in along else motion

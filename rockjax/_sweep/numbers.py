@@ -1,0 +1,90 @@
+"""The numbers of a grid of scenes, by name: what is kept of it, and any part of it as arguments again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Self
+
+import jax
+import numpy as np
+
+from rockjax._batch.scenes import axes_of, own_dimensions
+
+GROUPS = ("structures", "excitations", "initial", "t_end")
+Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_end)
+
+
+class Numbers(NamedTuple):
+    """Every number of (structures, excitations, initial, t_end).
+
+    - `named`: arrays, or what can be cut like arrays: the axes of the grid, each whole or of length 1, then those of one
+      scene; what is common to all scenes has no axes of the grid
+    - `skeleton`: the arguments with names in the place of their numbers; `shape`: of the grid
+    """
+
+    named: Mapping[str, Any]
+    skeleton: Arguments
+    shape: tuple[int, ...]
+
+    @classmethod
+    def of(cls, owner: str, structures, excitations, initial, t_end) -> Self:
+        """Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene."""
+        arguments = (structures, excitations, initial, t_end)
+        paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
+        names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
+        leaves = [np.asarray(y) for _, y in paths]
+        outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
+        if not shape:
+            shape, outer[0], leaves[0] = (1,), (1,), leaves[0][None]
+        named = {
+            name: y.reshape((1,) * (len(shape) - len(batch)) + y.shape) if batch else y
+            for name, y, batch in zip(names, leaves, outer, strict=True)
+        }
+        return cls(named, jax.tree.unflatten(structure, names), shape)
+
+    @property
+    def size(self) -> int:
+        """The number of scenes."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    def _own(self) -> dict[str, int]:
+        own = own_dimensions(jax.tree.structure(self.skeleton), self.skeleton[1])
+        return dict(zip(jax.tree.leaves(self.skeleton), own, strict=True))
+
+    def _batched(self, name: str, own: int) -> bool:
+        return self.named[name].ndim > own
+
+    def _arguments(self, cut) -> Arguments:
+        """Arguments of what is cut from every number that has axes of the grid."""
+        chosen = [
+            np.asarray(cut(self.named[name], own) if self._batched(name, own) else self.named[name][...])
+            for name, own in self._own().items()
+        ]
+        return jax.tree.unflatten(jax.tree.structure(self.skeleton), chosen)
+
+    def box(self, where: tuple[slice, ...]) -> Arguments:
+        """The scenes of a part of the grid."""
+
+        def cut(y, own: int):
+            axes = y.shape[: y.ndim - own]
+            return y[tuple(part if n > 1 else slice(0, 1) for part, n in zip(where, axes, strict=True))]
+
+        return self._arguments(cut)
+
+    def at(self, scenes: np.ndarray) -> Arguments:
+        """Some scenes, by their numbers in the order of the grid, as a table."""
+        place = np.unravel_index(scenes, self.shape)
+
+        def cut(y, own: int):
+            axes = y.shape[: y.ndim - own]
+            return y[tuple(j if n > 1 else np.zeros_like(j) for j, n in zip(place, axes, strict=True))]
+
+        return self._arguments(cut)
+
+    def varying(self) -> dict[str, np.ndarray]:
+        """The single numbers that have axes of the grid."""
+        return {name: self.named[name] for name, own in self._own().items() if own == 0 and self._batched(name, own)}
+
+    def common(self) -> dict[str, np.ndarray]:
+        """The single numbers that all scenes share."""
+        return {name: self.named[name] for name, own in self._own().items() if own == 0 and not self._batched(name, own)}

@@ -1,0 +1,173 @@
+"""Where the chunks of a sweep are solved: in this process, or by the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import uuid
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .chunks import Devices, Job, cores_of
+from .pilot import Pilot, pilot
+from .store import Row, Store
+from .study import Study
+
+
+class Here:
+    """Chunks one after the other, each on all cores or devices of this machine."""
+
+    def __init__(self, devices: Devices):
+        self.devices = devices
+        self.cores = self.cores_of_chunk = cores_of(devices, None)
+
+    def pilot(self, study: Study) -> Pilot:
+        return pilot(study, None, self.devices)
+
+    def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
+        """Solve chunks; returns what stopped it."""
+        try:
+            for k in map(int, todo):
+                with bar.inside(k) as counts, _naming(job, bar):
+                    job.solve(k, None, self.devices, counts)
+        except KeyboardInterrupt as stopped:
+            return stopped
+        return None
+
+
+@contextlib.contextmanager
+def _naming(job: Job, bar: Bar) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _unwritten(job, bar, error) from error
+
+
+def _unwritten(job: Job, bar: Bar, error: BaseException) -> OSError:
+    cause = getattr(error, "strerror", None) or error
+    kept = f"{bar.done} of {bar.count} chunks are kept, the same call goes on from there"
+    return OSError(f"{job.store} could not be written: {cause}; {kept}")
+
+
+class There:
+    """Chunks as tasks of a Dask cluster, each on one core of a worker or on its devices."""
+
+    cores_of_chunk = 1
+
+    def __init__(self, client: Any, devices: Devices):
+        from distributed import Client
+
+        if not isinstance(client, Client):
+            raise ValueError(f"sweep: client must be a dask.distributed.Client, got {client!r}")
+        if not (devices is None or devices == "all"):
+            raise ValueError(f"sweep: devices must be None or 'all' with a client, got {devices!r}")
+        self.client, self.devices = client, devices
+
+    @property
+    def cores(self) -> int:
+        threads: Any = self.client.nthreads()
+        return max(1, sum(threads.values()))
+
+    def pilot(self, study: Study) -> Pilot:
+        held: Any = self.client.scatter([study])  # records may be long
+        key = f"rockjax-pilot-{uuid.uuid4().hex}"
+        return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
+
+    def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
+        """Solve chunks; returns what stopped it."""
+        from distributed import as_completed
+
+        call = uuid.uuid4().hex[:8]
+        tasks = {}
+        try:
+            for k in map(int, todo):
+                key = f"rockjax-{job.fingerprint}-{k}-{call}"
+                tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
+            for task in as_completed(list(tasks)):
+                try:
+                    _result(task)
+                except OSError as error:
+                    raise _unwritten(job, bar, error) from error
+                bar.finished(tasks[task])
+        except KeyboardInterrupt as stopped:
+            return stopped
+        finally:
+            with contextlib.suppress(Exception):  # of a scheduler that is gone
+                self.client.cancel(list(tasks))
+        return None
+
+
+def _task(job: Job, k: int, devices: Devices) -> Row:
+    return job.solve(k, 1, devices, False)
+
+
+def _result(task: Any) -> Any:
+    """The result of a task. Raises `RuntimeError` where Dask has given it up."""
+    from distributed.comm.core import CommClosedError
+    from distributed.scheduler import KilledWorker
+
+    kept = "what was solved until then is kept, the same call goes on"
+    try:
+        return task.result()
+    except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
+        raise RuntimeError(f"sweep: the scheduler is lost, or has dropped the work ({_line(error)}); {kept}") from error
+    except KilledWorker as error:
+        raise RuntimeError(f"sweep: workers died over one chunk again and again ({_line(error)}); {kept}") from error
+
+
+def _line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+class Bar:
+    """Progress in expected trial steps, so that the time left holds although chunks differ in cost."""
+
+    def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
+        from tqdm import tqdm
+
+        self.expected, self.sizes = found.expected, found.layout.sizes()
+        self.done, self.count = len(done), found.layout.number
+        self.bar = tqdm(
+            total=float(self.expected[todo].sum()),
+            disable=not progress,
+            bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
+        )
+        self._show()
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.bar.close()
+
+    def _show(self) -> None:
+        self.bar.set_description_str(f"{self.done} of {self.count} chunks", refresh=False)
+
+    def finished(self, k: int, counted: float = 0.0) -> None:
+        """A chunk is through, of which so much has been counted."""
+        self.done += 1
+        self._show()
+        self.step(float(self.expected[k]) - counted)
+
+    def step(self, steps: float) -> None:
+        """Expected steps that are through; rounding must not lead past the end."""
+        self.bar.update(min(steps, self.bar.total - self.bar.n))
+
+    @contextlib.contextmanager
+    def inside(self, k: int) -> Iterator[_Inside]:
+        """Counts the scenes of a chunk that is being solved."""
+        counts = _Inside(self, float(self.expected[k]) / float(self.sizes[k]))
+        yield counts
+        self.finished(k, counts.counted)
+
+
+class _Inside:
+    def __init__(self, bar: Bar, each: float):
+        self.bar, self.each, self.counted = bar, each, 0.0
+
+    def update(self, scenes: int) -> None:
+        self.counted += scenes * self.each
+        self.bar.step(scenes * self.each)

@@ -1,0 +1,355 @@
+"""The zarr store of a sweep: arrays that xarray opens, in chunks of scenes that are written one by one.
+
+At the root are the answers, an array for each, with the axes of the sweep as dimensions. The group `inputs` holds every
+number that the scenes were made of; the group `progress` one row for each chunk, written after the chunk's answers: a
+chunk without its row is not there, and one whose answers do not have the row's checksum is damaged. Whoever writes a
+chunk writes the same bytes, so that it may be written twice, by two processes at once, or after a fault.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import json
+import math
+import os
+import shutil
+import tempfile
+import time
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockjax import _results as results
+
+if TYPE_CHECKING:
+    import xarray
+    import zarr
+
+Box = tuple[slice, ...]
+FORMAT = 1
+_ABOUT = "sweep"  # attribute with everything that tells one sweep from another
+_LONG = 1_000_000  # an axis longer than this is kept in chunks
+
+
+class Row(NamedTuple):
+    """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an answer."""
+
+    checksum: float
+    seconds: float
+    steps: float
+    failed: float
+
+
+class Layout(NamedTuple):
+    """A grid of scenes in chunks: boxes that lie one after the other in the order of the scenes.
+
+    - `shape`: scenes along each axis; `block`: those of a chunk
+    """
+
+    shape: tuple[int, ...]
+    block: tuple[int, ...]
+
+    @classmethod
+    def of(cls, shape: Sequence[int], chunk: int) -> Layout:
+        """Chunks of about so many scenes, no more than that: the last axes whole, the first one by one."""
+        block, room = [], max(1, chunk)
+        for n in reversed(shape):
+            block.append(min(n, room))
+            room = room // n if room >= n else 1
+        return cls(tuple(shape), tuple(reversed(block)))
+
+    @property
+    def chunks_along(self) -> tuple[int, ...]:
+        return tuple(-(-n // b) for n, b in zip(self.shape, self.block, strict=True))
+
+    @property
+    def number(self) -> int:
+        """The number of chunks."""
+        return math.prod(self.chunks_along)
+
+    def box(self, k: int) -> Box:
+        """The part of the grid that is chunk k."""
+        corner = np.unravel_index(k, self.chunks_along)
+        starts = [int(j) * b for j, b in zip(corner, self.block, strict=True)]
+        return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
+
+    def sizes(self) -> np.ndarray:
+        """Scenes in every chunk, shape (number,)."""
+        along = [
+            np.minimum(b, n - b * np.arange(m)) for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
+        ]
+        return np.prod(np.meshgrid(*along, indexing="ij"), axis=0).reshape(-1)
+
+    def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
+        """The chunks in which scenes are, by their numbers in the order of the grid."""
+        place = np.unravel_index(scenes, self.shape)
+        return np.ravel_multi_index([j // b for j, b in zip(place, self.block, strict=True)], self.chunks_along)
+
+
+class Variable(NamedTuple):
+    """An answer: its type and the attributes of its array."""
+
+    dtype: np.dtype
+    attrs: dict[str, Any]
+
+    @property
+    def missing(self) -> Any:
+        """What stands where a scene has not been solved."""
+        if "flag_meanings" in self.attrs:
+            return results.INTERRUPTED
+        return {"f": np.nan, "b": False, "i": -1}[self.dtype.kind]
+
+
+def stored_as(values: np.ndarray, attrs: Mapping[str, Any]) -> Variable:
+    """How an answer is kept; counts need no 64 bits."""
+    dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
+    return Variable(dtype, {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()})
+
+
+def checksum(parts: Mapping[str, np.ndarray]) -> float:
+    """CRC-32 of the answers of a chunk, in the order of their names."""
+    crc = 0
+    for name in sorted(parts):
+        crc = zlib.crc32(np.ascontiguousarray(parts[name]).view(np.uint8), crc)
+    return float(crc)
+
+
+def fingerprint(about: Mapping[str, Any]) -> str:
+    """One text for everything that tells one sweep from another."""
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def digest(y: np.ndarray) -> str:
+    """A text for the numbers of an array."""
+    y = np.ascontiguousarray(y)
+    return f"{y.dtype.str}{list(y.shape)} {hashlib.sha256(y.tobytes()).hexdigest()[:16]}"
+
+
+class Store:
+    """An open store. `about` is what it is a sweep of, as JSON."""
+
+    def __init__(self, path: str, group: zarr.Group):
+        self.path = path
+        self.group = group
+        self.about: dict[str, Any] = _about(group)
+        self.layout = Layout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
+        self.variables: list[str] = list(self.about["variables"])
+        self._arrays: dict[str, Any] = {name: group[name] for name in self.variables}
+        self._rows: Any = group["progress/rows"]
+
+    @classmethod
+    def open(cls, path: str | Path) -> Store | None:
+        """The store at a path, None where there is nothing. Raises `ValueError` where there is something else."""
+        path = located(path)
+        if is_local(path) and not Path(path).exists():
+            return None
+        foreign = ValueError(f"{path}: exists and is no store of a sweep; give another path, or remove it")
+        if is_local(path) and not Path(path).is_dir():
+            raise foreign
+        try:
+            group = _zarr().open_group(path, mode="r+")
+        except FileNotFoundError:
+            if is_local(path) and any(Path(path).iterdir()):
+                raise foreign from None
+            return None
+        if not _about(group):
+            raise ValueError(f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it")
+        return cls(path, group)
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        about: Mapping[str, Any],
+        dims: Sequence[str],
+        coords: xarray.Dataset,
+        variables: Mapping[str, Variable],
+        inputs: Mapping[str, np.ndarray],
+        expected: np.ndarray,
+        attrs: Mapping[str, Any],
+    ) -> Store:
+        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as a guess."""
+        path = located(path)
+        zarr = _zarr()
+        layout = Layout(tuple(about["shape"]), tuple(about["chunk"]))
+        with _in_one_move(path) as place:
+            blocks = dict(zip(dims, layout.block, strict=True))
+            # Axes whole; what is given for every scene in the chunks of the answers.
+            kept = {name: {"chunks": _chunks(array, blocks)} for name, array in coords.variables.items()}
+            coords.to_zarr(place, mode="w", zarr_format=3, consolidated=False, encoding=kept)
+            group = zarr.open_group(place, mode="r+")
+            more: Any = {"compressors": _codecs()}
+            for name, variable in variables.items():
+                group.create_array(
+                    name, shape=layout.shape, dtype=variable.dtype, chunks=layout.block, fill_value=variable.missing,
+                    dimension_names=tuple(dims), attributes=variable.attrs, **more,
+                )  # fmt: skip
+            for name, values in inputs.items():
+                size = values.shape if values.size <= _LONG else _cut(values.shape, layout)
+                kind = {"shape": values.shape, "dtype": values.dtype, "chunks": size}
+                group.create_array(f"inputs/{name}", **kind, **more)[...] = values
+            progress = group.create_group("progress")
+            progress.create_array(
+                "rows", shape=(layout.number, len(Row._fields)), dtype="f8", chunks=(1, len(Row._fields)),
+                fill_value=np.nan, attributes={"columns": list(Row._fields)}, **more,
+            )  # fmt: skip
+            progress.create_array("expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more)[...] = (
+                expected
+            )
+            group.attrs.update(attrs)
+            progress.attrs[_ABOUT] = {**about, "variables": list(variables)}
+        opened = cls.open(path)
+        assert opened is not None
+        return opened
+
+    def inputs(self) -> dict[str, Any]:
+        """The numbers that the scenes were made of; long ones stay in the store until some of them are wanted."""
+        group: Any = self.group["inputs"]
+        return {
+            name: array if array.size > _LONG and array.chunks != array.shape else array[...]
+            for name, array in group.arrays()
+        }
+
+    @property
+    def expected(self) -> np.ndarray:
+        """Trial steps of every chunk, as they were guessed, shape (chunks,)."""
+        array: Any = self.group["progress/expected"]
+        return np.asarray(array[...])
+
+    def rows(self) -> np.ndarray:
+        """A `Row` for every chunk, NaN for those that are not done, shape (chunks, 4)."""
+        return np.asarray(self._rows[...])
+
+    def row(self, k: int) -> Row | None:
+        """The row of a chunk, None where it is not done."""
+        row = Row(*map(float, self._rows[k]))
+        return None if np.isnan(row.checksum) else row
+
+    def forget(self, k: int) -> None:
+        """A chunk is to be solved again."""
+        self._rows[k] = np.full(len(Row._fields), np.nan)
+
+    def intact(self, k: int, row: np.ndarray) -> bool:
+        """Whether the answers of a chunk are those that its row was written for."""
+        box = self.layout.box(k)
+        try:
+            return checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables}) == Row(*row).checksum
+        except (OSError, RuntimeError, ValueError):  # what zarr's codecs raise for bytes that are none of theirs
+            return False
+
+    def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> Row:
+        """The answers of a chunk, and then its row.
+
+        Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
+        """
+        if _about(_zarr().open_group(self.path, mode="r")) != self.about:
+            raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
+        box = self.layout.box(k)
+        parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
+        for name, values in parts.items():
+            self._arrays[name][box] = values
+        row = Row(checksum(parts), seconds, steps, failed)
+        self._rows[k] = np.array(row)
+        return row
+
+    def dataset(self) -> xarray.Dataset:
+        """The sweep as a lazy dataset; what has not been solved is NaN with the result `interrupted`."""
+        import xarray
+
+        return xarray.open_zarr(self.path, consolidated=False, chunks={})[self.variables]
+
+
+def _about(group: zarr.Group) -> dict[str, Any]:
+    """What a store is a sweep of; nothing for other stores, and for one that was not made whole."""
+    attrs: Any = group["progress"].attrs if "progress" in group else {}
+    return dict(attrs.get(_ABOUT, {}))
+
+
+def _cut(shape: tuple[int, ...], layout: Layout) -> tuple[int, ...]:
+    """Chunks of numbers that have the axes of the grid first, such as serve a chunk of answers; others are not cut."""
+    axes = len(layout.shape)
+    if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < axes:
+        return shape
+    return tuple(min(n, b) for n, b in zip(shape, layout.block, strict=False)) + shape[axes:]
+
+
+def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
+    names = [str(name) for name in array.dims]
+    return tuple(n if len(names) == 1 and n < _LONG else blocks[name] for name, n in zip(names, array.shape, strict=True))
+
+
+def located(path: str | Path) -> str:
+    """A path as text, a URL of anything but a file as it is."""
+    return str(path).removeprefix("file://")
+
+
+def is_local(path: str) -> bool:
+    return "://" not in path
+
+
+@contextlib.contextmanager
+def _in_one_move(path: str) -> Iterator[str]:
+    """A folder beside the target, which gets its name once it is whole. (Behind a URL the attributes come last.)"""
+    if not is_local(path):
+        yield path
+        return
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    place = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
+    try:
+        yield place
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(place, 0o777 & ~umask)
+        os.rename(place, target)
+    except BaseException as error:
+        for _ in range(20):  # other threads of zarr may still be writing into it
+            shutil.rmtree(place, ignore_errors=True)
+            if not os.path.exists(place):
+                break
+            time.sleep(0.05)
+        if isinstance(error, OSError):
+            raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+        raise
+
+
+def _codecs() -> list[Any]:
+    """Compressed, and with a checksum that zarr itself looks at when a chunk is read.
+
+    LZ4 on shuffled bytes made these answers as small as Zstandard did, in a third of the time.
+    """
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    return [BloscCodec(cname="lz4", shuffle="shuffle"), Crc32cCodec()]
+
+
+def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
+    """Bytes that answers take in a store."""
+    zarr = _zarr()
+    total = 0
+    for values in parts.values():
+        values = values.reshape(-1)
+        array = zarr.create_array(
+            zarr.storage.MemoryStore(), shape=values.shape, dtype=values.dtype, chunks=values.shape, compressors=_codecs()
+        )
+        array[...] = values
+        total += array.nbytes_stored()
+    return total
+
+
+def require_zarr() -> None:
+    """Raise `ImportError` that says what to install, where something is missing."""
+    missing = [name for name in ("zarr", "dask", "psutil") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ImportError(f"a sweep needs {', '.join(missing)}; install with: pip install 'rockjax[sweep]'")
+
+
+def _zarr() -> Any:
+    import zarr
+
+    return zarr

@@ -1,0 +1,160 @@
+"""What a sweep is of: the numbers of its scenes, the names and labels of their axes, and how they are solved."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from rockjax._checks import as_float
+from rockjax._options import Options
+from rockjax._responses.datasets import describe_versions
+from rockjax._responses.simulate import check_range, check_types
+
+from .numbers import Numbers
+from .store import FORMAT, Layout, Store, digest, fingerprint
+
+
+class Study(NamedTuple):
+    """What is swept: the numbers of the scenes, the names and labels of their axes, and how they are solved."""
+
+    numbers: Numbers
+    dims: tuple[str, ...]
+    labels: dict[str, np.ndarray]
+    options: Options
+    precision: bool
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.numbers.shape
+
+    @property
+    def scenes(self) -> int:
+        return self.numbers.size
+
+    def about(self, layout: Layout) -> dict[str, Any]:
+        """Everything that tells this sweep from others, as JSON."""
+        left_out = ("throw", "history")
+        fields = [field.name for field in dataclasses.fields(Options) if field.name not in left_out]
+        values = {name: getattr(self.options, name) for name in fields}
+        about = {
+            "format": FORMAT,
+            **{name: text for name, text in describe_versions().items() if name != "diffrax_version"},
+            "precision": "float64" if self.precision else "float32",
+            "kinds": str(jax.tree.structure(self.numbers.skeleton)),
+            "dims": list(self.dims),
+            "shape": list(self.shape),
+            "chunk": list(layout.block),
+            "numbers": {name: digest(y) for name, y in self.numbers.named.items()},
+            "labels": {name: digest(y) for name, y in self.labels.items()},
+            "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
+        }
+        return about | {"fingerprint": fingerprint(about)}
+
+
+def _plain(y: Any) -> Any:
+    return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
+
+
+def study_of(structures, excitations, coords, initial, t_end, options: Options, outputs) -> Study:
+    options = options if outputs is None else options.replace(outputs=tuple(outputs))
+    check_types("sweep", structures, excitations, options)
+    check_range("sweep", structures, excitations, None, options)
+    if options.engine != "flat":
+        raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
+    initial = jax.tree.map(as_float, initial)
+    t_end = None if t_end is None else as_float(t_end)
+    numbers = Numbers.of("sweep", structures, excitations, initial, t_end)
+    dims, labels = _axes(coords, numbers.shape)
+    return Study(numbers, dims, labels, options, bool(jax.config.jax_enable_x64))  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    if coords is None:
+        return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
+    if isinstance(coords, str):
+        raise ValueError(f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]")
+    dims = tuple(coords)
+    if len(dims) != len(shape):
+        raise ValueError(f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}")
+    if len(set(dims)) < len(dims):
+        raise ValueError(f"sweep: coords names an axis twice: {list(dims)}")
+    labels = {name: np.asarray(y) for name, y in coords.items()} if isinstance(coords, Mapping) else {}
+    for (name, y), n in zip(labels.items(), shape, strict=False):
+        if y.shape != (n,):
+            raise ValueError(f"sweep: coords[{name!r}] must hold {n} labels, got the shape {y.shape}")
+    return dims, labels
+
+
+def check_same(found: Store, study: Study, chunk: int | None) -> None:
+    """Raise `ValueError` unless a store is of this very sweep."""
+    layout = found.layout if chunk is None else Layout.of(study.shape, chunk)
+    differences = list(_differences(found.about, study.about(layout)))
+    if differences:
+        raise ValueError(
+            f"{found.path}: is of another sweep: {'; '.join(differences[:4])}; give another path, remove it, or make the "
+            "call that it was made with"
+        )
+
+
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
+    if there.get("format") != here["format"]:
+        yield f"its format is {there.get('format')}, not {here['format']}"
+        return
+    for name in ("rockjax_version", "jax_version"):
+        if there[name] != here[name]:
+            yield f"made with {name.removesuffix('_version')} {there[name]}, this is {here[name]}"
+    for name in ("precision", "dims", "shape", "kinds"):
+        if there[name] != here[name]:
+            yield f"its {name} {'is' if name in ('precision', 'shape') else 'are'} {there[name]}, not {here[name]}"
+    if there["shape"] == here["shape"] and there["chunk"] != here["chunk"]:
+        yield f"its chunks are {there['chunk']}, not {here['chunk']}"
+    for name, value in here["options"].items():
+        if there["options"].get(name) != value:
+            yield f"options.{name} is {there['options'].get(name)} there, not {value}"
+    for group in ("numbers", "labels"):
+        for name in {**there[group], **here[group]}:
+            if there[group].get(name) != here[group].get(name):
+                yield f"{name} has other values" if group == "numbers" else f"the labels of {name} are others"
+
+
+def coords_of(study: Study) -> Iterator[tuple[str, Any]]:
+    """The labels of the axes, and every number that varies between scenes along the axes on which it does."""
+    for name, labels in study.labels.items():
+        yield name, ((name,), labels, _ABOUT.get(name, {}))
+    taken = {*study.labels, *study.dims}
+    for name, y in study.numbers.varying().items():
+        short = name.rsplit(".", 1)[-1]
+        along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)
+        values = y.reshape([n for n in y.shape if n > 1])
+        if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
+            continue  # they are the labels
+        yield (name if short in taken else short), (along, values, _ABOUT.get(short, {}))
+        taken.add(short)
+
+
+_ABOUT: dict[str, dict[str, str]] = {
+    name: {"units": unit, "long_name": text}
+    for name, unit, text in (
+        ("alpha", "rad", "slenderness of the columns α"),
+        ("tan_alpha", "1", "slenderness of the columns tan α"),
+        ("width", "m", "width of a column 2B"),
+        ("height", "m", "height of a column 2H"),
+        ("R", "m", "half diagonal of a column"),
+        ("gamma", "1", "mass ratio of the beam γ"),
+        ("eta", "1", "mass ratio of the superstructure η"),
+        ("T_s", "s", "period of the superstructure"),
+        ("zeta", "1", "damping ratio of the superstructure ζ"),
+        ("lam", "1", "inertia factor of a column λ"),
+        ("g", "m s-2", "acceleration of gravity"),
+        ("a_p", "m s-2", "amplitude of the pulse"),
+        ("T_p", "s", "period of the pulse"),
+        ("scale", "1", "factor on the motion"),
+        ("motion", "1", "ground motion"),
+        ("acceleration_ratio", "1", "a_p/(g tan α)"),
+        ("frequency_ratio", "1", "ω_p/p"),
+    )
+}

@@ -1,0 +1,215 @@
+"""Sweeps: any number of scenes in chunks, on one machine or many, kept chunk by chunk in a zarr store.
+
+Each chunk is one call of the batch path. What runs them beside each other and elsewhere, and runs them again where a
+machine fails, is Dask; here is only what a chunk is, in which order they are given away, and what has to be the same
+for a store to be gone on with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
+from rockjax._responses.datasets import describe_options
+from rockjax._responses.simulate import REST
+from rockjax._results import Interrupted, State
+from rockjax._structures import Podium
+
+from .chunks import Devices, Job
+from .pilot import Pilot
+from .runners import Bar, Here, There
+from .store import Layout, Row, Store, located, require_zarr
+from .study import Study, check_same, coords_of, study_of
+
+if TYPE_CHECKING:
+    import xarray
+
+BYTES = 300  # of memory that a scene of a chunk takes while it is solved, besides its numbers
+
+
+def sweep(
+    structures: Podium,
+    excitations: AbstractExcitation,
+    coords: Mapping[str, Any] | Sequence[str] | None = None,
+    *,
+    store: str | Path,
+    initial: State = REST,
+    t_end=None,
+    options: Options = Options(),
+    outputs: Sequence[str] | None = None,
+    chunk: int | None = None,
+    client: Any = None,
+    devices: Devices = None,
+    progress: bool = True,
+    dry_run: bool = False,
+) -> xarray.Dataset | SweepPlan:
+    """Peak responses of any number of scenes, chunk by chunk into a zarr store (host).
+
+    Scenes are those of [`rockjax.peak_responses`][]: every number of `structures`, `excitations`, `initial` and `t_end` may
+    be an array, and together they broadcast to the shape of the sweep. [`rockjax.grid`][] makes them for a grid, with
+    `coords`; arrays of one length make a table of scenes.
+
+    The same call goes on where an earlier one was stopped, by whatever: chunks that are in the store are verified by
+    their checksums and left, what is missing or damaged is solved. Returns the store as a lazy `xarray.Dataset`, the
+    numbers that vary as its coordinates. Scenes that end without an answer keep their `result`, and a `RuntimeWarning`
+    counts them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the dataset as it is.
+
+    - `coords`: the names of the axes in order, with their labels or alone; `scene` for a table where it is not given
+    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this name
+    - `outputs`: which answers are wanted, as in [`rockjax.Options`][]
+    - `chunk`: scenes in a chunk; by default as many as take some seconds
+    - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by all cores here
+    - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this machine.
+      Without it the cores of the CPU, or all GPUs where JAX has some
+    - `progress`: a bar with the time left, by what chunks are expected to cost
+    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the time, memory and disk that all of them
+      will take; nothing is written
+
+    Raises `ValueError` for inputs that make no sense, and for a store of another sweep: other numbers, other options,
+    another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail; `ImportError` without
+    the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
+    """
+    require_zarr()
+    study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
+    _check_chunk(chunk)
+    found = Store.open(store)
+    if found is not None:
+        check_same(found, study, chunk)
+    where = Here(devices) if client is None else There(client, devices)
+    if found is None or dry_run:
+        pilot = where.pilot(study)
+        size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
+        layout = Layout.of(study.shape, size) if found is None else found.layout
+        if dry_run:
+            return _plan(study, layout, pilot, found, where, located(store))
+        found = _created(store, study, layout, pilot)
+    job = Job(found.path, found.about["fingerprint"], study.numbers.skeleton, study.options, study.precision)
+    todo, solved = _todo(found, progress)
+    with Bar(found, todo, solved, progress) as bar:
+        stopped = where.run(job, todo, bar)
+    data = found.dataset()
+    if stopped is not None:
+        message = (
+            f"stopped with {bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
+        )
+        raise Interrupted(message, data) from stopped
+    failed = int(np.nansum(found.rows()[:, Row._fields.index("failed")]))
+    if failed:
+        message = f"{failed} of {study.scenes} scenes ended without an answer; their result says why"
+        warnings.warn(message, RuntimeWarning, stacklevel=2)
+    return data
+
+
+def _check_chunk(chunk) -> None:
+    if chunk is not None and (not isinstance(chunk, int) or chunk < 1):
+        raise ValueError(f"sweep: chunk must be a whole number of scenes ≥ 1, got chunk = {chunk!r}")
+
+
+def _created(path, study: Study, layout: Layout, pilot: Pilot) -> Store:
+    import xarray
+
+    coords = xarray.Dataset(coords=dict(coords_of(study)))
+    fixed = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
+    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **describe_options(study.options)}
+    return Store.create(
+        path, study.about(layout), study.dims, coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
+    )
+
+
+def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Chunks that are to be solved, the costliest first, so that none is waited for at the end; and those that are done."""
+    from tqdm import tqdm
+
+    rows = found.rows()
+    done = np.isfinite(rows[:, 0])
+    for k in tqdm(np.flatnonzero(done), desc="verifying", unit=" chunks", disable=not progress or not done.any()):
+        if not found.intact(int(k), rows[k]):
+            warnings.warn(f"{found.path}: chunk {k} is damaged, and is solved again", RuntimeWarning, stacklevel=3)
+            found.forget(int(k))
+            done[k] = False
+    expected = found.expected
+    todo = np.flatnonzero(~done)
+    return todo[np.argsort(-expected[todo], kind="stable")], np.flatnonzero(done)
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepPlan:
+    """What a sweep will take, measured on a sample of its scenes.
+
+    - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the store already
+    - `steps`: trial steps that are left; `core_seconds`: what they take one core [s]; `cores`: those there are;
+      `seconds`: time to wait [s]
+    - `memory`: of the process that solves a chunk [bytes]; `disk`: of the whole store at most, for
+      neighbours on a grid are more alike than the sample is [bytes]
+    - `store`: where it will be
+    """
+
+    scenes: int
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+    chunks: int
+    done: int
+    steps: float
+    core_seconds: float
+    cores: int
+    seconds: float
+    memory: int
+    disk: int
+    store: str
+
+    def __repr__(self) -> str:
+        axes = " × ".join(map(str, self.shape))
+        of_chunk = " × ".join(map(str, self.chunk))
+        rows = [
+            ("scenes", f"{self.scenes} ({axes})" + (f", {self.done} solved" if self.done else "")),
+            ("chunks", f"{self.chunks}, each {of_chunk}"),
+            ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
+            ("time", f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)"),
+            ("memory", f"{_bytes(self.memory)} in each process"),
+            ("disk", f"up to {_bytes(self.disk)} in {self.store}"),
+        ]
+        return "\n".join(["SweepPlan", *(f"  {label:<8} {value}" for label, value in rows)])
+
+
+def _duration(seconds: float) -> str:
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def _bytes(number: float) -> str:
+    for unit, size in (("GiB", 2**30), ("MiB", 2**20)):
+        if number >= size:
+            return f"{number / size:.3g} {unit}"
+    return f"{number / 2**10:.3g} KiB"
+
+
+def _plan(study: Study, layout: Layout, pilot: Pilot, found: Store | None, where: Here | There, path: str) -> SweepPlan:
+    expected = pilot.expected(layout)
+    done = np.zeros(layout.number, bool) if found is None else np.isfinite(found.rows()[:, 0])
+    sizes = layout.sizes()
+    steps = float(expected[~done].sum())
+    core_seconds = steps * pilot.core_seconds
+    own = sum(y.itemsize for y in study.numbers.varying().values())
+    return SweepPlan(
+        scenes=study.scenes,
+        shape=study.shape,
+        chunk=layout.block,
+        chunks=layout.number,
+        done=int(sizes[done].sum()),
+        steps=steps,
+        core_seconds=core_seconds,
+        cores=where.cores,
+        seconds=core_seconds / min(where.cores, where.cores_of_chunk * max(1, int((~done).sum()))),
+        memory=pilot.resident + int(sizes.max()) * (BYTES + 4 * own),
+        disk=int(pilot.bytes_ * study.scenes + sum(y.nbytes for y in study.numbers.named.values())),
+        store=path,
+    )
