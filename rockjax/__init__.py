@@ -31,7 +31,8 @@ from ._responses.response import Energies, Response
 from ._responses.simulate import peak_response, simulate
 from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
 from ._structures import Elastic, Podium, Rigid
-from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+from ._studies.curve import fragility
+from ._studies.fragility import Measure, incremental_dynamic_analysis, overturning_distribution
 from ._studies.lognormal import Lognormal
 from ._studies.overturning_spectrum import overturning_spectrum
 from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum

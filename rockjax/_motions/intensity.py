@@ -62,7 +62,7 @@ def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) 
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     if period == 0:
         return motion.pga
-    from ._oscillator import largest_displacement
+    from .oscillator import largest_displacement
 
     return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
