@@ -1,5 +1,6 @@
-"""What the API reference has to be told about this code. A Griffe extension of `mkdocs.yml`; nothing is imported
-from it by the packages.
+"""What the API reference has to be told about this code, and how it writes signatures.
+
+A Griffe extension and a hook of `mkdocs.yml`; nothing is imported from it by the packages.
 """
 
 from __future__ import annotations
@@ -8,6 +9,38 @@ import ast
 from typing import Any
 
 import griffe
+from markupsafe import Markup
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import Files
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    reference: Any = config.plugins["mkdocstrings"]
+    reference.get_handler("python").env.filters["one_parameter_a_line"] = one_parameter_a_line
+    return files
+
+
+def one_parameter_a_line(signature: str) -> str:
+    """`(a: int, b=1) -> None` over four lines; as it is where there is one parameter or none."""
+    signature = str(signature)
+    parts, depth, quote, start = [], 0, "", 1
+    for k, letter in enumerate(signature):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter in "([{":
+            depth += 1
+        elif letter in ")]}":
+            depth -= 1
+        if not quote and (depth, letter) in ((1, ","), (0, ")")):
+            parts.append(signature[start:k].strip())
+            start = k + 1
+            if depth == 0:
+                break
+    if len(parts) > 1:
+        signature = "(\n" + "".join(f"    {part},\n" for part in parts) + ")" + signature[start:]
+    return Markup(signature)  # it is code: escaped once it is formatted
 
 
 def _bases(cls: griffe.Class) -> set[str]:

@@ -1,7 +1,8 @@
 """Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is least."""
 
+from ._answer import Design
 from ._chart import design_chart, plot_chart
-from ._design import Design, design
+from ._design import design
 from ._explore import Explorer, explore
 from ._fit import Fit, fit
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     import rockjax as rj
 
-    from ._design import Design
+    from ._answer import Design
     from ._problem import Problem
 
 
@@ -53,7 +53,7 @@ def design_command(
 
 def account(design) -> dict[str, Any]:
     """Everything about a design in numbers and words, for a JSON file."""
-    from ._design import result_name
+    from ._results import result_name
 
     podium = design.podium
     top = podium.superstructure

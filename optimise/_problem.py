@@ -35,7 +35,8 @@ from typing import Any, NamedTuple
 import rockjax as rj
 from rockjax._problem import Reader, load_table
 
-from ._design import Design, design
+from ._answer import Design
+from ._design import design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._report import problem
 from ._targets import (

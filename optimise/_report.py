@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ._design import Design
+    from ._answer import Design
     from ._problem import Problem
 
 

@@ -22,3 +22,8 @@ CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED = ran
 
 def named(code: int) -> RESULTS:
     return getattr(RESULTS, NAMES[code])
+
+
+def result_name(result: RESULTS) -> str:
+    """The name of a result."""
+    return NAMES[int(result._value)]

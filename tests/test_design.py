@@ -15,8 +15,8 @@ import pytest
 import optimise
 import rockjax as rj
 from benchmarks import studies
-from optimise._design import result_name
 from optimise._quadratic import Model, solve
+from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables

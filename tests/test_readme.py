@@ -12,7 +12,7 @@ ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
 PAGES = sorted(ROOT.glob("docs/*.md"))
 TEXTS = [README, ROOT / "CHANGELOG.md", *PAGES, *sorted(ROOT.glob("docs/api/*.md"))]
-LANGUAGES = {"python", "mermaid", "toml", "bibtex", "text"}  # of blocks; shell commands are indented
+LANGUAGES = {"python", "toml", "bibtex", "text"}  # of blocks; shell commands are indented
 
 
 def name(path: Path) -> str:

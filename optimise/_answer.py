@@ -1,0 +1,151 @@
+"""A design and the account of it: what every start came to, which is the best, its margins and prices."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+import rockjax as rj
+
+from ._descent import End, Evaluation, Iterate
+from ._objectives import AbstractObjective
+from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, RESULTS, STALLED, named
+from ._variables import Structure, Variables, as_podium, variables
+
+
+class Outcome(NamedTuple):
+    """Where one start ended: variables in user units, verified objective and worst margin, and how."""
+
+    variables: dict[str, float]
+    objective: float
+    margin: float
+    satisfied: bool
+    result: RESULTS
+    iterations: int
+
+
+class Effort(NamedTuple):
+    """What a design cost: `evaluations` of a design with its derivatives, `scenes` simulated for them (the search of an
+    overturning acceleration counts as one), `iterations` of all starts, `seconds` with compilation."""
+
+    evaluations: int
+    scenes: int
+    iterations: int
+    seconds: float
+
+
+class Design(eqx.Module):
+    """A design and the account of it.
+
+    - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)
+    - `variables`: name → value in user units; `objective`: its largest value at the design
+    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11; `margins`: target → margins there [–]
+    - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per relative
+      loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not satisfied
+    - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
+    - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
+    """
+
+    podium: rj.Podium
+    structure: Structure
+    variables: dict[str, float]
+    objective: float
+    satisfied: bool
+    margins: dict[str, np.ndarray]
+    multipliers: dict[str, np.ndarray]
+    result: RESULTS
+    history: tuple[Iterate, ...]
+    stats: Effort
+    starts: tuple[Outcome, ...]
+    best: int
+    bounds: dict[str, tuple[float, float]]
+    units: dict[str, str]
+    minimised: str
+
+    @property
+    def failing(self) -> dict[str, float]:
+        """Targets that are not satisfied, worst first: name → worst margin, negative [–]."""
+        worst = {name: float(np.min(values)) for name, values in self.margins.items()}
+        return {name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0}
+
+    def __repr__(self):
+        from ._report import table
+
+        return table(self)
+
+    def _repr_html_(self) -> str:
+        from ._report import html
+
+        return html(self)
+
+
+class Found(NamedTuple):
+    """What a search leaves to tell of: where every start ended, what holds there in the accurate simulation, how it went.
+
+    `sizes`: name of a target → number of its margins; `scale`: of the objective in descents
+    """
+
+    ends: list[End]
+    evaluations: list[Evaluation]
+    sizes: dict[str, int]
+    scale: float
+    history: list[Iterate]
+    effort: Effort
+
+
+def answer_of(given: Structure, varied: Variables, objective: AbstractObjective | None, found: Found) -> Design:
+    """The best of the starts, and the account of all."""
+    pairs = zip(found.ends, found.evaluations, strict=True)
+    outcomes = tuple(_outcome(varied, end, there) for end, there in pairs)
+    best = min(range(len(outcomes)), key=lambda k: _order(outcomes[k], bool(found.sizes)))
+    final, end, there = outcomes[best], found.ends[best], found.evaluations[best]
+    parts = np.cumsum([0, *found.sizes.values()])
+    spans = [slice(a, b) for a, b in itertools.pairwise(parts)]
+    prices = found.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
+    sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
+    bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
+    # From the user's own structure, whose plain numbers stay what they are.
+    structure = variables(given, bounds).structure(jnp.asarray(end.x))
+    return Design(
+        podium=as_podium(structure),
+        structure=structure,
+        variables=final.variables,
+        objective=final.objective,
+        satisfied=final.satisfied,
+        margins={name: there.c[span] for name, span in zip(found.sizes, spans, strict=True)},
+        multipliers={name: prices[span] for name, span in zip(found.sizes, spans, strict=True)},
+        result=final.result,
+        history=tuple(found.history),
+        stats=found.effort,
+        starts=outcomes,
+        best=best,
+        bounds=bounds,
+        units=dict(zip(varied.names, varied.units, strict=True)),
+        minimised="distance from the start" if objective is None else objective.describe(),
+    )
+
+
+def _outcome(varied: Variables, end: End, there: Evaluation) -> Outcome:
+    """Where a start ended; the accurate simulation has the last word."""
+    finite = bool(np.isfinite(there.c).all() and np.isfinite(there.f).all())
+    satisfied = finite and there.violation == 0
+    code = end.result if finite else NOT_FINITE
+    if code in (CONVERGED, STALLED) and not satisfied:
+        code = INFEASIBLE
+    if code == INFEASIBLE and satisfied:
+        code = STALLED
+    values = np.asarray(varied.values(jnp.asarray(end.x)))
+    numbers = dict(zip(varied.names, map(float, values), strict=True))
+    worst = float(np.min(there.c, initial=np.inf))
+    return Outcome(numbers, float(np.max(there.f)), worst, satisfied, named(code), end.iterations)
+
+
+def _order(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
+    """Satisfied before not, then by the objective or by the worst margin; what is not finite comes last."""
+    if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
+        return (2, 0.0)
+    return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

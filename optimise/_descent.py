@@ -1,0 +1,142 @@
+"""What every method of design shares: what it is told of a point, what it says of its way, how it looks around at its end.
+
+A descent is a coroutine: it yields points and is sent what holds there, so that many descents are evaluated as one batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import NamedTuple
+
+import numpy as np
+
+from ._quadratic import Vector
+from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
+
+LOOKS, REACHES = 4, (0.02, 0.06, 0.2, 0.5)  # how often and how far a descent looks around at its end
+
+
+class Evaluation(NamedTuple):
+    """Values f (k,), margins c (m,) and their Jacobians (k, n), (m, n) in scaled variables."""
+
+    f: Vector
+    c: Vector
+    f_slope: Vector
+    c_slope: Vector
+
+    @property
+    def finite(self) -> bool:
+        return all(bool(np.isfinite(y).all()) for y in self)
+
+    @property
+    def violation(self) -> float:
+        return float(max(0.0, np.max(-self.c, initial=0.0)))
+
+    def merit(self, weight: float, penalty: float) -> float:
+        return weight * float(np.max(self.f)) + penalty * self.violation
+
+
+class Rules(NamedTuple):
+    """`scale`: of the values; `shift`: margins aimed at; first `radius` of the trust region; when to stop."""
+
+    scale: float
+    shift: float
+    radius: float
+    tolerance: float
+    max_iterations: int
+
+    @property
+    def feasible_enough(self) -> float:
+        """A violation of the margins aimed at that counts as none: the target itself still holds."""
+        return 0.5 * self.shift
+
+
+class Iterate(NamedTuple):
+    """One iteration of one start.
+
+    `x`: scaled variables before the step; `objective` and worst `margin` there; `residual`: of the optimality conditions;
+    `radius` of the trust region; `penalty` ν; `step`: largest entry of the step tried; whether it was `accepted`.
+    """
+
+    start: int
+    iteration: int
+    x: Vector
+    objective: float
+    margin: float
+    residual: float
+    radius: float
+    penalty: float
+    step: float
+    accepted: bool
+
+
+class End(NamedTuple):
+    """Where a descent ended: the point, its multipliers (m,) in units of the scaled objective, a result code, what holds
+    there."""
+
+    x: Vector
+    multipliers: Vector
+    result: int
+    iterations: int
+    there: Evaluation
+
+
+Descent = Generator[Vector, Evaluation, End]
+Descend = Callable[[Vector, Rules, list[Iterate], int, int], Descent]
+"""One descent of a method: from x, under rules, its iterates written down as those of a start, numbered from the last."""
+
+
+def descend(once: Descend, x: Vector, rules: Rules, history: list[Iterate], start: int) -> Descent:
+    """Minimise from x in [0, 1]ⁿ by a method; yields points, is sent `Evaluation`s there.
+
+    Responses have ripples, and what satisfies the targets may be in several pieces: a descent looks around at its end, and
+    goes on from a better point if it sees one.
+    """
+    end = yield from once(x, rules, history, start, 0)
+    for _ in range(LOOKS):
+        if end.result in (NOT_FINITE, OUT_OF_ITERATIONS):
+            break
+        other = yield from _look_around(end, rules)
+        if other is None:
+            break
+        again = yield from once(other, rules, history, start, end.iterations)
+        if rank(again.there) >= rank(end.there):
+            end = end._replace(iterations=again.iterations)
+            break
+        end = again
+    return end
+
+
+def prepared(raw: Evaluation, rules: Rules) -> Evaluation:
+    """An evaluation as descents look at it: values scaled, margins over those aimed at."""
+    return Evaluation(raw.f / rules.scale, raw.c - rules.shift, raw.f_slope / rules.scale, raw.c_slope)
+
+
+def rank(there: Evaluation) -> tuple[float, float]:
+    """Less violation is better; where there is none, lower values."""
+    return (there.violation, float(np.max(there.f)))
+
+
+def at_rest(here: Evaluation, residual: float, rules: Rules) -> int:
+    """The result of a descent that no step improves."""
+    if here.violation > rules.shift:
+        return INFEASIBLE
+    return CONVERGED if residual <= 100 * rules.tolerance else STALLED
+
+
+def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
+    """A better point some way off along an axis, None if there is none."""
+    best, found = rank(end.there), None
+    for reach in REACHES:
+        for k in range(len(end.x)):
+            for side in (-reach, reach):
+                x = end.x.copy()
+                x[k] += side
+                if not 0 <= x[k] <= 1:
+                    continue
+                there = prepared((yield x), rules)
+                if there.finite and rank(there) < best and (best[0] > 0 or there.violation == 0):
+                    best, found = rank(there), x
+        if found is not None:
+            break
+    return found
