@@ -120,7 +120,11 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
         {
             "median_capacity": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
             "dispersion": ((), float(fit.dispersion), one | {"long_name": "standard deviation of its logarithm"}),
-            "probability": ("at", np.asarray(fit.probability(jnp.asarray(x))), one | {"long_name": "probability of overturning"}),
+            "probability": (
+                "at",
+                np.asarray(fit.probability(jnp.asarray(x))),
+                one | {"long_name": "probability of overturning"},
+            ),
             "observed": ("intensity", observed, one | {"long_name": "share of overturned records"}),
             "capacity": analysis["capacity"],
         },
@@ -135,8 +139,8 @@ def _add_intervals(curve: xarray.Dataset, method: str, data: _Ensemble, fit: Log
     if rests < FEW:
         of = "that overturn " if method == "capacities" else ""
         message = (
-            f"fragility: the intervals rest on {rests} records {of}only; fewer than {FEW} say little more than that capacities "
-            "are taken as lognormal; use more records, or confidence=None"
+            f"fragility: the intervals rest on {rests} records {of}only; from fewer than {FEW} they depend on the "
+            "form of the distribution more than on the records; use more records, or confidence=None for the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
     find = _of_capacities if method == "capacities" else _of_stripes
@@ -164,8 +168,8 @@ def _of_stripes(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: floa
     lost = int(np.sum(~np.isfinite(without.median)))
     if lost:
         raise ValueError(
-            f"fragility: no interval: without one of {lost} of the {len(others)} records the counts do not say the dispersion "
-            "any more; use more records or closer levels, or confidence=None for the curve alone"
+            f"fragility: no interval: without one of {lost} of the {len(others)} records the counts do not say the "
+            "dispersion any more; use more records or closer levels, or confidence=None for the curve alone"
         )
 
     def estimates(fits: Lognormal) -> np.ndarray:
@@ -193,10 +197,10 @@ def _price(capacity, limit):
 
 
 def _why_not(method: str, data: _Ensemble) -> str:
-    known = data.capacity[np.isfinite(data.capacity)]
+    known, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
         if known.size < 2:
-            return f"{known.size} of {data.capacity.size} records overturn up to {data.levels[-1]:g}; raise the highest intensity"
+            return f"{known.size} of {total} records overturn up to {data.levels[-1]:g}; raise the highest intensity"
         return f"the capacities of the {known.size} records that overturn do not differ; use other records"
     if not data.overturned.any():
         return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
