@@ -189,8 +189,8 @@ for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
 # %% [markdown]
 # ## Next
 #
-# - `02_the_paper`: the theory's source, its figures, and where it contradicts itself
-# - `03_spectra_and_boundaries`: when does it overturn?
-# - `04_column_sizing`: how wide must the columns be?
-# - `07_gradients_explained`: every number can be differentiated, through uplift and all impacts
+# - [`02_the_paper`](02_the_paper.py): the theory's source, its figures, and where it contradicts itself
+# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py): when does it overturn?
+# - [`04_column_sizing`](04_column_sizing.py): how wide must the columns be?
+# - [`07_gradients_explained`](07_gradients_explained.py): every number can be differentiated, through uplift and all impacts
 # - [Getting started](../docs/getting-started.md), [the model](../docs/model.md), [sharp bits](../docs/sharp-bits.md)

@@ -198,6 +198,6 @@ print(f"{len(changes)} changes on this grid, the first at {changes[0]:.4f}, the 
 # %% [markdown]
 # ## Next
 #
-# - `03_spectra_and_boundaries` finds such bands without a fine grid.
+# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands without a fine grid.
 # - [Reproduction](../docs/reproduction.md) has published overturning accelerations and free rocking beside those of rockjax.
 # - [The model](../docs/model.md) settles what the paper leaves open.

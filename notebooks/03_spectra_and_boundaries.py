@@ -77,7 +77,7 @@ legend = ax.legend()
 # ## The boundary
 #
 # `overturning_acceleration` is the least amplitude that overturns, from a scan and a refinement of its
-# lowest change. Under `jax.grad` it has derivatives, see `07_gradients_explained`.
+# lowest change. Under `jax.grad` it has derivatives, see [`07_gradients_explained`](07_gradients_explained.py).
 
 # %%
 T_p = 2 * math.pi / (3 * podium.p)  # ω_p/p = 3
@@ -148,7 +148,7 @@ for rtol in (1e-3, 1e-5, 1e-8):
 # %% [markdown]
 # ## Next
 #
-# - `04_column_sizing`: from boundaries to dimensions
-# - `05_records_and_fragility`: records in the place of pulses
-# - `06_speed_and_accuracy`: what an error costs
+# - [`04_column_sizing`](04_column_sizing.py): from boundaries to dimensions
+# - [`05_records_and_fragility`](05_records_and_fragility.py): records in the place of pulses
+# - [`06_speed_and_accuracy`](06_speed_and_accuracy.py): what an error costs
 # - [Overturning](../docs/overturning.md): the margin, the search, and its limits

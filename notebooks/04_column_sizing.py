@@ -191,6 +191,6 @@ legend = ax.legend()
 # %% [markdown]
 # ## Next
 #
-# - `05_records_and_fragility`: records, and the probability of overturning
-# - `07_gradients_explained`: where the derivatives come from
+# - [`05_records_and_fragility`](05_records_and_fragility.py): records, and the probability of overturning
+# - [`07_gradients_explained`](07_gradients_explained.py): where the derivatives come from
 # - [Design](../docs/design.md): all targets, the method, and five studies

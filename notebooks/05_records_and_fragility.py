@@ -144,6 +144,6 @@ print(f"from two analyses: {ratio:+.3f} % per %")
 #
 # ## Next
 #
-# - `07_gradients_explained`: derivatives of boundaries
+# - [`07_gradients_explained`](07_gradients_explained.py): derivatives of boundaries
 # - `optimise.OverturningProbability` in [Design](../docs/design.md): columns for a given probability
 # - [Ground motion files](../docs/records.md), [Fragility](../docs/fragility.md)

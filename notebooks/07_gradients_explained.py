@@ -224,6 +224,6 @@ except NotImplementedError as error:
 # %% [markdown]
 # ## Next
 #
-# - `04_column_sizing`: what the gradients are for
+# - [`04_column_sizing`](04_column_sizing.py): what the gradients are for
 # - [Gradients through events](../docs/gradients.md): uplift, peaks, reverse mode, records
 # - [Overturning](../docs/overturning.md): margin and boundary

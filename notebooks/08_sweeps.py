@@ -129,4 +129,4 @@ except ValueError as error:
 #
 # - `rockjax sweep` does the same from a [problem file](../docs/command-line.md), with `--workers` or `--scheduler`.
 # - [Sweeps and clusters](../docs/cluster.md): SSH, Slurm and Kubernetes, and what happens when machines die.
-# - `05_records_and_fragility` makes a curve of such shares, with its bands.
+# - [`05_records_and_fragility`](05_records_and_fragility.py) makes a curve of such shares, with its bands.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
+from rockjax import _tables
 from rockjax._repr import readable
 
 from . import _variables
@@ -72,10 +73,7 @@ def problem(asked: Problem) -> str:
 
 def _aligned(rows: list[list[str]]) -> list[str]:
     """Rows under their heading; nothing where there is only that."""
-    if len(rows) < 2:
-        return []
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return [f"  {line}" for line in _tables.lines(rows)] if len(rows) > 1 else []
 
 
 def _remarks(design: Design) -> list[str]:
@@ -95,16 +93,9 @@ def html(design: Design) -> str:
     """The same as a table of a notebook."""
     headline, *tables = _account(design)
     parts = [f"<p><b>Design</b>: {_html.escape(headline)}</p>"]
-    for rows in tables:
-        if len(rows) > 1:
-            cells = ["".join(f"<t{kind}>{_html.escape(cell)}</t{kind}>" for cell in row) for kind, row in _kinds(rows)]
-            parts.append("<table>" + "".join(f"<tr>{row}</tr>" for row in cells) + "</table>")
+    parts += [_tables.html(rows, heads="row") for rows in tables if len(rows) > 1]
     parts += [f"<p>{_html.escape(sentence)}</p>" for sentence in _remarks(design)]
     return "".join(parts)
-
-
-def _kinds(rows: list[list[str]]):
-    return [("h" if k == 0 else "d", row) for k, row in enumerate(rows)]
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:

@@ -10,6 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ._checks import require
+from ._repr import card
 
 METHODS: dict[str, type[diffrax.AbstractSolver]] = {
     "tsit5": diffrax.Tsit5,
@@ -94,6 +95,9 @@ class Options(eqx.Module):
                 f"Options: the flat engine needs an explicit Runge–Kutta method with an error estimate, got "
                 f"{type(solver).__name__}; use engine='segments' for it"
             )
+
+    def _repr_html_(self):
+        return card(self)
 
     @property
     def solver(self) -> diffrax.AbstractSolver:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
+from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +13,14 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from . import _tables
 from ._checks import concrete
 
 if TYPE_CHECKING:
     from ._results import AbstractPeak
 
 Rows = list[tuple[str, str]]
+LONGEST = 90  # characters of a meaning
 _UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": ""}
 
 
@@ -26,8 +31,50 @@ def units(of: str) -> str:
 
 def readable(module: eqx.Module) -> str:
     """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
-    fields = ((field.name, getattr(module, field.name)) for field in dataclasses.fields(module))
-    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in fields)})"
+    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
+
+
+def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
+    """A structure, motion or options as a table of HTML: its numbers, what follows from them, and what they mean."""
+    rows = list(_rows(module))
+    cls = type(module)
+    for name in derived:
+        rows.append((name, _value(getattr(module, name)), _plain(getattr(cls, name).__doc__)))
+    return _tables.html(rows, caption=cls.__name__, heads="column")
+
+
+def _fields(module: eqx.Module) -> list[tuple[str, Any]]:
+    return [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
+
+
+def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`: meaning`."""
+    meanings = _meanings(type(module))
+    for name, value in _fields(module):
+        known = meanings.get(name, "")
+        if isinstance(value, eqx.Module) and type(value).__repr__ is not eqx.Module.__repr__ and _fields(value):
+            yield f"{prefix}{name}", type(value).__name__, known
+            yield from _rows(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", _value(value), known
+
+
+def _meanings(cls: type) -> dict[str, str]:
+    """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`: meaning"."""
+    found = {}
+    told = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
+    for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", told, re.M):
+        _, *parts = re.split(r"(?:^|; )((?:`\w+`(?:, )?)+): ", " ".join(bullet.split()))
+        for names, meaning in zip(parts[::2], parts[1::2], strict=True):
+            found |= dict.fromkeys(re.findall(r"\w+", names), _plain(meaning))
+    return found
+
+
+def _plain(docstring: str | None) -> str:
+    """The first sentence, without marks of the documentation."""
+    words = re.sub(r"\[`(?:\w+\.)?(\w+)`\]\[\]", r"\1", " ".join((docstring or "").split())).replace("`", "")
+    sentence = re.split(r"(?<!Eq)(?<!Eqs)\.(?:\s|$)|;\s", words, maxsplit=1)[0]
+    return sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST].rsplit(' ', 1)[0]} …"
 
 
 def _value(value: Any) -> str:
@@ -53,13 +100,7 @@ def text(peak: AbstractPeak) -> str:
 def html(peak: AbstractPeak) -> str:
     """The same as a table."""
     headline, rows = _account(peak)
-    cells = (
-        f"<tr><td>{escape(label)}</td><td>{escape(value)}</td></tr>"
-        if value
-        else f'<tr><td colspan="2">{escape(label)}</td></tr>'
-        for label, value in rows
-    )
-    return f"<p><b>{escape(headline)}</b></p>" + (f"<table>{''.join(cells)}</table>" if rows else "")
+    return f"<p><b>{escape(headline)}</b></p>" + (_tables.html(rows) if rows else "")
 
 
 def _account(peak: AbstractPeak) -> tuple[str, Rows]:

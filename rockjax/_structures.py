@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._checks import as_float, concrete, not_negative, positive, require
-from ._repr import readable
+from ._repr import card, readable
 
 STANDARD_GRAVITY = 9.80665
 Number = Float[Array, "*batch"]
@@ -45,6 +45,9 @@ class Elastic(eqx.Module):
     def __repr__(self):
         return readable(self)
 
+    def _repr_html_(self):
+        return card(self)
+
 
 class Rigid(eqx.Module):
     """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
@@ -59,6 +62,9 @@ class Rigid(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self)
 
 
 class PaperRestitution(eqx.Module):
@@ -267,3 +273,6 @@ class Podium(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self, derived=("p", "width", "height", "restitution_factor"))

@@ -83,6 +83,18 @@ def test_they_become_notebooks(notebook):
     assert jupytext.reads(jupytext.writes(made, "ipynb"), "ipynb").cells == made.cells
 
 
+@by_name
+def test_links_stay_below_the_folder_that_jupyter_is_started_in(notebook):
+    """A server opens nothing above its root: the page says `jupyter lab` in the folder of the project."""
+    commands = re.findall(r"^ {4}(jupyter lab.*)$", (ROOT / "docs" / "notebooks.md").read_text(), re.M)
+    assert commands == ["jupyter lab"]
+    text = notebook.read_text()
+    for target in re.findall(r"^#.*\]\(([^)#\s]+)(?:#[^)\s]*)?\)", text, re.M):
+        assert (notebook.parent / target).resolve().is_relative_to(ROOT), target
+    unlinked = re.findall(r"(?<!\[)`\d\d_\w+`", text)
+    assert not unlinked
+
+
 def test_the_page_lists_them_all():
     page = (ROOT / "docs" / "notebooks.md").read_text()
     assert re.findall(r"`(\d\d_\w+)\.py`", page) == [notebook.stem for notebook in NOTEBOOKS]

@@ -1,7 +1,12 @@
 """Progress bars: what they say before the first scenes are through, and whose bar it is."""
 
+import contextlib
 import io
+import subprocess
+import sys
 import time
+
+import pytest
 
 from rockjax._progress import bar
 
@@ -16,9 +21,37 @@ def test_a_bar_does_not_count_what_comes_before_the_first_update(capsys):
         made.update(5)
         assert made.format_dict["elapsed"] < 0.2
         assert made.n == 9
+        assert "90%" in shown.getvalue()[before:]
     assert "preparing" not in shown.getvalue()[before:]
-    assert "90%" in shown.getvalue()[before:]
     assert capsys.readouterr().err == ""
+
+
+def test_a_bar_ends_full_unless_something_stops_it():
+    for stop, last in ((None, "100%"), (KeyboardInterrupt, " 40%")):
+        shown = io.StringIO()
+        with contextlib.suppress(KeyboardInterrupt), bar(10, "iterations", True, file=shown, mininterval=0) as made:
+            made.update(4)
+            if stop:
+                raise stop
+        assert last in shown.getvalue().split("\r")[-1]
+
+
+def test_bars_of_notebooks_are_widgets_and_end_full():
+    """In a kernel of its own: which bar it is, is decided when tqdm is imported."""
+    pytest.importorskip("ipywidgets")
+    pytest.importorskip("ipykernel")
+    code = "\n".join(
+        [
+            "import ipykernel.zmqshell",
+            "from rockjax._progress import bar",
+            "with bar(60, 'iterations', True, display=False) as made:",
+            "    made.update(12)",
+            "_, drawn, numbers = made.container.children",
+            "assert (drawn.value, drawn.max, drawn.bar_style) == (12, 12, 'success'), drawn",
+            "assert '12/12' in numbers.value, numbers.value",
+        ]
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_bar_that_is_not_wanted_is_silent(capsys):

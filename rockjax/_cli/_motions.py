@@ -51,8 +51,8 @@ def motions(
     import math
 
     from rockjax._motions.intensity import intensity_measures
-    from rockjax._motions.motion import aligned
     from rockjax._structures import STANDARD_GRAVITY, Podium
+    from rockjax._tables import lines
 
     if (tan_alpha is None) != (R is None):
         raise typer.BadParameter("--tan-alpha and --R go together")
@@ -79,7 +79,7 @@ def motions(
         ]
     rows = [("name", *(name for name, _ in columns))]
     rows += [(name, *(f"{values[k]:.4g}" for _, values in columns)) for k, name in enumerate(found.names)]
-    for line in aligned(rows):
+    for line in lines(rows, numbers=True):
         report.say(line)
     report.facts["motions"] = [
         {"name": name} | {key: values[k] for key, values in columns} for k, name in enumerate(found.names)

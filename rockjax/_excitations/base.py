@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from rockjax._checks import as_float
-from rockjax._repr import readable
+from rockjax._repr import card, readable
 
 Value = Float[Array, ""]
 Index = Int[Array, ""]
@@ -113,6 +113,9 @@ class AbstractExcitation(eqx.Module):
 
     def __repr__(self):
         return readable(self)
+
+    def _repr_html_(self):
+        return card(self)
 
 
 class _Silence(AbstractOutlook):

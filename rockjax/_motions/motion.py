@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import html
 import math
 import warnings
 from collections import Counter
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
+from rockjax import _tables
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
@@ -245,8 +245,7 @@ class Motion:
         return "\n  ".join([f"Motion {self.name!r}", *(f"{key}: {value}" for key, value in self._facts().items())])
 
     def _repr_html_(self) -> str:
-        rows = (f"<tr><th>{html.escape(key)}</th><td>{html.escape(value)}</td></tr>" for key, value in self._facts().items())
-        return f"<table><caption>{html.escape(self.name)}</caption>{''.join(rows)}</table>"
+        return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
 
 
 def check(motion: Motion, where: str, stacklevel: int) -> None:
@@ -347,12 +346,10 @@ class Motions(Sequence[Motion]):
         ]
 
     def __repr__(self) -> str:
-        return "\n  ".join([f"{len(self)} motions", *aligned(self._rows())])
+        return "\n  ".join([f"{len(self)} motions", *_tables.lines(self._rows(), numbers=True)])
 
     def _repr_html_(self) -> str:
-        cells = (("th" if k == 0 else "td", row) for k, row in enumerate(self._rows()))
-        rows = ("<tr>" + "".join(f"<{tag}>{html.escape(text)}</{tag}>" for text in row) + "</tr>" for tag, row in cells)
-        return f"<table>{''.join(rows)}</table>"
+        return _tables.html(self._rows(), heads="row")
 
 
 def distinct(labels: Sequence[str]) -> list[str]:
@@ -362,12 +359,3 @@ def distinct(labels: Sequence[str]) -> list[str]:
         seen[label] += 1
         found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
     return found
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table: the first column to the left, numbers to the right."""
-    widths = [max(len(text) for text in column) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(text.ljust(w) if k == 0 else text.rjust(w) for k, (text, w) in enumerate(zip(row, widths, strict=True)))
-        for row in rows
-    ]

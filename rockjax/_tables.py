@@ -1,0 +1,37 @@
+"""Small tables: as aligned lines of text, and as HTML for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Literal
+
+Rows = Sequence[Sequence[str]]
+
+
+def lines(rows: Rows, numbers: bool = False) -> list[str]:
+    """Rows with their columns aligned: to the left, or with `numbers` all but the first to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if numbers and k else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] = "none") -> str:
+    """Escaped text, with headings in the first row or column; of two cells, an empty second one joins the first."""
+    body = "".join(f"<tr>{_cells(row, k, heads)}</tr>" for k, row in enumerate(rows))
+    return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"
+
+
+def _cells(row: Sequence[str], k: int, heads: str) -> str:
+    if len(row) == 2 and not row[1]:
+        return f'<td colspan="2">{escape(row[0])}</td>'
+    found = []
+    for j, cell in enumerate(row):
+        tag = "th" if (heads == "row" and k == 0) or (heads == "column" and j == 0) else "td"
+        found.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
+    return "".join(found)

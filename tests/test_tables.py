@@ -1,0 +1,71 @@
+"""Tables of text and HTML, and what structures, motions and options show of themselves in a notebook."""
+
+import dataclasses
+import re
+
+import jax
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax import _tables
+from rockjax._repr import card
+
+SHOWN = (
+    rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
+    rj.Elastic(100.0, 0.5),
+    rj.Rigid(3.0),
+    rj.Options(),
+    rj.Ricker(3.7, 1.0),
+    rj.AntisymmetricRicker(3.7, 1.0),
+    rj.HalfSine(3.7, 1.0),
+    rj.MavroeidisPapageorgiou(1.0, 1.0, 2.0, 0.5),
+    rj.Gabor(1.0, 1.0, 0.5, 0.2),
+    rj.Record([1.0, -2.0, 3.0], 0.01),
+)
+
+
+def cells(html: str) -> list[list[str]]:
+    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", html)]
+
+
+@pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: type(shown).__name__)
+def test_every_number_is_shown_with_its_meaning(shown):
+    """The meanings are those of the docstrings, so a field without one is a fault of its docstring."""
+    rows = {name: (value, meaning) for name, value, meaning in cells(shown._repr_html_())}
+    for field in dataclasses.fields(shown):
+        value, meaning = rows[field.name]
+        assert value
+        assert meaning, field.name
+        assert "`" not in meaning
+    assert f"<caption>{type(shown).__name__}</caption>" in shown._repr_html_()
+
+
+def test_a_podium_shows_its_superstructure_and_what_follows_from_its_numbers():
+    podium = rj.Podium.from_dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+    rows = {row[0]: row[1:] for row in cells(podium._repr_html_())}
+    assert rows["superstructure.eta"] == ["100", "mass ratio η = m_t/(N m_c), ≥ 0 [–]"]
+    assert rows["width"] == ["0.45", "Full column width 2B = 2R sin α [m]"]
+    assert rows["p"] == [f"{float(podium.p):.6g}", "Frequency parameter p = √(3g/4R) [rad/s], Eq. (25)"]
+    bare = {row[0]: row[1] for row in cells(podium.replace(superstructure=None)._repr_html_())}
+    assert bare["superstructure"] == "None"
+    assert "superstructure.eta" not in bare
+
+
+def test_batches_and_traced_numbers_are_shown_as_such():
+    assert "array(shape (2,), 1 … 3)" in rj.Ricker(np.array([1.0, 3.0]), 1.0)._repr_html_()
+    seen = []
+    jax.jit(lambda a: seen.append(card(rj.Ricker(a, 1.0))) or a)(2.0)
+    assert seen[0].count("traced") == 2
+
+
+def test_text_is_escaped_and_aligned():
+    rows = [("name", "value"), ("a < b", "1.25"), ("c", "10")]
+    assert _tables.lines(rows) == ["name   value", "a < b  1.25", "c      10"]
+    assert _tables.lines(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
+    made = _tables.html(rows, caption="<x>", heads="row")
+    assert "<caption>&lt;x&gt;</caption>" in made
+    assert "a &lt; b" in made
+    assert made.count("<th") == 2
+    assert made.count("<td") == 4
+    assert 'colspan="2">only</td>' in _tables.html([("only", "")])
