@@ -4,6 +4,7 @@ Every check looks at concrete numbers only: under `jax.jit`, `jax.vmap` or `jax.
 nothing can be said about it, and the scene reports through its `result` instead.
 """
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -13,13 +14,28 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 
-def as_float(x) -> Array:
-    """`x` as an array of the default floating-point type (float64 unless the user switched it off)."""
+def as_float(x, what: str = "it") -> Array:
+    """`x` as an array of the default floating-point type (float64 unless the user switched it off).
+
+    Raises `ValueError` that begins with `what` for anything but numbers.
+    """
     if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float):
         return x
-    if isinstance(x, (str, bytes)) or x is None:
-        raise ValueError(f"expected a number or an array of numbers, got {x!r}")
-    return jnp.asarray(x, dtype=jnp.result_type(float))
+    try:
+        if x is None or isinstance(x, str | bytes) or _holds_text(x):
+            raise TypeError
+        return jnp.asarray(x, dtype=jnp.result_type(float))
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
+
+
+def _holds_text(x) -> bool:
+    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _holds_text(y) for y in x)
+
+
+def as_number(what: str) -> Callable[..., Array]:
+    """The converter of a field of numbers, called `what` in errors."""
+    return functools.partial(as_float, what=what)
 
 
 def concrete(x) -> np.ndarray | None:
@@ -56,3 +72,17 @@ def not_negative(owner: str, **arguments) -> None:
 def finite(owner: str, **arguments) -> None:
     for name, x in arguments.items():
         require(owner, name, x, np.isfinite, "finite")
+
+
+def shown(value) -> str:
+    """A value in an error: its type where its own words are long."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    text = repr(value)
+    return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
+
+
+def of_kind(owner: str, name: str, value, kind: type | tuple[type, ...], wanted: str) -> None:
+    """Raise a `ValueError` that names argument, value and what is wanted, unless `value` is of that kind."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{owner}: {name} must be {wanted}, got {shown(value)}")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._checks import as_float, concrete, not_negative, positive, require
+from ._checks import as_float, as_number, concrete, not_negative, positive, require
 from ._repr import card, readable
 
 STANDARD_GRAVITY = 9.80665
@@ -29,9 +29,9 @@ class Elastic(eqx.Module):
     - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
     """
 
-    eta: Number = eqx.field(converter=as_float)
-    T_s: Number = eqx.field(converter=as_float)
-    zeta: Number = eqx.field(converter=as_float, default=0.05)
+    eta: Number = eqx.field(converter=as_number("Elastic: eta"))
+    T_s: Number = eqx.field(converter=as_number("Elastic: T_s"))
+    zeta: Number = eqx.field(converter=as_number("Elastic: zeta"), default=0.05)
 
     def __check_init__(self):
         not_negative("Elastic", eta=self.eta, zeta=self.zeta)
@@ -55,7 +55,7 @@ class Rigid(eqx.Module):
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
     """
 
-    eta: Number = eqx.field(converter=as_float)
+    eta: Number = eqx.field(converter=as_number("Rigid: eta"))
 
     def __check_init__(self):
         not_negative("Rigid", eta=self.eta)
@@ -93,7 +93,7 @@ class CompatibleRestitution(eqx.Module):
 class GivenRestitution(eqx.Module):
     """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
 
-    e: Number = eqx.field(converter=as_float)
+    e: Number = eqx.field(converter=as_number("Podium: restitution"))
 
     def __check_init__(self):
         require(
@@ -142,13 +142,13 @@ class Podium(eqx.Module):
     Raises `ValueError` for concrete numbers outside these ranges.
     """
 
-    alpha: Number = eqx.field(converter=as_float)
-    R: Number = eqx.field(converter=as_float)
-    gamma: Number = eqx.field(converter=as_float, default=0.0)
+    alpha: Number = eqx.field(converter=as_number("Podium: alpha"))
+    R: Number = eqx.field(converter=as_number("Podium: R"))
+    gamma: Number = eqx.field(converter=as_number("Podium: gamma"), default=0.0)
     superstructure: Elastic | Rigid | None = None
-    lam: Number = eqx.field(converter=as_float, default=1 / 3)
+    lam: Number = eqx.field(converter=as_number("Podium: lam"), default=1 / 3)
     restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
-    g: Number = eqx.field(converter=as_float, default=STANDARD_GRAVITY)
+    g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
 
     def __check_init__(self):
         require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, finite, positive
+from rockjax._checks import as_number, finite, positive
 
 from .base import AbstractExcitation, AbstractOutlook, Index, Number, Value
 
@@ -89,8 +89,8 @@ class AbstractPulse(AbstractExcitation):
     - `T_p`: period, > 0 [s]; ω_p = 2π/T_p
     """
 
-    a_p: Number = eqx.field(converter=as_float)
-    T_p: Number = eqx.field(converter=as_float)
+    a_p: Number = eqx.field(converter=as_number("a_p"))
+    T_p: Number = eqx.field(converter=as_number("T_p"))
 
     span: ClassVar[tuple[float, float]]  # support, in units of T_p
     compact: ClassVar[bool]  # exactly zero outside the span, with breakpoints at its ends

@@ -1,7 +1,7 @@
 """Intensity measures of ground motions, exact for motions that are linear between samples.
 
 Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy; pyRotd imports
-`pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too, read Sa off at samples.
+`pkg_resources`, which is gone from setuptools.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockjax._checks import as_float, of_kind, shown
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
 if TYPE_CHECKING:
     import xarray
 
-    from .motion import Motion, Motions
+    from .motion import Motion
 
 
 def energy(motion: Motion) -> np.ndarray:
@@ -89,7 +90,7 @@ def measured(motion: Motion, measure: str, period: float | None, damping: float)
 
 
 def intensity_measures(
-    motion: Motion | Motions,
+    motion: AnyMotions,
     *,
     periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
     damping: float = 0.05,
@@ -97,7 +98,7 @@ def intensity_measures(
 ) -> xarray.Dataset:
     """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
 
-    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][]) the dim `motion`
+    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the dim `motion`
     - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
     - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
       PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
@@ -110,11 +111,14 @@ def intensity_measures(
     """
     import xarray
 
-    from .motion import Motions
 
-    several = isinstance(motion, Motions)
-    motions = list(motion) if several else [motion]
-    T = np.atleast_1d(np.asarray(tuple(periods) if isinstance(periods, Iterable) else periods, float))
+    owner = "intensity_measures"
+    several = not isinstance(motion, Motion | Record)
+    motions = as_motions(owner, motion)
+    given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
+    T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
+    if not isinstance(damping, int | float):
+        raise ValueError(f"{owner}: damping must be a number >= 0 and < 1, got {shown(damping)}")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
         "duration": ("s", "duration", [m.duration for m in motions]),
@@ -129,6 +133,7 @@ def intensity_measures(
     }
     attrs: dict[str, float] = {"damping_ratio": damping}
     if podium is not None:
+        of_kind(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
         g, tan_alpha, p = float(podium.g), math.tan(float(podium.alpha)), float(podium.p)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive
 from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
 
 
@@ -25,10 +25,10 @@ class Record(AbstractSampled):
     Raises `ValueError` for empty or non-finite records.
     """
 
-    acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_float)
-    dt: Float[Array, "*batch"] = eqx.field(converter=as_float)
-    scale: Float[Array, "*batch"] = eqx.field(converter=as_float, default=1.0)
-    t_start: Float[Array, "*batch"] = eqx.field(converter=as_float, default=0.0)
+    acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
+    dt: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: dt"))
+    scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: scale"), default=1.0)
+    t_start: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: t_start"), default=0.0)
 
     def __check_init__(self):
         positive("Record", dt=self.dt)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from rockjax import _results as results
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import as_float, concrete, of_kind, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._options import Options
 from rockjax._results import Errors, Peak, State, Stats
 from rockjax._structures import Podium
@@ -23,7 +26,7 @@ REST = State()
 
 def peak_response(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     initial: State = REST,
     t_end: float | Array | None = None,
@@ -34,6 +37,7 @@ def peak_response(
     Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`, `excitation`, `initial`
     and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
+    - `excitation`: a pulse, a wavelet, a record, a `Motion`; or any other [`rockjax.AbstractExcitation`][]
     - `initial`: the state at the start of the excitation's support
     - `t_end`: when to stop at the latest [s]; by default the end of the support plus 30/p, or 10 T_s if that is longer
 
@@ -47,7 +51,7 @@ def peak_response(
 
 def simulate(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     initial: State = REST,
     t_end: float | Array | None = None,
@@ -141,9 +145,9 @@ def raise_without_answer(code: Array) -> None:
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
     """The arguments as arrays, checked where they are concrete."""
-    check_types(owner, podium, excitation, options)
-    initial = jax.tree.map(as_float, initial)
-    t_end = None if t_end is None else as_float(t_end)
+    check_types(owner, podium, options)
+    excitation = as_excitation(owner, excitation)
+    initial, t_end = as_start(owner, initial), as_end(owner, t_end)
     for name, tree in (("podium", podium), ("initial", initial), ("t_end", t_end)):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:
@@ -157,15 +161,20 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     return podium, excitation, initial, t_end, options
 
 
-def check_types(owner: str, podium, excitation, options) -> None:
-    for name, value, kind in (
-        ("podium", podium, Podium),
-        ("excitation", excitation, AbstractExcitation),
-        ("options", options, Options),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
+def check_types(owner: str, podium, options, name: str = "podium") -> None:
+    of_kind(owner, name, podium, Podium, "a rockjax.Podium")
+    of_kind(owner, "options", options, Options, "rockjax.Options")
     options.check_precision()
+
+
+def as_start(owner: str, initial) -> State:
+    """The initial state as arrays."""
+    of_kind(owner, "initial", initial, State, "a rockjax.State")
+    return jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+
+
+def as_end(owner: str, t_end) -> Array | None:
+    return None if t_end is None else as_float(t_end, f"{owner}: t_end")
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:

@@ -16,9 +16,8 @@ from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import PAST, WIDTH, footing, has_margin, margin_options, overturning_boundary
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
-from rockjax._checks import require
+from rockjax._checks import as_float, require
 from rockjax._engine.solve import solve
-from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options, describe_podium, peak_variables
@@ -55,7 +54,7 @@ def pga(records: Records) -> Measure:
 
 def incremental_dynamic_analysis(
     podium: Podium,
-    records: Records | Sequence[Record],
+    records: AnyMotions,
     intensity,
     *,
     measure: Measure | Literal["PGA", "scale"] = "PGA",
@@ -67,7 +66,8 @@ def incremental_dynamic_analysis(
 ) -> xarray.Dataset:
     """Peak responses to a suite of records at rising intensity, and every intensity where its verdict changes (host).
 
-    - `records`: a `Records`, or single records; `names`: of each, by default numbers
+    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each, by default those of the motions, or
+      numbers
     - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
     - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in [`rockjax.overturning_spectrum`][]
@@ -84,8 +84,10 @@ def incremental_dynamic_analysis(
     import xarray
 
     owner = "incremental_dynamic_analysis"
-    records = records if isinstance(records, Records) else Records.of(records)
-    levels = np.asarray(intensity, float)
+    check_types(owner, podium, options)
+    records, known = as_records(owner, records)
+    names = known if names is None else names
+    levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
         raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
     require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
@@ -190,7 +192,7 @@ def _along(podium: Podium, records: Records, which, scale, options: Options, nam
 
 def overturning_distribution(
     podium: Podium,
-    records: Records,
+    records: AnyMotions,
     *,
     max_scale: float = 10.0,
     measure: Float[ArrayLike, " k"] | None = None,
@@ -205,6 +207,8 @@ def overturning_distribution(
 
     - `measure`: intensity of the unscaled records; the result is in its units, else in scales
     """
+    check_types("overturning_distribution", podium, options)
+    records, _ = as_records("overturning_distribution", records)
     unit = jnp.ones(len(records)) if measure is None else jnp.asarray(measure, float)
 
     def least(which):

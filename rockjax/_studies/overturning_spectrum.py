@@ -15,7 +15,7 @@ from rockjax._boundaries.boundaries import boundaries
 from rockjax._boundaries.boundary import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import Crossings
-from rockjax._checks import require
+from rockjax._checks import as_float, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -63,7 +63,9 @@ def overturning_spectrum(
     Raises `ValueError` for inputs that make no sense.
     """
     owner = "overturning_spectrum"
-    x = np.asarray(frequency_ratio, float)
+    check_types(owner, podium, options)
+    pulse = as_pulse(owner, pulse)
+    x = np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio"))
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
     require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")

@@ -14,7 +14,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import require
+from rockjax._checks import as_float, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._responses.datasets import derived_numbers, describe, peak_variables
@@ -78,9 +78,14 @@ def rocking_spectra(
     - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not solved again.
       Raises `ValueError` where they belong to other podiums, axes, options or versions
     """
+    owner = "rocking_spectrum"
+    of_kind(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
+    for podium in podiums:
+        check_types(owner, podium, options)
+    pulse = as_pulse(owner, pulse)
     axes = {
-        "frequency_ratio": np.asarray(frequency_ratio, float),
-        "acceleration_ratio": np.asarray(acceleration_ratio, float),
+        "frequency_ratio": np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio")),
+        "acceleration_ratio": np.asarray(as_float(acceleration_ratio, f"{owner}: acceleration_ratio")),
     }
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
