@@ -1,43 +1,35 @@
 """Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives."""
 
 import os as _os
+import sys as _sys
+from importlib import import_module as _import_module
 from importlib.metadata import version as _version
+from typing import TYPE_CHECKING, Any
 
-if _version("jaxlib").startswith("0.10."):
-    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
-    _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
-    if "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
-        _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
-
-import jax as _jax
-
-# Rocking is chaotic enough without rounding at 1e-7: float64 unless the user's environment says otherwise.
-if "JAX_ENABLE_X64" not in _os.environ:
-    _jax.config.update("jax_enable_x64", True)
-
-from ._batch.batch import peak_responses
-from ._boundaries.boundary import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
-from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
-from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
-from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
-from ._motions.intensity import intensity_measures
-from ._motions.motion import Motion, Motions, RecordWarning
-from ._motions.readers import read_motion, read_suite
-from ._motions.record import Record
-from ._motions.records import Records
-from ._motions.synthetic import synthetic_motions
-from ._options import Options
-from ._responses.response import Energies, Response
-from ._responses.simulate import peak_response, simulate
-from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
-from ._structures import Elastic, Podium, Rigid
-from ._studies.curve import fragility
-from ._studies.fragility import Measure, incremental_dynamic_analysis, overturning_distribution
-from ._studies.lognormal import Lognormal
-from ._studies.overturning_spectrum import overturning_spectrum
-from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum
-from ._sweep.grid import Grid, grid
-from ._sweep.sweep import SweepPlan, sweep
+if TYPE_CHECKING:
+    from ._batch.batch import peak_responses
+    from ._boundaries.boundary import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
+    from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
+    from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
+    from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
+    from ._motions.intensity import intensity_measures
+    from ._motions.motion import Motion, Motions, RecordWarning
+    from ._motions.readers import read_motion, read_suite
+    from ._motions.record import Record
+    from ._motions.records import Records
+    from ._motions.synthetic import synthetic_motions
+    from ._options import Options
+    from ._responses.response import Energies, Response
+    from ._responses.simulate import peak_response, simulate
+    from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
+    from ._structures import Elastic, Podium, Rigid
+    from ._studies.curve import fragility
+    from ._studies.fragility import Measure, incremental_dynamic_analysis, overturning_distribution
+    from ._studies.lognormal import Lognormal
+    from ._studies.overturning_spectrum import overturning_spectrum
+    from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum
+    from ._sweep.grid import Grid, grid
+    from ._sweep.sweep import SweepPlan, sweep
 
 __version__ = "0.1.0"
 
@@ -95,3 +87,124 @@ __all__ = [
     "sweep",
     "synthetic_motions",
 ]
+
+# Where everything is: imported when it is first asked for.
+_MODULES = {
+    "_batch.batch": ("peak_responses",),
+    "_boundaries.boundary": (
+        "Boundary",
+        "overturning_acceleration",
+        "overturning_boundary",
+        "overturning_scale",
+    ),
+    "_excitations.base": (
+        "AbstractExcitation",
+        "AbstractOutlook",
+        "Rest",
+    ),
+    "_excitations.pulses": (
+        "AbstractPulse",
+        "AntisymmetricRicker",
+        "HalfSine",
+        "OneCosine",
+        "OneSine",
+        "Ricker",
+    ),
+    "_excitations.wavelets": (
+        "Gabor",
+        "MavroeidisPapageorgiou",
+    ),
+    "_motions.intensity": ("intensity_measures",),
+    "_motions.motion": (
+        "Motion",
+        "Motions",
+        "RecordWarning",
+    ),
+    "_motions.readers": (
+        "read_motion",
+        "read_suite",
+    ),
+    "_motions.record": ("Record",),
+    "_motions.records": ("Records",),
+    "_motions.synthetic": ("synthetic_motions",),
+    "_options": ("Options",),
+    "_responses.response": (
+        "Energies",
+        "Response",
+    ),
+    "_responses.simulate": (
+        "peak_response",
+        "simulate",
+    ),
+    "_results": (
+        "RESULTS",
+        "Errors",
+        "Interrupted",
+        "Peak",
+        "State",
+        "Stats",
+    ),
+    "_structures": (
+        "Elastic",
+        "Podium",
+        "Rigid",
+    ),
+    "_studies.curve": ("fragility",),
+    "_studies.fragility": (
+        "Measure",
+        "incremental_dynamic_analysis",
+        "overturning_distribution",
+    ),
+    "_studies.lognormal": ("Lognormal",),
+    "_studies.overturning_spectrum": ("overturning_spectrum",),
+    "_studies.spectra": (
+        "minimum_overturning",
+        "rocking_spectra",
+        "rocking_spectrum",
+    ),
+    "_sweep.grid": (
+        "Grid",
+        "grid",
+    ),
+    "_sweep.sweep": (
+        "SweepPlan",
+        "sweep",
+    ),
+}
+_WHERE = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'rockjax' has no attribute {name!r}")
+    value = getattr(_import_module(f".{_WHERE[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _is_command() -> bool:
+    """Whether this process is the command line, `rockjax …` or `python -m rockjax …`: its help needs no JAX."""
+    if _sys.argv[:1] == ["-m"]:
+        return ("-m", "rockjax") in zip(_sys.orig_argv, _sys.orig_argv[1:], strict=False)
+    return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")
+
+
+if _version("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
+    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
+    _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
+    _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
+
+# Rocking is chaotic enough without rounding at 1e-7: float64 unless the user's environment says otherwise.
+if _is_command():
+    _os.environ.setdefault("JAX_ENABLE_X64", "1")  # for JAX when it is imported, and for the processes of a sweep
+else:
+    import jax as _jax
+
+    if "JAX_ENABLE_X64" not in _os.environ:
+        _jax.config.update("jax_enable_x64", True)
+    for _module in ("_responses.simulate", "_batch.batch"):  # what nearly everybody needs
+        _import_module(f".{_module}", __name__)

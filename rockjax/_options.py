@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import diffrax
 import equinox as eqx
 import jax.numpy as jnp
 
 from ._checks import require
 from ._repr import card
 
-METHODS: dict[str, type[diffrax.AbstractSolver]] = {
-    "tsit5": diffrax.Tsit5,
-    "dopri8": diffrax.Dopri8,
-    "dopri5": diffrax.Dopri5,
-    "bosh3": diffrax.Bosh3,
-    "kvaerno5": diffrax.Kvaerno5,
-}
+if TYPE_CHECKING:
+    import diffrax
+
+# Classes of Diffrax, which takes long to import and is needed only where something is traced.
+METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
+_EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin", "errors")
 LEAST_ATOL = 1e-17
 
@@ -89,6 +87,12 @@ class Options(eqx.Module):
                 lambda v: v <= 1,
                 "<= 1 for the margin: past α a column may still come back, and no one moment decides",
             )
+        if not isinstance(self.method, str) or self.method not in _EXPLICIT:
+            self._check_solver()
+
+    def _check_solver(self) -> None:
+        import diffrax
+
         solver = self.solver  # raises for an unknown name
         if self.engine == "flat" and not isinstance(solver, diffrax.AbstractERK):
             raise ValueError(
@@ -102,11 +106,13 @@ class Options(eqx.Module):
     @property
     def solver(self) -> diffrax.AbstractSolver:
         """The Diffrax solver that `method` names."""
+        import diffrax
+
         if isinstance(self.method, diffrax.AbstractSolver):
             return self.method
         if self.method not in METHODS:
             raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}")
-        return METHODS[self.method]()
+        return getattr(diffrax, METHODS[self.method])()
 
     def check_precision(self) -> None:
         """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""

@@ -402,19 +402,54 @@ def test_version_and_completion(run, monkeypatch):
         assert words in result.output.split(), result.output
 
 
-def test_help_loads_nothing_heavy():
-    script = """
-        import sys
-        sys.argv = ["rockjax", "--help"]
-        from rockjax._cli import main
-        try:
-            main()
-        except SystemExit:
-            heavy = {"matplotlib", "xarray", "netCDF4", "tqdm", "optimise", "clarabel", "pandas"} & set(sys.modules)
-            sys.exit(f"loaded {heavy}" if heavy else 0)
-    """
-    done = subprocess.run([sys.executable, "-c", "if True:" + script], capture_output=True, text=True, timeout=120)
+@pytest.mark.parametrize("arguments", [["--help"], ["spectrum", "--help"], ["--version"]])
+def test_help_and_version_load_nothing_heavy(arguments):
+    loaded = modules_of([sys.executable, "-m", "rockjax", *arguments])
+    heavy = {
+        "jax",
+        "jaxlib",
+        "numpy",
+        "equinox",
+        "matplotlib",
+        "xarray",
+        "netCDF4",
+        "tqdm",
+        "optimise",
+        "clarabel",
+        "pandas",
+    }
+    assert "rockjax._cli._spectrum" in loaded
+    assert not heavy & loaded
+
+
+def test_the_package_loads_what_it_needs_first():
+    loaded = modules_of([sys.executable, "-c", "import rockjax"])
+    assert {"jax", "rockjax._engine.solve"} <= loaded
+    late = {"diffrax", "optimistix", "lineax", "xarray", "matplotlib", "scipy", "pandas", "tqdm", "optimise"}
+    assert not late & loaded
+
+
+def modules_of(command):
+    """The modules that a Python process imports."""
+    environment = os.environ | {"PYTHONPROFILEIMPORTTIME": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert done.returncode == 0, done.stderr
+    return {line.split("|")[-1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+
+
+def test_every_public_name_is_there():
+    assert set(rj.__all__) <= set(dir(rj))
+    for name in rj.__all__:
+        assert getattr(rj, name).__name__ == name
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        _ = rj.no_such_thing
+
+
+def test_the_command_line_computes_in_float64(tmp_path):
+    script = tmp_path / "rockjax"  # as the installed command is called
+    script.write_text("import rockjax; import jax; print(jax.numpy.ones(1).dtype, rockjax.Podium.__name__)")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["float64", "Podium"], done.stderr
 
 
 @pytest.mark.slow

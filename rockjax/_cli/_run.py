@@ -123,8 +123,6 @@ class Report(Flags):
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """The command that a function is: its groups of options as options one by one, and how it ends."""
-    from rockjax._motions.motion import RecordWarning
-
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters.values()
     groups = {
@@ -146,6 +144,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**values):
+        from rockjax._motions.motion import RecordWarning
+
         ctx = values.pop("ctx")
         given = frozenset(name for name in values if _is_given(ctx, name))
         made = {name: _group(kind, values, given) for name, kind in groups.items()}

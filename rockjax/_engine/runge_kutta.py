@@ -10,13 +10,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+if TYPE_CHECKING:
+    import diffrax
 
 Value = Float[Array, ""]
 Vector = tuple[Value, ...]
@@ -41,6 +43,8 @@ class Tableau:
 @functools.cache
 def tableau(solver: diffrax.AbstractERK) -> Tableau:
     """The tableau of a Diffrax solver."""
+    import diffrax
+
     source = solver.tableau
     assert isinstance(source, diffrax.ButcherTableau)
     stages = source.num_stages

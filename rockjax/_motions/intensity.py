@@ -18,6 +18,7 @@ from rockjax._structures import STANDARD_GRAVITY, Podium
 if TYPE_CHECKING:
     import xarray
 
+    from .convert import AnyMotions
     from .motion import Motion
 
 
@@ -111,6 +112,9 @@ def intensity_measures(
     """
     import xarray
 
+    from .convert import as_motions
+    from .motion import Motion
+    from .record import Record
 
     owner = "intensity_measures"
     several = not isinstance(motion, Motion | Record)

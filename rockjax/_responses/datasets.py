@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -136,11 +137,10 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 def describe_versions() -> dict[str, str]:
     """What the numbers were made with, for the attributes of a file."""
-    import diffrax
-
     from rockjax import __version__
 
-    return {"rockjax_version": __version__, "jax_version": jax.__version__, "diffrax_version": diffrax.__version__}
+    # Diffrax itself takes long to import.
+    return {"rockjax_version": __version__, "jax_version": jax.__version__, "diffrax_version": version("diffrax")}
 
 
 def peaks(peak: AbstractPeak) -> xarray.Dataset:
