@@ -51,8 +51,10 @@ def concrete(x) -> np.ndarray | None:
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
     value = concrete(x)
-    if value is None:
+    if value is None and any(isinstance(y, Tracer) for y in jax.tree.leaves(x)):
         return
+    if value is None or isinstance(x, str | bytes):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {shown(x)}")
     good = np.isfinite(value) & ok(value)
     if not good.all():
         bad = value if value.ndim == 0 else value[~good].ravel()[0]

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
@@ -63,10 +64,10 @@ class Records(AbstractSampled):
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
         """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is concrete."""
-        chosen = concrete(which)
-        whole = jnp.issubdtype(jnp.result_type(which), jnp.integer)
+        which = which if isinstance(which, jax.Array) else np.asarray(which)
+        chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
-            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {which!r}")
+            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {shown(which)}")
         return dataclasses.replace(self, which=which, scale=1.0)
 
     def __len__(self) -> int:

@@ -18,10 +18,11 @@ from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
 from rockjax._checks import as_float, require
 from rockjax._engine.solve import solve
+from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options, describe_podium, peak_variables
-from rockjax._responses.simulate import REST
+from rockjax._responses.simulate import REST, check_types
 from rockjax._structures import Podium
 
 from .lognormal import Lognormal, fit_capacities

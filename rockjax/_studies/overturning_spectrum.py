@@ -18,9 +18,10 @@ from rockjax._boundaries.crossings import Crossings
 from rockjax._checks import as_float, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._responses.datasets import derived_numbers, describe
-from rockjax._responses.simulate import REST
+from rockjax._responses.simulate import REST, check_types
 from rockjax._structures import Podium
 
 from .sensitivities import along_boundary, check_parameters, varied

@@ -16,9 +16,10 @@ from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._responses.datasets import derived_numbers, describe, peak_variables
-from rockjax._responses.simulate import REST
+from rockjax._responses.simulate import REST, check_types
 from rockjax._results import Interrupted, Peak
 from rockjax._structures import Podium
 from rockjax._threads import Pool
