@@ -9,6 +9,8 @@ import numpy as np
 
 import rockjax as rj
 from rockjax import _tables
+from rockjax._checks import of_kind
+from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._repr import readable
 
 from . import _variables
@@ -21,6 +23,12 @@ if TYPE_CHECKING:
 
     from ._answer import Design
     from ._problem import Problem
+
+
+def _check(owner: str, design) -> None:
+    from ._answer import Design
+
+    of_kind(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
 
 
 def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
@@ -42,6 +50,7 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
 
 def table(design: Design) -> str:
     """The design in lines: variables, targets with their worst margins and prices, what it took."""
+    _check("table", design)
     headline, variables, targets = _account(design)
     lines = [f"Design: {headline}"]
     for rows in (variables, targets):
@@ -100,6 +109,7 @@ def html(design: Design) -> str:
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
     """Objective over iterations, a line for every start, filled dots where the targets held; the chosen start is black."""
+    _check("convergence", design)
     import matplotlib.pyplot as plt
     from matplotlib.ticker import MaxNLocator
 
@@ -127,8 +137,11 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def before_after(before: rj.Podium, design: Design, excitation: rj.AbstractExcitation) -> Figure:
+def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
     """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    _check("before_after", design)
+    of_kind("before_after", "before", before, rj.Podium, "a rockjax.Podium")
+    excitation = as_excitation("before_after", excitation)
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, ROTATION

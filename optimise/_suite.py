@@ -23,9 +23,9 @@ class Suite(eqx.Module):
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
 
-    def __init__(self, excitations: AnyMotions, owner: str = "Suite"):
+    def __init__(self, excitations: AnyMotions, owner: str = "Suite", name: str = "excitations"):
         """Raises `ValueError` for an empty set and for members that are no ground motions."""
-        motions = several(owner, excitations, "excitations").members
+        motions = several(owner, excitations, name).members
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
             if isinstance(motion, rj.Record):

@@ -198,6 +198,7 @@ class OverturningAcceleration(AbstractTarget):
         _limit("OverturningAcceleration", "T_p", T_p)
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
             raise ValueError(f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}")
+        _limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
         if ratio and not at_least < max_acceleration_ratio:
             raise ValueError(
                 f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
@@ -306,7 +307,7 @@ class MedianCapacity(AbstractScaleTarget):
 
     def __init__(self, at_least, suite, *, max_scale=None, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale)
-        self.suite, self.name = Suite(suite, type(self).__name__), name
+        self.suite, self.name = Suite(suite, type(self).__name__, "suite"), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
@@ -341,7 +342,7 @@ class OverturningProbability(AbstractResponseTarget):
         _limit("OverturningProbability", "intensity", intensity)
         _limit("OverturningProbability", "smoothing", smoothing)
         self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
-        self.suite = Suite(suite, type(self).__name__).scaled(float(intensity))
+        self.suite = Suite(suite, type(self).__name__, "suite").scaled(float(intensity))
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]

@@ -5,7 +5,8 @@ nothing can be said about it, and the scene reports through its `result` instead
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +62,31 @@ def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], ac
         raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
 
 
+def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
+    """One number, on the host. Raises a `ValueError` as [`require`][] does."""
+    try:
+        number = float("nan") if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and ok(number)):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {shown(value)}")
+    return number
+
+
+def whole(owner: str, name: str, value, least: int) -> int:
+    """A whole number. Raises a `ValueError` that names argument, value and what is accepted."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {name} = {shown(value)}")
+    return int(value)
+
+
+def texts(owner: str, name: str, values) -> tuple[str, ...]:
+    """Several texts, of which one alone is none."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(f"{owner}: {name} must be a list of texts, got {shown(values)}")
+    return tuple(values)
+
+
 def positive(owner: str, **arguments) -> None:
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v > 0, "finite and > 0")
@@ -84,7 +110,7 @@ def shown(value) -> str:
     return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
 
 
-def of_kind(owner: str, name: str, value, kind: type | tuple[type, ...], wanted: str) -> None:
+def of_kind(owner: str, name: str, value, kind: Any, wanted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is wanted, unless `value` is of that kind."""
     if not isinstance(value, kind):
         raise ValueError(f"{owner}: {name} must be {wanted}, got {shown(value)}")

@@ -179,6 +179,8 @@ class Podium(eqx.Module):
         - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
         """
         owner = "Podium.from_dimensions"
+        for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
+            as_float(value, f"{owner}: {name}")
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)

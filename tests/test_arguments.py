@@ -67,7 +67,7 @@ GOOD = {
     optimise.WorstShear: {"excitations": pulse()},
     optimise.WorstDeformation: {"excitations": pulse()},
     optimise.Dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
-    optimise.design: {"podium": PODIUM, "vary": BOX},
+    optimise.design: {"podium": PODIUM, "vary": BOX, "minimise": lambda podium: podium.alpha},
     optimise.design_chart: {},
     optimise.fit: {"podium": PODIUM, "vary": BOX, "excitation": pulse(), "times": [1.0, 2.0], "theta": [0.0, 0.1]},
     optimise.explore: {"structure": PODIUM, "excitation": pulse(), "vary": BOX},
@@ -77,10 +77,10 @@ GOOD = {
     optimise.before_after: {"before": PODIUM, "excitation": pulse()},
     optimise.plot_chart: {},
 }
-ANYTHING = {"progress", "name", "metadata", "source", "ax", "client", "self"}
+ANYTHING = {"progress", "name", "metadata", "source", "ax", "client", "self", "throw", "ratio", "dry_run"}
 WRONG = {"text": "wrong", "date": datetime.date(2020, 1, 1)}
 # A text that is right there, or a path that is only looked for.
-RIGHT = {("path", "text"), ("measure", "text"), ("method", "text"), ("store", "text")}
+RIGHT = {("path", "text"), ("measure", "text"), ("method", "text"), ("store", "text"), ("component", "text")}
 CASES = [
     pytest.param(function, name, value, id=f"{function.__qualname__}-{name}-{kind}")
     for function in GOOD

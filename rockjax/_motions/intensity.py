@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockjax._checks import as_float, of_kind, shown
+from rockjax._checks import as_float, of_kind, single
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
 if TYPE_CHECKING:
@@ -121,8 +121,7 @@ def intensity_measures(
     motions = as_motions(owner, motion)
     given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
     T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
-    if not isinstance(damping, int | float):
-        raise ValueError(f"{owner}: damping must be a number >= 0 and < 1, got {shown(damping)}")
+    single(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
         "duration": ("s", "duration", [m.duration for m in motions]),

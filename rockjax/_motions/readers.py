@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockjax._checks import of_kind, shown, single
+
 from .formats import EVEN, UNITS, parse
 from .motion import Motion, Motions, check
 
@@ -19,11 +21,14 @@ def read(path: str | Path, units: str | None, dt: float | None, component: int |
 
     Raises `ValueError` that names the file, the line and the cause.
     """
+    of_kind("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)
+    if not isinstance(component, int | str | None):
+        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
     if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {units!r}")
-    if dt is not None and not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"{path}: dt must be finite and > 0 s, got {dt!r}")
+        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
+    if dt is not None:
+        dt = single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -100,9 +105,16 @@ def read_suite(
 
     Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
     """
+    of_kind("read_suite", "path", path, str | Path, "the path of a folder or table")
+    of_kind("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
-    if not np.isfinite(scale):
-        raise ValueError(f"{path}: scale must be finite, got {scale!r}")
+    if units is not None and units not in UNITS:
+        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
+    if dt is not None:
+        dt = single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
+    if not isinstance(component, int | str | None):
+        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
+    scale = single(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():
             path = path / TABLE

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_number, concrete, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive, single
 from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
 
 
@@ -63,6 +63,7 @@ class Record(AbstractSampled):
         from .motion import check  # which knows this module
         from .readers import read
 
+        scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
         check(motion, str(path), stacklevel=3)
         return cls(motion.acceleration, motion.dt, scale)

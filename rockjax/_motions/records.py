@@ -41,7 +41,7 @@ class Records(AbstractSampled):
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
         """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches among them."""
-        if isinstance(records, Record | Motion) or not isinstance(records, Iterable):
+        if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}")
         records = [record.record() if isinstance(record, Motion) else record for record in records]
         if not records:

@@ -13,10 +13,18 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import PAST, WIDTH, footing, has_margin, margin_options, overturning_boundary
+from rockjax._boundaries.boundary import (
+    PAST,
+    WIDTH,
+    footing,
+    has_margin,
+    margin_options,
+    overturning_boundary,
+    positive_limit,
+)
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
-from rockjax._checks import as_float, require
+from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import Records
@@ -87,7 +95,7 @@ def incremental_dynamic_analysis(
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
     records, known = as_records(owner, records)
-    names = known if names is None else names
+    names = known if names is None else texts(owner, "names", names)
     levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
         raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
@@ -156,6 +164,7 @@ def _measure(owner: str, measure: Measure | str, records: Records) -> Measure:
         if measure not in known:
             raise ValueError(f"{owner}: measure must be 'PGA', 'scale' or a rockjax.Measure, got {measure!r}")
         measure = known[measure]()
+    of_kind(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
     if np.shape(measure.values) != (len(records),):
         raise ValueError(
             f"{owner}: measure must hold a value for each of {len(records)} records, got shape {np.shape(measure.values)}"
@@ -209,8 +218,9 @@ def overturning_distribution(
     - `measure`: intensity of the unscaled records; the result is in its units, else in scales
     """
     check_types("overturning_distribution", podium, options)
+    positive_limit("overturning_distribution", "max_scale", max_scale)
     records, _ = as_records("overturning_distribution", records)
-    unit = jnp.ones(len(records)) if measure is None else jnp.asarray(measure, float)
+    unit = jnp.ones(len(records)) if measure is None else as_float(measure, "overturning_distribution: measure")
 
     def least(which):
         motion = records.pick(which)

@@ -15,7 +15,7 @@ from rockjax._boundaries.boundaries import boundaries
 from rockjax._boundaries.boundary import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import Crossings
-from rockjax._checks import as_float, require
+from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
@@ -81,6 +81,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
+    whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
     unit, p = derived["g_tan_alpha"], derived["p_rad_s"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -14,7 +14,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import as_float, of_kind, require
+from rockjax._checks import as_float, of_kind, require, shown
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
@@ -100,6 +100,8 @@ def rocking_spectra(
         kinds.setdefault(jax.tree.structure(podium), []).append(k)
     derived = [derived_numbers(podium) for podium in podiums]
 
+    if isinstance(resume, str) or not isinstance(resume, Iterable | None):
+        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
     known = list(resume) if resume is not None else [None] * len(podiums)
     if len(known) != len(podiums):
         raise ValueError(
@@ -189,6 +191,8 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
 
 def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
     """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
+    if not hasattr(known, "coords"):
+        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
     for name, values in axes.items():
         if name not in known.coords or not np.array_equal(known[name].values, values):
             raise ValueError(f"{owner}: the spectrum to resume has another axis {name}")
@@ -225,6 +229,8 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
     """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
+    if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
+        raise ValueError(f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}")
     ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
     least = ratio.min("acceleration_ratio")
     least.attrs = {"units": "1", "long_name": "minimum overturning a_p/(g tan α), read off the grid"}

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import of_kind
+from rockjax._checks import of_kind, texts
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
@@ -79,7 +79,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
         return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
     if isinstance(coords, str):
         raise ValueError(f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]")
-    dims = tuple(coords)
+    dims = texts("sweep", "coords", coords)
     if len(dims) != len(shape):
         raise ValueError(f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}")
     if len(set(dims)) < len(dims):
