@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._responses.simulate import as_end, as_start
+from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from rockjax._checks import as_number, concrete, shown
-from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
+from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._types import Index, Value
 
 from .motion import Motion
 from .record import Record

@@ -29,8 +29,10 @@ from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import Records
 from rockjax._options import Options
-from rockjax._responses.datasets import describe_options, describe_podium, peak_variables
-from rockjax._responses.simulate import REST, check_types
+from rockjax._responses.arguments import check_types
+from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._responses.peak import peak_variables
+from rockjax._results import REST
 from rockjax._structures import Podium
 
 from .lognormal import Lognormal, fit_capacities

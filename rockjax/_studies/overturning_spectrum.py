@@ -20,8 +20,9 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
-from rockjax._responses.simulate import REST, check_types
+from rockjax._results import REST
 from rockjax._structures import Podium
 
 from .sensitivities import along_boundary, check_parameters, varied

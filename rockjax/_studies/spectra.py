@@ -18,9 +18,10 @@ from rockjax._checks import as_float, of_kind, require, shown
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
-from rockjax._responses.datasets import derived_numbers, describe, peak_variables
-from rockjax._responses.simulate import REST, check_types
-from rockjax._results import Interrupted, Peak
+from rockjax._responses.arguments import check_types
+from rockjax._responses.datasets import derived_numbers, describe
+from rockjax._responses.peak import Peak, peak_variables
+from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
 from rockjax._threads import Pool
 

@@ -12,8 +12,8 @@ import numpy as np
 from rockjax._checks import of_kind, texts
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
+from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
-from rockjax._responses.simulate import as_end, as_start, check_range, check_types
 
 from .numbers import Numbers
 from .store import FORMAT, Layout, Store, digest, fingerprint

@@ -19,8 +19,7 @@ from rockjax._checks import of_kind
 from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
-from rockjax._responses.simulate import REST
-from rockjax._results import Interrupted, State
+from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 
 from .chunks import Devices, Job

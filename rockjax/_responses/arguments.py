@@ -1,0 +1,44 @@
+"""Checks of a podium, an excitation and options together."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from rockjax._checks import as_float, concrete, of_kind, require
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
+from rockjax._results import State
+from rockjax._structures import Podium
+
+
+def check_types(owner: str, podium, options, name: str = "podium") -> None:
+    of_kind(owner, name, podium, Podium, "a rockjax.Podium")
+    of_kind(owner, "options", options, Options, "rockjax.Options")
+    options.check_precision()
+
+
+def as_start(owner: str, initial) -> State:
+    """The initial state as arrays."""
+    of_kind(owner, "initial", initial, State, "a rockjax.State")
+    return jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+
+
+def as_end(owner: str, t_end) -> Array | None:
+    return None if t_end is None else as_float(t_end, f"{owner}: t_end")
+
+
+def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
+    """What can be said of concrete numbers together."""
+    alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
+    if alpha is not None and ratio is not None:
+        limit = float(np.pi / 2 / alpha.max())
+        require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
+    if t_end is None:
+        return
+    start = concrete(excitation.support[0])
+    if start is not None and start.ndim == 0:
+        require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
