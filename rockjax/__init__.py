@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from ._responses.response import Response
     from ._responses.simulate import peak_response, simulate
     from ._results import RESULTS, Errors, Interrupted, State, Stats
+    from ._risk.annual import AnnualFrequency, annual_frequency, disaggregation
+    from ._risk.files import read_fragility_model, write_fragility_model
+    from ._risk.gaussian import Envelope, GaussianMotion, RandomPulse
+    from ._risk.hazard import Hazard
+    from ._risk.reliability import FailureProbability, reliability
+    from ._risk.rocking import DesignPoint, design_points, failure_probability
     from ._structures import Elastic, Podium, Rigid
     from ._studies.curve import fragility
     from ._studies.fragility import Measure, incremental_dynamic_analysis, overturning_distribution
@@ -41,14 +47,20 @@ __all__ = [
     "AbstractExcitation",
     "AbstractOutlook",
     "AbstractPulse",
+    "AnnualFrequency",
     "AntisymmetricRicker",
     "Boundary",
+    "DesignPoint",
     "Elastic",
     "Energies",
+    "Envelope",
     "Errors",
+    "FailureProbability",
     "Gabor",
+    "GaussianMotion",
     "Grid",
     "HalfSine",
+    "Hazard",
     "Interrupted",
     "Lognormal",
     "MavroeidisPapageorgiou",
@@ -60,6 +72,7 @@ __all__ = [
     "Options",
     "Peak",
     "Podium",
+    "RandomPulse",
     "Record",
     "RecordWarning",
     "Records",
@@ -70,6 +83,10 @@ __all__ = [
     "State",
     "Stats",
     "SweepPlan",
+    "annual_frequency",
+    "design_points",
+    "disaggregation",
+    "failure_probability",
     "fragility",
     "grid",
     "incremental_dynamic_analysis",
@@ -82,13 +99,16 @@ __all__ = [
     "overturning_spectrum",
     "peak_response",
     "peak_responses",
+    "read_fragility_model",
     "read_motion",
     "read_suite",
+    "reliability",
     "rocking_spectra",
     "rocking_spectrum",
     "simulate",
     "sweep",
     "synthetic_motions",
+    "write_fragility_model",
 ]
 
 # Where everything is: imported when it is first asked for.
@@ -144,6 +164,30 @@ _MODULES = {
         "Interrupted",
         "State",
         "Stats",
+    ),
+    "_risk.annual": (
+        "AnnualFrequency",
+        "annual_frequency",
+        "disaggregation",
+    ),
+    "_risk.files": (
+        "read_fragility_model",
+        "write_fragility_model",
+    ),
+    "_risk.gaussian": (
+        "Envelope",
+        "GaussianMotion",
+        "RandomPulse",
+    ),
+    "_risk.hazard": ("Hazard",),
+    "_risk.reliability": (
+        "FailureProbability",
+        "reliability",
+    ),
+    "_risk.rocking": (
+        "DesignPoint",
+        "design_points",
+        "failure_probability",
     ),
     "_structures": (
         "Elastic",

@@ -62,6 +62,14 @@ confidence = 0.9
 seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
+[risk]                           # of `rockjax risk`
+hazard = "site.csv"              # beside this file: two columns, such as PGA [g],annual_rate; or OpenQuake's
+site = 0                         # row of an OpenQuake file, where it has several
+fragility = "curve.nc"           # of `rockjax fragility`, or a fragility model (.xml) with structure = "name" …
+median = 3.5                     # … or a lognormal curve: median, in SI units of the hazard's measure, and dispersion
+dispersion = 0.4
+years = 50.0                     # time in which the probability is wanted, optional
+
 [sweep]                          # of `rockjax sweep`
 motion = "records"               # which set; optional where there is one. Several motions are an axis of their own
 outputs = ["peak_rotation"]      # optional
@@ -168,6 +176,15 @@ COMMANDS: dict[str, dict[str, Kind]] = {
         "confidence": NUMBER,
         "seed": _whole(0),
         "sensitivities": TEXTS,
+    },
+    "risk": {
+        "fragility": TEXT,
+        "structure": TEXT,
+        "median": NUMBER,
+        "dispersion": NUMBER,
+        "hazard": TEXT,
+        "site": _whole(0),
+        "years": NUMBER,
     },
     "sweep": {"motion": TEXT, "number": _whole(1), "outputs": TEXTS, "chunk": _whole(1), "axes": TABLE},
 }

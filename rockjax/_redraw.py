@@ -74,6 +74,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "fragility": Picture(plots.fragility),
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
     },
+    "risk": {"risk": Picture(plots.risk)},
     "design-chart": {"chart": Picture(_chart)},
 }
 

@@ -38,8 +38,8 @@ def fragility(
 
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`),
     whose attributes say on how many records it rests; `probability`, `lower`, `upper` over `at`; `observed` over
-    `intensity`, the share of overturned records; and where the analysis has sensitivities, `median_sensitivity` over
-    `parameter` = d ln(median)/d ln y.
+    `intensity`, the share of overturned records; and where the analysis has sensitivities, `median_sensitivity` and
+    `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
 
     Intervals of `"capacities"` are by profile likelihood and for lognormal capacities: exact without censored records, for
     median and dispersion, and of the stated confidence within some per cent with them. Those of `"stripes"` leave out each
@@ -58,11 +58,11 @@ def fragility(
     if confidence is not None:
         _add_intervals(curve, method, data, fit, confidence)
     if "sensitivity" in analysis and method == "capacities":
-        known = np.isfinite(data.capacity)
-        # d ln(median)/d ln(capacity)
-        price = data.capacity[known] * np.asarray(_price(data.capacity, data.limit))[known]
-        slopes = analysis["sensitivity"].values[:, known] @ price
-        curve["median_sensitivity"] = ("parameter", slopes, {"units": "1", "long_name": "d ln(median)/d ln y"})
+        known, one = np.isfinite(data.capacity), {"units": "1"}
+        moved = analysis["sensitivity"].values[:, known] * data.capacity[known]  # d(capacity)/d ln y
+        of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(data.capacity, data.limit))
+        curve["median_sensitivity"] = ("parameter", moved @ of_median, one | {"long_name": "d ln(median)/d ln y"})
+        curve["dispersion_sensitivity"] = ("parameter", moved @ of_dispersion, one | {"long_name": "d(dispersion)/d ln y"})
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
 
@@ -186,14 +186,15 @@ _fit_each_counts = jax.jit(jax.vmap(fit_counts, (None, 0, None)))
 
 
 @jax.jit
-def _price(capacity, limit):
-    """d ln(median)/d capacity, zero for what is censored."""
+def _slopes(capacity, limit):
+    """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
     known = jnp.isfinite(capacity)
 
-    def log_median(values):
-        return jnp.log(fit_capacities(jnp.where(known, values, jnp.inf), limit).median)
+    def fit(values):
+        found = fit_capacities(jnp.where(known, values, jnp.inf), limit)
+        return jnp.stack([jnp.log(found.median), found.dispersion])
 
-    return jnp.where(known, jax.grad(log_median)(jnp.where(known, capacity, limit)), 0.0)
+    return jnp.where(known[None], jax.jacrev(fit)(jnp.where(known, capacity, limit)), 0.0)
 
 
 def _why_not(method: str, data: _Ensemble) -> str:
