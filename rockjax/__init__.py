@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ._motions.records import Records
     from ._motions.synthetic import synthetic_motions
     from ._options import Options
+    from ._plausibility import PlausibilityWarning
     from ._responses.history import Energies
     from ._responses.peak import Peak
     from ._responses.response import Response
@@ -71,6 +72,7 @@ __all__ = [
     "OneSine",
     "Options",
     "Peak",
+    "PlausibilityWarning",
     "Podium",
     "RandomPulse",
     "Record",
@@ -151,6 +153,7 @@ _MODULES = {
     "_motions.records": ("Records",),
     "_motions.synthetic": ("synthetic_motions",),
     "_options": ("Options",),
+    "_plausibility": ("PlausibilityWarning",),
     "_responses.history": ("Energies",),
     "_responses.peak": ("Peak",),
     "_responses.response": ("Response",),

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._checks import as_float, as_number, concrete, not_negative, positive, require
+from ._plausibility import doubt
 from ._repr import card, readable
 from ._types import Number
 
@@ -126,6 +127,19 @@ def _as_restitution(value) -> Restitution:
     return GivenRestitution(value)
 
 
+LARGEST_R = 100.0  # m: no column of that size was ever left free to rock
+
+
+def _doubt_size(width, height) -> None:
+    sides = concrete(width), concrete(height)
+    if sides[0] is None or sides[1] is None:
+        return
+    R = float(np.max(0.5 * np.hypot(*sides)))
+    if R > LARGEST_R:
+        size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
+        doubt(f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3)
+
+
 class Podium(eqx.Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
@@ -183,6 +197,7 @@ class Podium(eqx.Module):
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)
+        _doubt_size(width, height)
         columns_mass = columns * column_mass
         eta = as_float(top_mass) / columns_mass
         if period is not None:

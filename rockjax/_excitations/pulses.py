@@ -14,11 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_number, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive
+from rockjax._plausibility import doubt
+from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractOutlook
 
+LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in gal that is read as m/s² does
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
@@ -101,6 +104,10 @@ class AbstractPulse(AbstractExcitation):
     def __check_init__(self):
         finite(type(self).__name__, a_p=self.a_p)
         positive(type(self).__name__, T_p=self.T_p)
+        size = concrete(self.a_p)
+        if size is not None and size.ndim == 0 and abs(size) > LARGEST:
+            in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
+            doubt(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
 
     @staticmethod
     @abc.abstractmethod

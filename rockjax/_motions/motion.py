@@ -20,6 +20,7 @@ import numpy as np
 from rockjax import _tables
 from rockjax._checks import as_float, shown, single
 from rockjax._files import write_whole
+from rockjax._plausibility import PlausibilityWarning
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
 from .record import Record
@@ -29,11 +30,12 @@ if TYPE_CHECKING:
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
+UNSAID_PGA = 0.05 * STANDARD_GRAVITY  # of a file in m/s² by the word of the user alone; numbers in g look like that
 DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 _RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
 
 
-class RecordWarning(UserWarning):
+class RecordWarning(PlausibilityWarning):
     """A ground motion can be read, but its units or its baseline look wrong."""
 
 
@@ -248,11 +250,18 @@ class Motion:
         return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
 
 
-def check(motion: Motion, where: str, stacklevel: int) -> None:
-    """Warn where units or baseline look wrong; `where` names the file."""
+def check(motion: Motion, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
+    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say its unit."""
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warnings.warn(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
+        )
+    elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
+        warnings.warn(
+            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is read with "
+            "units='g'",
+            RecordWarning,
+            stacklevel,
         )
     left = abs(float(motion.velocity[-1]))
     if left > DRIFT * motion.pgv:

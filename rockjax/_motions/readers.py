@@ -67,8 +67,8 @@ def read_motion(
 ) -> Motion:
     """The ground motion in a file (host), with what its header says.
 
-    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP and of COSMOS (`.V2`, `.V2c`); ESM, ITACA and
-    AFAD (`KEY: value`); K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
+    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
     acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
     `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
@@ -78,10 +78,10 @@ def read_motion(
 
     Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
     lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
-    1e-4 g, and where more than a fifth of PGV is left at the end.
+    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a fifth of PGV is left at the end.
     """
     motion = read(path, units, dt, component)
-    check(motion, str(path), stacklevel=3)
+    check(motion, str(path), stacklevel=3, unsaid=units is not None)
     return motion
 
 
@@ -196,7 +196,7 @@ def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: f
         except ValueError as error:
             problems.append(str(error))
             continue
-        check(motion, row["file"], stacklevel=4)
+        check(motion, row["file"], stacklevel=4, unsaid=row.get("units", units) is not None)
         more = {key: value for key, value in row.items() if key not in _COLUMNS}
         motion = Motion(
             motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)

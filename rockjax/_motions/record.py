@@ -66,7 +66,7 @@ class Record(AbstractSampled):
 
         scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
-        check(motion, str(path), stacklevel=3)
+        check(motion, str(path), stacklevel=3, unsaid=units is not None)
         return cls(motion.acceleration, motion.dt, scale)
 
     @property

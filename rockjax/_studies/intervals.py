@@ -54,7 +54,7 @@ class Capacities(NamedTuple):
         return cls(known, mean, variance, capacity.shape[-1] - known, np.log(limit))
 
     @property
-    def count(self):
+    def total(self):
         return self.known + self.beyond
 
     def likelihood(self, theta, delta):
@@ -116,7 +116,7 @@ def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
 
 def of_capacities(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
     """Intervals by profile likelihood of fits to capacities; `at` in units of the median, of a shape that broadcasts."""
-    n, (low, high) = capacities.count, ((1 - confidence) / 2, (1 + confidence) / 2)
+    n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     best = capacities.likelihood(1 / dispersion, mu / dispersion)
     reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # of twice the difference of the likelihoods
@@ -135,7 +135,7 @@ def of_capacities(capacities: Capacities, median, dispersion, at, confidence: fl
 
 def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
     """The ln(dispersion) at which the profile stands where it would for a variance `ratio` times the dispersion squared."""
-    wanted = np.sign(ratio - 1) * np.sqrt(capacities.count * (ratio - 1 - np.log(ratio)))
+    wanted = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
     def above(y):
         fall = 2 * (best - capacities.best_with(y))
