@@ -560,6 +560,7 @@ def test_what_readers_return_goes_into_everything(suite):
     for same in (list(suite), records, rj.Records.of(suite), [suite]):
         data = rj.intensity_measures(same)
         np.testing.assert_allclose(data["PGA"], rj.intensity_measures(suite)["PGA"], rtol=1e-15)
+    assert isinstance(rj.simulate(podium, suite[1], options=options).excitation, rj.Record)
     target = optimise.PeakRotation(0.3, suite)
     assert target.scenes == 3
     assert optimise.NoOverturning([suite, rj.Ricker(3.0, 1.0)]).scenes == 4

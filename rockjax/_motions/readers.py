@@ -68,8 +68,8 @@ def read_motion(
     """The ground motion in a file (host), with what its header says.
 
     Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
-    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
-    acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
+    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …);
+    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
     `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it

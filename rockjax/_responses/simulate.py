@@ -79,7 +79,7 @@ def simulate(
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
-        excitation=excitation,
+        excitation=arguments[1],
         nodes=nodes,
         options=options,
     )
