@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
-    from ._motions.intensity import intensity_measures
-    from ._motions.motion import Motion, Motions, RecordWarning
+    from ._motions.accelerogram import RecordWarning
+    from ._motions.measures import intensity_measures
+    from ._motions.motion import Motion, Motions
     from ._motions.readers import read_motion, read_suite
     from ._motions.record import Record
     from ._motions.records import Records
@@ -139,11 +140,11 @@ _MODULES = {
         "Gabor",
         "MavroeidisPapageorgiou",
     ),
-    "_motions.intensity": ("intensity_measures",),
+    "_motions.measures": ("intensity_measures",),
+    "_motions.accelerogram": ("RecordWarning",),
     "_motions.motion": (
         "Motion",
         "Motions",
-        "RecordWarning",
     ),
     "_motions.readers": (
         "read_motion",

@@ -1,4 +1,4 @@
-"""The largest displacement of a linear oscillator under a motion that is linear between samples: exact, between them too.
+"""The largest displacement of a linear oscillator under a motion that is linear between samples, exact inside of intervals.
 
 With z = u̇ − λ̄u and λ = −ζω + iω_d the equation ü + 2ζωu̇ + ω²u = −a(t) is ż = λz − a(t), one complex number in the place of
 two real ones. From sample to sample its solution is known (Nigam & Jennings 1969), and so it is everywhere between them.

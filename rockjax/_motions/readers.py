@@ -7,59 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rockjax._checks import of_kind, shown, single
+from rockjax._checks import of_kind, single
 
-from .formats import EVEN, UNITS, parse
-from .motion import Motion, Motions, check
+from .accelerogram import check
+from .files import check_reading, read
+from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # what a folder may hold to say what is in it
 _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
-
-
-def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Motion:
-    """The ground motion in a file, without a look at whether it makes sense.
-
-    Raises `ValueError` that names the file, the line and the cause.
-    """
-    of_kind("read_motion", "path", path, str | Path, "the path of a file")
-    path = Path(path)
-    if not isinstance(component, int | str | None):
-        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
-    if dt is not None:
-        dt = single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL in the name
-        raise ValueError(f"{path}: cannot be read: {error}") from None
-    if not content.strip():
-        raise ValueError(f"{path}: is empty")
-    found = parse(path, content, component)
-    own = found.units
-    if own is None and units is None:
-        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
-        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
-        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
-    if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
-    values = found.values
-    if len(values) < 2:
-        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
-    if found.dt is None and dt is None:
-        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
-    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
-        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
-    unit = units or own
-    assert unit is not None
-    with np.errstate(over="ignore"):
-        values = UNITS[unit] * values
-    if not np.isfinite(values).all():
-        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
-    step = found.dt if found.dt is not None else float(dt or 0)
-    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
 
 
 def read_motion(
@@ -69,8 +24,8 @@ def read_motion(
 
     Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
     `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …);
-    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
-    `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks,
+    commas or semicolons between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
     - `dt`: sampling interval [s], where the file has neither it nor times
@@ -82,7 +37,7 @@ def read_motion(
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3, unsaid=units is not None)
-    return motion
+    return Motion(motion.acceleration, motion.dt, motion.name, motion.source, motion.metadata)
 
 
 def read_suite(
@@ -108,12 +63,7 @@ def read_suite(
     of_kind("read_suite", "path", path, str | Path, "the path of a folder or table")
     of_kind("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
-    if dt is not None:
-        dt = single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
-    if not isinstance(component, int | str | None):
-        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
+    check_reading(path, units, dt, component)
     scale = single(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():

@@ -15,6 +15,9 @@ from rockjax._checks import as_number, concrete, finite, positive, single
 from rockjax._excitations.sampled import AbstractSampled, Sampling
 from rockjax._types import Index, Value
 
+from .accelerogram import check
+from .files import read
+
 
 class Record(AbstractSampled):
     """A sampled ground motion, linear between samples and zero before the first and after the last, jumps included.
@@ -61,9 +64,6 @@ class Record(AbstractSampled):
 
         Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
         """
-        from .motion import check  # which knows this module
-        from .readers import read
-
         scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
         check(motion, str(path), stacklevel=3, unsaid=units is not None)

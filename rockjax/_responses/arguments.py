@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from rockjax._checks import as_float, concrete, of_kind, require
+from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._results import State
@@ -18,6 +18,8 @@ from rockjax._structures import Podium
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
     of_kind(owner, name, podium, Podium, "a rockjax.Podium")
     of_kind(owner, "options", options, Options, "rockjax.Options")
+    for part, value in ((name, podium), ("options", options)):
+        check_dtype(owner, part, value)
     options.check_precision()
 
 
@@ -33,6 +35,7 @@ def as_end(owner: str, t_end) -> Array | None:
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
     """What can be said of concrete numbers together."""
+    check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())

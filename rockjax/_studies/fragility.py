@@ -13,17 +13,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import (
-    PAST,
-    WIDTH,
-    footing,
-    has_margin,
-    margin_options,
-    overturning_boundary,
-    positive_limit,
-)
+from rockjax._boundaries.boundary import PAST, check_search, overturning_boundary, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
@@ -43,7 +36,6 @@ if TYPE_CHECKING:
 
 # The samples set the steps: the cheapest steps serve, and a sharp tolerance is free.
 ENSEMBLE = Options(rtol=1e-9, atol=1e-11, method="tsit5")
-NARROWEST_WINDOW = 1e-4  # of the highest intensity: what is narrower does not matter to anyone
 
 
 class Measure(NamedTuple):
@@ -71,6 +63,7 @@ def incremental_dynamic_analysis(
     measure: Measure | Literal["PGA", "scale"] = "PGA",
     names: Sequence[str] | None = None,
     sensitivities: Sequence[str] = (),
+    width: float = NARROWEST,
     resolution: int = 128,
     options: Options = ENSEMBLE,
     progress: Any = False,
@@ -82,14 +75,16 @@ def incremental_dynamic_analysis(
     - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
     - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in [`rockjax.overturning_spectrum`][]
-    - `resolution`: places of the first scan for boundaries, up to the highest level; closer where it matters
+    - `width`: every interval of overturning intensities below the capacity that is wider than this share of the highest
+      level is found, in (0, 0.1]; a record is looked at in up to 1/`width` places from the first that lifts the columns
+    - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked for
     - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
 
     Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over `record` alone
     there are `capacity`, the least intensity that overturns (NaN where none up to the highest level does), `boundaries`
-    (further dim `boundary`): survive → overturn → survive …, and `sensitivity` (further dim `parameter`). Boundaries are
-    exact to about 1e-9. Below the first one the scan goes into every doubtful dip, down to windows of 1e-4 of the highest
-    level. Above it rocking through many impacts makes windows of survival within windows without end: there all that
+    (further dim `boundary`): survive → overturn → survive …, `certain_width`, the widest interval of intensities below the
+    capacity that may overturn unseen, and `sensitivity` (further dim `parameter`). Boundaries are exact to about 1e-9. Above
+    the capacity rocking through many impacts makes windows of survival within windows without end: there all that
     `resolution` shows are listed. Raises `ValueError` for inputs that make no sense.
     """
     import xarray
@@ -104,8 +99,7 @@ def incremental_dynamic_analysis(
     require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
     if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
-    if not isinstance(resolution, int) or resolution < WIDTH:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+    check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
     measure = _measure(owner, measure, records)
     unit = np.asarray(measure.values, float)
@@ -122,9 +116,7 @@ def incremental_dynamic_analysis(
     peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
     top = float(levels[-1])
-    found = scan(
-        plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", finest=NARROWEST_WINDOW
-    )
+    found = scan(plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     data = xarray.Dataset(
@@ -132,6 +124,11 @@ def incremental_dynamic_analysis(
         | {
             "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
             "boundaries": (("record", "boundary"), places, of | {"long_name": f"{measure.name} where the verdict changes"}),
+            "certain_width": (
+                "record",
+                found.certain,
+                of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
+            ),
             "boundary_impacts": (("record", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
             "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
         },
@@ -195,7 +192,7 @@ def _along(podium: Podium, records: Records, which, scale, options: Options, nam
             motion = records.pick(which).scaled(scale * (1 + PAST) * factor[0])
             structure = varied(podium, names, factor[1:])
             (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
-            return footing(floats, margin)
+            return boundary_residual(floats, margin)
 
         return along_boundary(past, len(names), scale.dtype)
 
@@ -209,6 +206,7 @@ def overturning_distribution(
     max_scale: float = 10.0,
     measure: Float[ArrayLike, " k"] | None = None,
     options: Options = ENSEMBLE,
+    width: float = NARROWEST,
     resolution: int = 128,
 ) -> Lognormal:
     """Median and dispersion of the least overturning scale of a suite; differentiable.
@@ -219,14 +217,15 @@ def overturning_distribution(
 
     - `measure`: intensity of the unscaled records; the result is in its units, else in scales
     """
-    check_types("overturning_distribution", podium, options)
-    positive_limit("overturning_distribution", "max_scale", max_scale)
-    records, _ = as_records("overturning_distribution", records)
-    unit = jnp.ones(len(records)) if measure is None else as_float(measure, "overturning_distribution: measure")
+    owner = "overturning_distribution"
+    check_types(owner, podium, options)
+    positive_limit(owner, "max_scale", max_scale)
+    records, _ = as_records(owner, records)
+    unit = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
 
     def least(which):
         motion = records.pick(which)
-        return overturning_boundary(podium, motion, max_scale=max_scale, options=options, resolution=resolution).scale
+        return overturning_boundary(podium, motion, max_scale=max_scale, options=options, width=width).scale
 
     scale = jax.vmap(least)(jnp.arange(len(records), dtype=jnp.int32))
     return fit_capacities(scale * unit, max_scale * unit)
