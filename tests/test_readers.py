@@ -462,7 +462,12 @@ def test_units_in_a_heading(tmp_path):
         ("a.smc", smc(GALS, "1 UNCORRECTED ACCELEROGRAM"), {}, [":1:", "is SMC", "'uncorrected accelerogram'"]),
         ("a.smc", smc(GALS, rate=-50.0), {}, [":18:", "samples a second", "-50"]),
         ("a.smc", "\n".join(smc(GALS).split("\n")[:33]), {}, [":29:", "is 106", "32 values", "cut short"]),
-        ("a.txt", afad([GALS, UP, -UP]).replace("-260.000000", "-260.000000 1", 1), {"component": 1}, ["columns where three"]),
+        (
+            "a.txt",
+            afad([GALS, UP, -UP]).replace("-260.000000", "-260.000000 1", 1),
+            {"component": 1},
+            ["columns where three"],
+        ),
         ("a.txt", afad([GALS, UP, -UP])[:-80], {"component": 1}, [":5:", "NUMBER OF DATA is 106", "lines of values follow"]),
         ("a.cor.acc", "1 2\n", {}, [":1:", "ITACA before it had headers", "which is not read"]),
         ("a.asc", esm(GALS, SAMPLING_INTERVAL_S="0"), {}, [":8:", "must be > 0 s"]),
