@@ -3,10 +3,12 @@
 from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY
 from ._boundaries.verdict import has_margin
-from ._checks import concrete, require
+from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
+from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
 from ._problem import Reader, load_table
-from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
+from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
+from ._problem_keys import whole as whole_kind
 from ._progress import bar
 from ._repr import readable
 from ._responses.datasets import describe_options
@@ -18,9 +20,14 @@ __all__ = [
     "POSITIVE",
     "TEXT",
     "TRUTH",
+    "AnyMotion",
+    "AnyMotions",
     "Kind",
     "Reader",
+    "as_excitation",
+    "as_float",
     "as_json",
+    "as_pulse",
     "bar",
     "boundaries",
     "concrete",
@@ -30,9 +37,14 @@ __all__ = [
     "html",
     "lines",
     "load_table",
+    "of_kind",
     "readable",
     "require",
+    "several",
+    "shown",
+    "single",
     "whole",
+    "whole_kind",
     "write_figure",
     "write_whole",
 ]
