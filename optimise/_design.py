@@ -13,7 +13,7 @@ from rockjax._progress import bar as bar_of
 
 from ._answer import Design, Effort, Found, answer_of
 from ._descent import End, Evaluation, Iterate, Rules, descend, prepared
-from ._evaluator import Evaluator, problem_of, side_by_side, traced
+from ._evaluator import Evaluator, problem_of, side_by_side
 from ._methods import Method, method_of
 from ._objectives import AbstractObjective, OfPodium
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
@@ -105,10 +105,10 @@ class _Search:
         try:
             descents = {k: descend(once, self.points[k], rules, self.history, k) for k in starts}
             side_by_side(descents, evaluate, self.points, first, self.ended)
-            evaluate.options = traced(accurate)
+            evaluate.verifies(accurate)
             self.verify()
         except KeyboardInterrupt:
-            evaluate.options = traced(accurate)
+            evaluate.verifies(accurate)
             self.ended |= {k: self.so_far(k, rules) for k in starts if k not in self.ended}
             self.evaluations = evaluate(self.places)
             return True
