@@ -242,7 +242,8 @@ def fragility(
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`);
     `probability`, `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled`
     (dims `quantity`, `resample`), NaN where a resample had no fit; and where the analysis has sensitivities,
-    `median_sensitivity` over `parameter` = d ln(median)/d ln y. Raises `ValueError` where no curve fits, and says why.
+    `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
+    Raises `ValueError` where no curve fits, and says why.
     """
     import xarray
 
@@ -307,9 +308,10 @@ def fragility(
     )
     if "sensitivity" in analysis and method == "capacities":
         known = np.isfinite(capacity)
-        price = capacity[known] * np.asarray(_price(capacity, limit))[known]  # d ln(median)/d ln(capacity)
-        slopes = analysis["sensitivity"].values[:, known] @ price
-        data["median_sensitivity"] = ("parameter", slopes, one | {"long_name": "d ln(median)/d ln y"})
+        moved = analysis["sensitivity"].values[:, known] * capacity[known]  # d(capacity)/d ln y
+        of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(capacity, limit))
+        data["median_sensitivity"] = ("parameter", moved @ of_median, one | {"long_name": "d ln(median)/d ln y"})
+        data["dispersion_sensitivity"] = ("parameter", moved @ of_dispersion, one | {"long_name": "d(dispersion)/d ln y"})
         data = data.assign_coords(parameter=analysis["parameter"])
     return data
 
@@ -321,14 +323,15 @@ _resampled_counts = jax.jit(jax.vmap(fit_counts, (None, 0, None)))
 
 
 @jax.jit
-def _price(capacity, limit):
-    """d ln(median)/d capacity, zero for what is censored."""
+def _slopes(capacity, limit):
+    """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
     known = jnp.isfinite(capacity)
 
-    def log_median(values):
-        return jnp.log(fit_capacities(jnp.where(known, values, jnp.inf), limit).median)
+    def fit(values):
+        found = fit_capacities(jnp.where(known, values, jnp.inf), limit)
+        return jnp.stack([jnp.log(found.median), found.dispersion])
 
-    return jnp.where(known, jax.grad(log_median)(jnp.where(known, capacity, limit)), 0.0)
+    return jnp.where(known[None], jax.jacrev(fit)(jnp.where(known, capacity, limit)), 0.0)
 
 
 def _why_not(method: str, capacity: np.ndarray, overturned: np.ndarray, levels: np.ndarray) -> str:

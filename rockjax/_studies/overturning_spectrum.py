@@ -83,7 +83,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
-    unit, p = derived["g_tan_alpha"], derived["p_rad_s"]
+    unit, p = derived["uplift_ground_acceleration_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
         return podium, pulse(y * unit, 2 * math.pi / (x * p))
@@ -153,7 +153,7 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
             "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
             "minimum_a_p": (
                 "frequency_ratio",
-                places[:, 0] * derived["g_tan_alpha"],
+                places[:, 0] * derived["uplift_ground_acceleration_m_s2"],
                 {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
             ),
         },
