@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -97,8 +98,9 @@ class Evaluator:
     """
 
     def __init__(self, problem: DesignProblem, options: rj.Options, points: np.ndarray, inside: float, bar):
-        self.problem, self.width, self.inside, self.bar = problem, len(points), inside, bar
-        self.options = traced(options)
+        self.width, self.inside, self.bar = len(points), inside, bar
+        self.options, self.certain = traced(options), problem
+        self.problem = dataclasses.replace(problem, targets=tuple(target.while_searching() for target in problem.targets))
         self.evaluations, self.sizes = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
@@ -115,6 +117,10 @@ class Evaluator:
         self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
         self.bar.update(1)
         return found
+
+    def verifies(self, options: rj.Options) -> None:
+        """From now on with these options, and with targets as certain as they are meant."""
+        self.options, self.problem = traced(options), self.certain
 
     def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
         _, there = seen

@@ -19,9 +19,9 @@ kind = "no-overturning"          # motions
 [[targets]]
 kind = "overturning-acceleration"  # at_least, pulse, T_p or frequency_ratio, ratio, max_acceleration_ratio
 [[targets]]
-kind = "overturning-scale"       # at_least, motions, max_scale
+kind = "overturning-scale"       # at_least, motions, max_scale, width
 [[targets]]
-kind = "median-capacity"         # at_least, motions, max_scale
+kind = "median-capacity"         # at_least, motions, max_scale, width
 [[targets]]
 kind = "overturning-probability" # at_most, motions, intensity, smoothing
 """
@@ -188,10 +188,10 @@ class _Reader(Reader):
             "overturning-acceleration": (
                 OverturningAcceleration,
                 ("at_least", "pulse"),
-                ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio"),
+                ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio", "width"),
             ),
-            "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale",)),
-            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale",)),
+            "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale", "width")),
+            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale", "width")),
             "overturning-probability": (OverturningProbability, ("at_most", "motions"), ("intensity", "smoothing")),
         }
         if not isinstance(entry, dict) or "kind" not in entry:

@@ -2,7 +2,7 @@
 
 from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY
-from ._boundaries.verdict import has_margin
+from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
@@ -17,6 +17,7 @@ from ._tables import html, lines
 
 __all__ = [
     "BOUNDARY",
+    "NARROWEST",
     "POSITIVE",
     "TEXT",
     "TRUTH",
