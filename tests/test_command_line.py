@@ -207,7 +207,7 @@ WRONG = [
     ("overturning --frequency 0 8", "--frequency: must have 0 < lowest < highest, got 0 and 8"),
     ("overturning --max-acceleration -1", "--max-acceleration: must be finite and > 0, got -1"),
     ("motions record.txt --tan-alpha -1 --R 1", "--tan-alpha: must be finite and > 0, got -1"),
-    ("spectrum --points 100000", "rockjax spectrum: 120000000000 scenes take some 17.5 TiB of memory"),
+    ("spectrum --points 100000", "--points: 120000000000 scenes take some 17.5 TiB of memory"),
     ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
     ("response -o data.mat", "--output data.mat: .mat is not written here"),
     ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
@@ -328,6 +328,14 @@ def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
     assert "Broken pipe" not in said
     assert "Traceback" not in said
     assert (tmp_path / "a.nc").exists()
+
+
+def test_wrong_input_ends_a_process_with_a_line(tmp_path):
+    command = [sys.executable, "-m", "rockjax", "spectrum", "--points", "100000"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("rockjax: --points: 120000000000 scenes take some 17.5 TiB of memory, and ")
 
 
 def test_ctrl_c_ends_with_130(run, monkeypatch):
