@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import importlib
@@ -213,7 +214,12 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
 
 def prepare_pictures() -> None:
     """What draws and writes is loaded while the scenes are worked out."""
-    threading.Thread(target=lambda: importlib.import_module("rockjax.plots")).start()
+
+    def load() -> None:
+        with contextlib.suppress(RuntimeError):  # where the command has ended meanwhile
+            importlib.import_module("rockjax.plots")
+
+    threading.Thread(target=load).start()
 
 
 _MADE: dict[str, float] = {"programs": 0, "seconds": 0.0, "kept": 0}
