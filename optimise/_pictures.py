@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
+from rockjax._checks import of_kind
+from rockjax._motions.convert import AnyMotion, as_excitation
 
-from ._answer import Design
+from ._answer import Design, check_design
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
     """Objective over iterations, a line for every start, filled dots where the targets held; the chosen start is black."""
+    check_design("convergence", design)
     import matplotlib.pyplot as plt
     from matplotlib.ticker import MaxNLocator
 
@@ -44,8 +47,11 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def before_after(before: rj.Podium, design: Design, excitation: rj.AbstractExcitation) -> Figure:
+def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
     """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    check_design("before_after", design)
+    of_kind("before_after", "before", before, rj.Podium, "a rockjax.Podium")
+    excitation = as_excitation("before_after", excitation)
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, ROTATION
