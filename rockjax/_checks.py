@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 def as_float(x) -> Array:
     """`x` as an array of the default floating-point type (float64 unless the user switched it off)."""
-    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float):
+    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float) and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
     if isinstance(x, (str, bytes)) or x is None:
         raise ValueError(f"expected a number or an array of numbers, got {x!r}")

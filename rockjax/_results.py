@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from rockjax._checks import as_float
 
 
 class RESULTS(eqx.Enumeration):
@@ -56,10 +57,10 @@ class State(eqx.Module):
     superstructure.
     """
 
-    theta: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    theta_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    u_t: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    u_t_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+    theta: Float[Array, "*times"] = eqx.field(converter=as_float, default=0.0)
+    theta_dot: Float[Array, "*times"] = eqx.field(converter=as_float, default=0.0)
+    u_t: Float[Array, "*times"] = eqx.field(converter=as_float, default=0.0)
+    u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_float, default=0.0)
 
 
 REST = State()
