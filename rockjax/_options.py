@@ -35,7 +35,7 @@ class Options(eqx.Module):
     - `max_steps`: bound on trial steps of a scene
     - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
       `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not computed
-      (NaN). Impacts are counted until the scene ends; ask for `"impacts"` to count on until rest or `t_end`. `"errors"`
+      (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"`
       estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
     - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]

@@ -16,6 +16,7 @@ from ._histories import (
     response,
     rotation_history,
 )
+from ._risk import risk
 from ._spectra import (
     dimensional_axes,
     overturning_boundaries,
@@ -51,6 +52,7 @@ __all__ = [
     "phase_portrait",
     "plt",
     "response",
+    "risk",
     "rocking_spectrum",
     "rotation_bar",
     "rotation_history",
