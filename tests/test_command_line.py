@@ -444,7 +444,7 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     assert "wrote d-convergence.png" in out
 
 
-COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot")
+COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot", "cache")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -470,7 +470,7 @@ def test_help_teaches(run, name):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_numbers_have_units_in_the_help(run, name):
     lines = [line for line in run(name, "--help")[1].splitlines() if re.search(r"<float|FLOAT", line)]
-    assert lines or name == "plot"
+    assert lines or name in ("plot", "cache")
     for line in lines:
         assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
 
