@@ -3,8 +3,10 @@
 import os as _os
 import sys as _sys
 from importlib import import_module as _import_module
-from importlib.metadata import version as _version
+from importlib.metadata import version as _installed
 from typing import TYPE_CHECKING, Any
+
+from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from ._batch.batch import peak_responses
@@ -19,9 +21,11 @@ if TYPE_CHECKING:
     from ._motions.records import Records
     from ._motions.synthetic import synthetic_motions
     from ._options import Options
-    from ._responses.response import Energies, Response
+    from ._responses.history import Energies
+    from ._responses.peak import Peak
+    from ._responses.response import Response
     from ._responses.simulate import peak_response, simulate
-    from ._results import RESULTS, Errors, Interrupted, Peak, State, Stats
+    from ._results import RESULTS, Errors, Interrupted, State, Stats
     from ._structures import Elastic, Podium, Rigid
     from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
     from ._studies.lognormal import Lognormal
@@ -30,7 +34,6 @@ if TYPE_CHECKING:
     from ._sweep.grid import Grid, grid
     from ._sweep.sweep import SweepPlan, sweep
 
-__version__ = "0.1.0"
 
 __all__ = [
     "RESULTS",
@@ -127,10 +130,9 @@ _MODULES = {
     "_motions.records": ("Records",),
     "_motions.synthetic": ("synthetic_motions",),
     "_options": ("Options",),
-    "_responses.response": (
-        "Energies",
-        "Response",
-    ),
+    "_responses.history": ("Energies",),
+    "_responses.peak": ("Peak",),
+    "_responses.response": ("Response",),
     "_responses.simulate": (
         "peak_response",
         "simulate",
@@ -139,7 +141,6 @@ _MODULES = {
         "RESULTS",
         "Errors",
         "Interrupted",
-        "Peak",
         "State",
         "Stats",
     ),
@@ -192,7 +193,7 @@ def _is_command() -> bool:
     return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")
 
 
-if _version("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
+if _installed("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
     # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()

@@ -1,4 +1,4 @@
-"""What results and structures say of themselves: in lines, and as the table of a notebook."""
+"""What structures, motions and options say of themselves: in lines, and as the table of a notebook."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Iterator
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,10 +15,6 @@ import numpy as np
 from . import _tables
 from ._checks import concrete
 
-if TYPE_CHECKING:
-    from ._results import AbstractPeak
-
-Rows = list[tuple[str, str]]
 LONGEST = 90  # characters of a meaning
 _UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": ""}
 
@@ -89,41 +84,3 @@ def _value(value: Any) -> str:
         return f"{float(numbers):.6g}"
     span = f", {numbers.min():.4g} … {numbers.max():.4g}" if numbers.size else ""
     return f"array(shape {numbers.shape}{span})"
-
-
-def text(peak: AbstractPeak) -> str:
-    """A readable account of one scene, or of the size of a batch."""
-    headline, rows = _account(peak)
-    return "\n".join([headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)])
-
-
-def html(peak: AbstractPeak) -> str:
-    """The same as a table."""
-    headline, rows = _account(peak)
-    return f"<p><b>{escape(headline)}</b></p>" + (_tables.html(rows) if rows else "")
-
-
-def _account(peak: AbstractPeak) -> tuple[str, Rows]:
-    from ._results import END_OF_TIME, NAMES, code_of
-
-    kind = type(peak).__name__
-    codes = concrete(peak.peak_rotation) is not None and concrete(code_of(peak.result))
-    if codes is None or codes is False:
-        return f"{kind}(traced)", []
-    if codes.ndim:
-        overturned = int(np.sum(np.asarray(peak.overturned)))
-        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned)", []
-    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
-    rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
-    rows = [("peak rotation", rotation)]
-    if peak.errors is not None and peak.errors.undecided:
-        rows.append(("undecided: within the estimated error the columns may overturn or not; tighten rtol and atol", ""))
-    if peak.overturned:
-        rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
-    rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
-    rows.append(("impacts", f"{int(peak.impacts)}"))
-    rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
-    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
-    rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
-    at = f", t = {float(peak.stats.end_time):.6g} s" if codes == END_OF_TIME else ""
-    return f"{kind}: {NAMES[int(codes)]}{at}", rows

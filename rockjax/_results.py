@@ -1,16 +1,13 @@
-"""What a scene answers: named results, peaks and histories."""
+"""How a scene ends, states, and what a scene cost."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-
-if TYPE_CHECKING:
-    import xarray
 
 
 class RESULTS(eqx.Enumeration):
@@ -65,6 +62,9 @@ class State(eqx.Module):
     u_t_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
 
 
+REST = State()
+
+
 class Stats(eqx.Module):
     """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event), `end_time` [s]."""
 
@@ -85,57 +85,3 @@ class Errors(eqx.Module):
     peak_deformation: Float[Array, "*batch"]
     peak_shear: Float[Array, "*batch"]
     undecided: Bool[Array, "*batch"]
-
-
-class AbstractPeak(eqx.Module):
-    """What every scene answers.
-
-    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
-    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
-    - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until the scene ended
-    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
-    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
-    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
-      the columns never lift, 0 on the overturning boundary, negative the faster they fall
-    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
-      of what follows an impact grow like its inverse
-    - `errors`: estimated errors, an [`rockjax.Errors`][], if asked for (else None)
-    - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
-    """
-
-    peak_rotation: Float[Array, "*batch"]
-    peak_rotation_time: Float[Array, "*batch"]
-    exceeded_alpha: Bool[Array, "*batch"]
-    overturned: Bool[Array, "*batch"]
-    overturn_time: Float[Array, "*batch"]
-    uplifted: Bool[Array, "*batch"]
-    uplift_time: Float[Array, "*batch"]
-    impacts: Int[Array, "*batch"]
-    peak_deformation: Float[Array, "*batch"]
-    peak_shear: Float[Array, "*batch"]
-    margin: Float[Array, "*batch"]
-    smallest_impact_speed: Float[Array, "*batch"]
-    errors: Errors | None
-    result: RESULTS
-    stats: Stats
-
-    def __repr__(self):
-        from ._repr import text
-
-        return text(self)
-
-    def _repr_html_(self):
-        from ._repr import html
-
-        return html(self)
-
-
-class Peak(AbstractPeak):
-    __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
-
-    def dataset(self) -> xarray.Dataset:
-        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and `long_name`."""
-        from ._responses.datasets import peaks
-
-        return peaks(self)

@@ -12,13 +12,12 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ._checks import as_float, concrete, not_negative, positive, require
 from ._repr import card, readable
+from ._types import Number
 
 STANDARD_GRAVITY = 9.80665
-Number = Float[Array, "*batch"]
 
 
 class Elastic(eqx.Module):

@@ -222,7 +222,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
     ):
         with pytest.raises(ValueError, match=words):
             sweep(store, **call)
-    monkeypatch.setattr(rj, "__version__", "9.9")
+    monkeypatch.setattr(rj._version, "__version__", "9.9")
     with pytest.raises(ValueError, match=f"made with rockjax {data.attrs['rockjax_version']}, this is 9.9"):
         sweep(store)
     (tmp_path / "full").mkdir()

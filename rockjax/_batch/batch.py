@@ -19,9 +19,10 @@ from rockjax import _results as results
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
-from rockjax._responses.simulate import REST, check_range, check_types, fields
-from rockjax._results import Interrupted, Peak, State
+from rockjax._responses.peak import Peak, peak_fields
+from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 from rockjax._threads import Pool
 
@@ -118,8 +119,8 @@ def responses(
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
-        raise Interrupted(message, Peak(**fields(floats, integers), errors=doubt))
-    return Peak(**fields(floats, integers), errors=doubt)
+        raise Interrupted(message, Peak(**peak_fields(floats, integers), errors=doubt))
+    return Peak(**peak_fields(floats, integers), errors=doubt)
 
 
 class Tally(NamedTuple):

@@ -18,10 +18,11 @@ from jax.custom_batching import custom_vmap
 from rockjax import _results as results
 from rockjax._engine.contact import glide
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.scene import Flag, Lane, Plan, Scene, plan, prepare
+from rockjax._engine.scene import Lane, Plan, Scene, plan, prepare
 from rockjax._engine.solve import answers
 from rockjax._engine.step import leap, trial
 from rockjax._options import Options
+from rockjax._types import Flag
 
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
 

@@ -23,12 +23,13 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax._checks import as_float, concrete, require
-from rockjax._engine.scene import Value
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
-from rockjax._responses.simulate import REST, check_range, check_types
+from rockjax._responses.arguments import check_range, check_types
+from rockjax._results import REST
 from rockjax._structures import Podium
+from rockjax._types import Value
 
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # a boundary is as sharp as the scenes that find it
 WIDTH = 32  # scenes side by side

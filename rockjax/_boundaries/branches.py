@@ -17,7 +17,7 @@ import numpy as np
 
 from rockjax._engine.solve import solve
 from rockjax._options import Options
-from rockjax._responses.simulate import REST
+from rockjax._results import REST
 
 from .boundary import margin_options
 from .crossings import Plane, scan

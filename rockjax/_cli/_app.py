@@ -30,9 +30,9 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        import rockjax
+        from rockjax._version import __version__
 
-        typer.echo(f"rockjax {rockjax.__version__}")
+        typer.echo(f"rockjax {__version__}")
         raise typer.Exit
 
 

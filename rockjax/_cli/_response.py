@@ -53,7 +53,7 @@ def response(
     report.write(f"{output}.nc", data)
     report.draw(f"{output}.png", plots.response(data))
     from rockjax import _results as results
-    from rockjax._responses.datasets import VARIABLES
+    from rockjax._responses.peak import VARIABLES
 
     code = int(results.code_of(history.result))
     wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}

@@ -111,8 +111,8 @@ class Report(Flags):
         for path in self.written:
             self.say(f"wrote {path}")
         if self.json:
-            from rockjax import __version__
             from rockjax._files import as_json
+            from rockjax._version import __version__
 
             about = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
             typer.echo(as_json(about | self.facts | {"files": list(map(str, self.written))}))

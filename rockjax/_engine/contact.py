@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
+from rockjax._types import Flag, Index, Value
 
 from .hermite import derivative
-from .model import Value
-from .scene import Flag, Index, Lane, Plan, Scene, restart
+from .scene import Lane, Plan, Scene, restart
 from .settled import certificate
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …

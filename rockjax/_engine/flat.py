@@ -10,10 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
+from rockjax._types import Index, Value
 
 from .contact import glide
-from .model import Value
-from .scene import Index, Lane, Plan, Scene
+from .scene import Lane, Plan, Scene
 from .step import Decision, Landmark, step
 
 

@@ -8,10 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._types import Flag, Value, Vector
+
 from .hermite import Quintic, crossing, quintic, turning_point, turns_twice
-from .model import Vector, acceleration, uplift_demand
+from .model import acceleration, uplift_demand
 from .runge_kutta import Step
-from .scene import Flag, Lane, Plan, Scene, Value
+from .scene import Lane, Plan, Scene
 
 
 class Guard(NamedTuple):

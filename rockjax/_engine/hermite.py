@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-Value = Float[Array, ""]
+from rockjax._types import Value
 
 # Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of peaks; a
 # crossing only says where to try next.

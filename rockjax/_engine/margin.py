@@ -22,7 +22,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from .model import Coefficients, Value
+from rockjax._types import Value
+
+from .model import Coefficients
 from .sincos import sincos
 
 OTHERS = 0.02  # w: as much as others than gravity may add

@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+
+from rockjax._types import Value
 
 from .guard import safe_ratio
 from .hermite import Quintic, derivative, turning_point
-
-Value = Float[Array, ""]
 
 # An extremum is landed on when it would raise the record and lies well inside the step; near the ends the polynomial is
 # as good as the step itself.

@@ -12,14 +12,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from rockjax._structures import Elastic, Podium
+from rockjax._types import Value, Vector
 
 from .sincos import sincos
-
-Value = Float[Array, ""]
-Vector = tuple[Value, ...]
 
 
 class Coefficients(NamedTuple):

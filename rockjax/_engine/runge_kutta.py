@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+
+from rockjax._types import Value, Vector
 
 if TYPE_CHECKING:
     import diffrax
 
-Value = Float[Array, ""]
-Vector = tuple[Value, ...]
 Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 

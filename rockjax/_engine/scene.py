@@ -7,20 +7,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
 
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation, AbstractOutlook
 from rockjax._options import Options
 from rockjax._results import State
 from rockjax._structures import Elastic, Podium
+from rockjax._types import Flag, Index, Value, Vector
 
 from . import margin
-from .model import Coefficients, Value, Vector, acceleration, coefficients, impact, uplift_demand
+from .model import Coefficients, acceleration, coefficients, impact, uplift_demand
 from .runge_kutta import Tableau, tableau
-
-Flag = Bool[Array, ""]
-Index = Int[Array, ""]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,10 +16,11 @@ import optimistix as optx
 
 from rockjax import _results as results
 from rockjax._options import Options
+from rockjax._types import Value, Vector
 
 from .flat import Nodes, blank_nodes, closed, runs
-from .model import Vector, acceleration, beam, shear, uplift_demand
-from .scene import Lane, Plan, Scene, Value, after_impact, contact_mode
+from .model import acceleration, beam, shear, uplift_demand
+from .scene import Lane, Plan, Scene, after_impact, contact_mode
 from .settled import certificate
 from .step import leap
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from rockjax._types import Flag, Index, Value
+
 from .model import energy, energy_after, potential
-from .scene import Flag, Index, Lane, Plan, Scene, Value
+from .scene import Lane, Plan, Scene
 
 
 def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value) -> Flag:

@@ -9,7 +9,8 @@ import math
 from fractions import Fraction
 
 import jax
-from jaxtyping import Array, Float
+
+from rockjax._types import Value
 
 _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
 
@@ -37,8 +38,6 @@ def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
 # (sin ψ/ψ − 1)/ψ² and (cos ψ − 1)/ψ² in z = ψ².
 _SIN = _economised([Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(1, 16)], 8)
 _COS = _economised([Fraction((-1) ** k, math.factorial(2 * k)) for k in range(1, 16)], 8)
-
-Value = Float[Array, ""]
 
 
 def _horner(coefficients: tuple[float, ...], z: Value) -> Value:

@@ -18,15 +18,16 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
+from rockjax._types import Flag, Value, Vector
 
 from . import margin
 from .guard import Guard, safe_ratio, watch
 from .hermite import quintic
 from .maxima import NEAR_RECORD, WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
-from .model import Vector, acceleration, beam, beam_acceleration, shear, uplift_demand
+from .model import acceleration, beam, beam_acceleration, shear, uplift_demand
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
-from .scene import Flag, Lane, Plan, Scene, Value, after_impact, contact_mode, restart
+from .scene import Lane, Plan, Scene, after_impact, contact_mode, restart
 from .settled import certificate
 
 LANDED = 10.0  # times √rtol of the step, at most 2 %: the quintic of the step carries the state over the rest

@@ -14,14 +14,11 @@ from typing import Any, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._repr import card, readable
-
-Value = Float[Array, ""]
-Index = Int[Array, ""]
-Number = Float[Array, "*batch"]
+from rockjax._types import Index, Number, Value
 
 
 class AbstractOutlook(eqx.Module):

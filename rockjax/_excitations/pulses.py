@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive
+from rockjax._types import Index, Number, Value
 
-from .base import AbstractExcitation, AbstractOutlook, Index, Number, Value
+from .base import AbstractExcitation, AbstractOutlook
 
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)

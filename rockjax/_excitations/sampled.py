@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
+
+from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractOutlook
-
-Value = Float[Array, ""]
-Index = Int[Array, ""]
 
 
 class Sampling(NamedTuple):

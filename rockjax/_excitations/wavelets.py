@@ -13,8 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive, require
+from rockjax._types import Index, Number, Value
 
-from .base import AbstractExcitation, AbstractOutlook, Index, Number, Value
+from .base import AbstractExcitation, AbstractOutlook
 
 
 class _BoundedOutlook(AbstractOutlook):

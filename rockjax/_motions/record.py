@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, finite, positive
-from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
+from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._types import Index, Value
 
 
 class Record(AbstractSampled):

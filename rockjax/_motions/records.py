@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from rockjax._checks import as_float, concrete
-from rockjax._excitations.sampled import AbstractSampled, Index, Sampling, Value
+from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._types import Index, Value
 
 from .record import Record
 

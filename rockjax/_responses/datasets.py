@@ -1,42 +1,19 @@
-"""Results as data: what a file of results says of itself, and peaks and histories as datasets."""
+"""What a file of results says of itself: parameters, tolerances and versions, for its attributes."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from rockjax import _results as results
+from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._options import OUTPUTS, Options
-from rockjax._results import AbstractPeak
+from rockjax._options import Options
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
-
-if TYPE_CHECKING:
-    import xarray
-
-    from .response import Energies, Response
-
-# name: (field of `Peak`, unit, description, output it belongs to)
-VARIABLES = {
-    "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
-    "peak_rotation_time": ("s", "time of the peak rotation", "peak_rotation"),
-    "exceeded_alpha": ("1", "rotation reached α", None),
-    "overturned": ("1", "rotation reached overturn_ratio α", None),
-    "overturn_time": ("s", "time of overturning", None),
-    "uplifted": ("1", "columns left full contact", None),
-    "uplift_time": ("s", "time of the first uplift", None),
-    "impacts": ("1", "impacts until the scene ended", None),
-    "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
-    "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
-    "margin": ("1", "overturning margin", "margin"),
-    "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
-}
 
 
 @jax.jit
@@ -57,25 +34,6 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     """What a spectrum is of, for the attributes of a file."""
     return {"pulse": getattr(pulse, "__name__", repr(pulse)), **describe_podium(podium), **describe_options(options)}
-
-
-def peak_variables(peaks: AbstractPeak, outputs: Sequence[str]) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask for."""
-    for name, (unit, description, output) in VARIABLES.items():
-        if output is None or output in outputs:
-            yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
-    if peaks.errors is not None:
-        for name in ("peak_rotation", "peak_deformation", "peak_shear"):
-            unit, description, output = VARIABLES[name]
-            if output in outputs:
-                error = np.asarray(getattr(peaks.errors, name))
-                yield f"{name}_error", error, {"units": unit, "long_name": f"estimated error of the {description}"}
-        flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
-        yield "undecided", np.asarray(peaks.errors.undecided), flags
-    code = np.asarray(results.code_of(peaks.result), np.int8)
-    flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
-    yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
-    yield "steps", np.asarray(peaks.stats.steps + peaks.stats.rejected), {"units": "1", "long_name": "trial steps"}
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:
@@ -137,72 +95,5 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 def describe_versions() -> dict[str, str]:
     """What the numbers were made with, for the attributes of a file."""
-    from rockjax import __version__
-
     # Diffrax itself takes long to import.
-    return {"rockjax_version": __version__, "jax_version": jax.__version__, "diffrax_version": version("diffrax")}
-
-
-def peaks(peak: AbstractPeak) -> xarray.Dataset:
-    """The scalars of one scene, or of a batch with the dims `scene_0`, `scene_1`, …"""
-    import xarray
-
-    dims = tuple(f"scene_{k}" for k in range(np.ndim(peak.peak_rotation)))
-    data = xarray.Dataset({name: (dims, values, attrs) for name, values, attrs in peak_variables(peak, OUTPUTS)})
-    data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions()}
-    return data
-
-
-# name: (unit, description)
-_SERIES = {
-    "theta": ("rad", "rotation of the columns θ"),
-    "theta_dot": ("rad s-1", "rate of rotation"),
-    "u_t": ("m", "displacement of the top mass relative to the ground u_t"),
-    "u_t_dot": ("m s-1", "velocity of the top mass relative to the ground"),
-    "deformation": ("m", "deformation of the superstructure u_t − u_b"),
-    "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
-    "restoring_moment": ("1", "restoring moment over its value at uplift"),
-    "mode": ("1", "full contact (0) or rocking to the side of the sign"),
-    "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
-    "input_energy": ("m2 s-2", "work of the ground since the start per N m_c"),
-    "impact_energy": ("m2 s-2", "energy lost at the impacts since the start per N m_c"),
-    "damping_energy": ("m2 s-2", "energy lost in the damper since the start per N m_c"),
-}
-
-_IMPACTS = {
-    "impact_times": ("s", "times of the impacts"),
-    "theta_dot_before": ("rad s-1", "rate of rotation before the impact"),
-    "theta_dot_after": ("rad s-1", "rate of rotation after the impact"),
-}
-
-
-def history(
-    response: Response, t: np.ndarray, samples: Mapping[str, Any], energies: Energies, impacts: Mapping[str, Any]
-) -> xarray.Dataset:
-    """The dataset of `Response.dataset`, from what was computed at times t."""
-    import xarray
-
-    values = dict(samples) | {
-        "ground_acceleration": response.excitation(t),
-        "mechanical_energy": energies.mechanical,
-        "input_energy": energies.input,
-        "impact_energy": energies.impacts,
-        "damping_energy": energies.damping,
-    }
-    data = xarray.Dataset(
-        {
-            name: ("time", np.asarray(values[name]), {"units": unit, "long_name": description})
-            for name, (unit, description) in _SERIES.items()
-        },
-        coords={"time": ("time", t, {"units": "s", "long_name": "time"})},
-    )
-    data["mode"].attrs |= {"flag_values": [-1.0, 0.0, 1.0], "flag_meanings": "rocking_left full_contact rocking_right"}
-    for name, (unit, description) in _IMPACTS.items():
-        data[name] = ("impact", np.asarray(impacts[name]), {"units": unit, "long_name": description})
-    unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}
-    data["initial_energy"] = ((), np.asarray(energies.initial), unit)
-    for name, scalar, attrs in peak_variables(response, response.options.outputs):
-        data[name] = ((), scalar, attrs)
-    data.attrs = {"title": "Response history", "kind": "response", **describe_excitation(response.excitation)}
-    data.attrs |= describe_podium(response.podium) | describe_options(response.options)
-    return data
+    return {"rockjax_version": _version.__version__, "jax_version": jax.__version__, "diffrax_version": version("diffrax")}

@@ -12,13 +12,13 @@ from rockjax._checks import as_float, concrete, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
-from rockjax._results import Errors, Peak, State, Stats
+from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 
+from .arguments import check_range, check_types
 from .estimate import companion, errors
+from .peak import Peak, peak_fields
 from .response import Response
-
-REST = State()
 
 
 def peak_response(
@@ -42,7 +42,7 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
+    return Peak(**peak_fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
@@ -74,7 +74,7 @@ def simulate(
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
     return Response(
-        **fields(floats, integers, options.throw),
+        **peak_fields(floats, integers, options.throw),
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
@@ -100,45 +100,6 @@ def _errors(arguments, floats, integers) -> Errors | None:
     return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
 
 
-def fields(floats, integers, throw: bool = False) -> dict:
-    """The fields of a `Peak` from the answers of its lanes."""
-    code = integers["code"]
-    if throw:
-        raise_without_answer(code)
-    stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
-    names = (
-        "peak_rotation",
-        "peak_rotation_time",
-        "overturn_time",
-        "uplift_time",
-        "peak_deformation",
-        "peak_shear",
-        "margin",
-        "smallest_impact_speed",
-    )
-    flags = ("exceeded_alpha", "overturned", "uplifted", "impacts")
-    return {
-        **{name: floats[name] for name in names},
-        **{name: integers[name] for name in flags},
-        "result": results.named(code),
-        "stats": stats,
-    }
-
-
-def raise_without_answer(code: Array) -> None:
-    """Raise `RuntimeError` if any (concrete) scene ended without an answer, naming the first."""
-    codes = concrete(code)
-    if codes is None:
-        return
-    failed = np.argwhere(codes > results.OVERTURNED)
-    if len(failed):
-        first = tuple(int(k) for k in failed[0])
-        name = results.NAMES[int(codes[first])]
-        where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""
-        message = results.RESULTS[getattr(results.RESULTS, name)]
-        raise RuntimeError(f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)")
-
-
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
     """The arguments as arrays, checked where they are concrete."""
     check_types(owner, podium, excitation, options)
@@ -155,27 +116,3 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
         require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
     return podium, excitation, initial, t_end, options
-
-
-def check_types(owner: str, podium, excitation, options) -> None:
-    for name, value, kind in (
-        ("podium", podium, Podium),
-        ("excitation", excitation, AbstractExcitation),
-        ("options", options, Options),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
-    options.check_precision()
-
-
-def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """What can be said of concrete numbers together."""
-    alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
-    if alpha is not None and ratio is not None:
-        limit = float(np.pi / 2 / alpha.max())
-        require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
-    if t_end is None:
-        return
-    start = concrete(excitation.support[0])
-    if start is not None and start.ndim == 0:
-        require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")

@@ -21,8 +21,9 @@ from rockjax._engine.solve import solve
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
-from rockjax._responses.datasets import describe_options, describe_podium, peak_variables
-from rockjax._responses.simulate import REST
+from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._responses.peak import peak_variables
+from rockjax._results import REST
 from rockjax._structures import Podium
 
 from .lognormal import Lognormal, fit_capacities, fit_counts

@@ -20,7 +20,7 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._responses.datasets import derived_numbers, describe
-from rockjax._responses.simulate import REST
+from rockjax._results import REST
 from rockjax._structures import Podium
 
 from .sensitivities import along_boundary, check_parameters, varied

@@ -17,9 +17,9 @@ from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
-from rockjax._responses.datasets import derived_numbers, describe, peak_variables
-from rockjax._responses.simulate import REST
-from rockjax._results import Interrupted, Peak
+from rockjax._responses.datasets import derived_numbers, describe
+from rockjax._responses.peak import Peak, peak_variables
+from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
 from rockjax._threads import Pool
 

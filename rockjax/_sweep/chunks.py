@@ -15,8 +15,8 @@ from rockjax import _results as results
 from rockjax._batch.batch import responses
 from rockjax._batch.executors import crew
 from rockjax._options import Options
-from rockjax._responses.datasets import describe_versions, peak_variables
-from rockjax._results import Peak
+from rockjax._responses.datasets import describe_versions
+from rockjax._responses.peak import Peak, peak_variables
 from rockjax._threads import precision
 
 from .numbers import Arguments, Numbers

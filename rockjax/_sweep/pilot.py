@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockjax._batch.batch import LANES
-from rockjax._responses.datasets import peak_variables
+from rockjax._responses.peak import peak_variables
 from rockjax._threads import precision
 
 from .chunks import Devices, cores_of, solved, trial_steps

@@ -11,8 +11,8 @@ import numpy as np
 
 from rockjax._checks import as_float
 from rockjax._options import Options
+from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.datasets import describe_versions
-from rockjax._responses.simulate import check_range, check_types
 
 from .numbers import Numbers
 from .store import FORMAT, Layout, Store, digest, fingerprint

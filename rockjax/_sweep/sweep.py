@@ -18,8 +18,7 @@ import numpy as np
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
-from rockjax._responses.simulate import REST
-from rockjax._results import Interrupted, State
+from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 
 from .chunks import Devices, Job

@@ -1,0 +1,196 @@
+"""The motion between the nodes of a history, and the balance of energy along it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
+
+from rockjax._checks import concrete
+from rockjax._engine.flat import Nodes
+from rockjax._engine.model import (
+    Coefficients,
+    acceleration,
+    beam,
+    coefficients,
+    energy,
+    power,
+    restoring_moment,
+)
+from rockjax._engine.runge_kutta import step, tableau
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._structures import Podium
+from rockjax._types import Value, Vector
+
+# Gauss–Legendre on one step of the history, on [0, 1]: far below the error of the step itself.
+_PLACES, _WEIGHTS = (0.5 * y for y in np.polynomial.legendre.leggauss(10))
+_PLACES = 0.5 + _PLACES
+
+
+class Energies(eqx.Module):
+    """Where the energy is and went, per N m_c [m²/s²]: initial + input = mechanical + impacts + damping + residual.
+
+    - `mechanical`: kinetic energy relative to the ground, strain energy and gravity, Eqs. (16)–(19); `initial`: at the start
+    - `input`: work of the ground since the start, −∫ü_g[(½+γ)u̇_b + η u̇_t] dt
+    - `impacts`: lost at the impacts since the start, Eqs. (26), (27)
+    - `damping`: lost in the damper since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
+    - `residual`: what the solution leaves open; its size measures the error of the whole history
+    """
+
+    mechanical: Float[Array, "*times"]
+    input: Float[Array, "*times"]
+    impacts: Float[Array, "*times"]
+    damping: Float[Array, "*times"]
+    initial: Float[Array, ""]
+
+    @property
+    def residual(self) -> Float[Array, "*times"]:
+        return self.initial + self.input - self.mechanical - self.impacts - self.damping
+
+
+Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any]  # and its end, and the method between the nodes
+
+
+class _Sample(NamedTuple):
+    """What a quantity is computed from."""
+
+    sigma: Value
+    ground: Value
+    x: Vector
+    v: Vector
+
+
+def state(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    del sigma, ground
+    zero = 0.0 * x[0]  # NaN where there is no state
+    return x[0], v[0], x[1] if c.elastic else zero, v[1] if c.elastic else zero
+
+
+def deformation(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    del ground
+    return x[1] - beam(c, sigma, x[0], v[0])[0] if c.elastic else 0.0 * x[0]
+
+
+def mechanical_energy(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    del ground
+    return energy(c, sigma, x, v)
+
+
+def mode(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    del c, ground, v
+    return sigma + 0.0 * x[0]
+
+
+def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    """All of them in one program."""
+    theta, theta_dot, u_t, u_t_dot = state(c, sigma, ground, x, v)
+    return {
+        "theta": theta,
+        "theta_dot": theta_dot,
+        "u_t": u_t,
+        "u_t_dot": u_t_dot,
+        "deformation": deformation(c, sigma, ground, x, v),
+        "mode": mode(c, sigma, ground, x, v),
+        "restoring_moment": restoring_moment(c, sigma, ground, x, v),
+    }
+
+
+def _room(size: int, least: int) -> int:
+    """What is missing to a power of two: so that histories of many lengths share their programs."""
+    return (1 << max(least, (size - 1).bit_length())) - size if size else 0
+
+
+def filled(t, left):
+    """Times (n,) and flags (n,), with the last repeated."""
+    more = _room(t.size, 4)
+    if concrete(t) is None or not more:
+        return t, left
+    return np.pad(np.asarray(t), (0, more), mode="edge"), np.pad(np.asarray(left), (0, more), mode="edge")
+
+
+def padded(nodes: Nodes) -> Nodes:
+    if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
+        return nodes
+    more = _room(nodes.t.size, 10)
+    filled = jax.tree.map(lambda y: np.pad(np.asarray(y), (0, more), mode="edge") if jnp.ndim(y) else y, nodes)
+    return filled._replace(
+        t=np.pad(np.asarray(nodes.t), (0, more), constant_values=np.inf),
+        impact_time=np.pad(np.asarray(nodes.impact_time), (0, more), constant_values=np.nan),
+    )
+
+
+def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, solver, k: Int[Array, ""], t: Value) -> _Sample:
+    """One step of the method from node k to the time t."""
+    sigma, start = nodes.sigma[k], nodes.t[k]
+    piece = nodes.piece[k]
+    if not c.elastic:  # full contact is one leap, over many pieces
+        piece = jnp.where(sigma == 0, excitation.locate(t), piece)
+    ground = excitation.piece(piece)
+
+    def field(t, x, v):
+        return acceleration(c, sigma, ground(t), x, v)
+
+    x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
+    trial = step(tableau(solver), field, start, t - start, x, v, field(start, x, v))
+    return _Sample(sigma, ground(t), trial.x, trial.v)
+
+
+def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
+    """The node from which the motion at t starts; where `left`, the one before a node at t itself."""
+    passed = jnp.where(left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right"))
+    return jnp.clip(passed - 1, 0, nodes.used - 1)
+
+
+@eqx.filter_jit
+def along(scene: Solved, t, left, quantity):
+    podium, excitation, nodes, end, solver = scene
+    c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
+
+    def at(s, left):
+        here = _sample(c, excitation, nodes, solver, _before(nodes, s, left), s)
+        inside = (s >= nodes.t[0]) & (s <= end)
+        x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
+        return quantity(c, here.sigma, here.ground, x, v)
+
+    return jax.vmap(at)(t, left)
+
+
+@eqx.filter_jit
+def balance(scene: Solved, t, left):
+    """All samples, the energies (mechanical, input, impacts, damping) at times t, and the first of them at the start."""
+    podium, excitation, nodes, end, solver = scene
+    c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
+    size = nodes.t.shape[0]
+    # All steps to their ends, and from the nodes before t to t. Padding has no length.
+    k = jnp.where(jnp.arange(size) < nodes.used, jnp.arange(size), 0)
+    last = k + 1 >= nodes.used
+    stops = jnp.where(last | (jnp.arange(size) >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
+    before = jax.vmap(lambda s, left: _before(nodes, s, left))(t, left)
+    starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
+
+    def advance(z, k, stop):
+        """State, powers and energy at the part z of a step."""
+        here = _sample(c, excitation, nodes, solver, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k])))
+        return here, (*power(c, *here), mechanical_energy(c, *here))
+
+    # One program of the step for all of them: compiling it is what takes time.
+    places = jnp.asarray(np.append(_PLACES, 1.0), t.dtype)
+    states, (given, taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(starts, stops)
+    lengths = stops - nodes.t[starts]
+    given, taken = (lengths * (y[:, :-1] @ jnp.asarray(_WEIGHTS, t.dtype)) for y in (given, taken))
+    mechanical = held[:, -1]
+    leaving = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
+        nodes.sigma, *nodes.x, *nodes.v
+    )
+    struck = jnp.isfinite(nodes.impact_time)
+    lost = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
+    given, taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, taken))
+    samples = jax.vmap(lambda here: _samples(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
+    inside = (t >= nodes.t[0]) & (t <= end)
+    parts = samples, mechanical[size:], given, lost[before], taken
+    return *jax.tree.map(lambda y: jnp.where(inside, y, jnp.nan), parts), leaving[0]

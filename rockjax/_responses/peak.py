@@ -1,0 +1,185 @@
+"""What every scene answers: peaks, in lines, as the table of a notebook and as a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from rockjax import _results as results
+from rockjax import _tables
+from rockjax._checks import concrete
+from rockjax._options import OUTPUTS
+from rockjax._results import RESULTS, Errors, Stats
+
+from .datasets import describe_versions
+
+if TYPE_CHECKING:
+    import xarray
+
+# field of `Peak`: (unit, description, output it belongs to)
+VARIABLES = {
+    "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
+    "peak_rotation_time": ("s", "time of the peak rotation", "peak_rotation"),
+    "exceeded_alpha": ("1", "rotation reached α", None),
+    "overturned": ("1", "rotation reached overturn_ratio α", None),
+    "overturn_time": ("s", "time of overturning", None),
+    "uplifted": ("1", "columns left full contact", None),
+    "uplift_time": ("s", "time of the first uplift", None),
+    "impacts": ("1", "impacts until the scene ended", None),
+    "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
+    "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
+    "margin": ("1", "overturning margin", "margin"),
+    "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
+}
+
+
+class AbstractPeak(eqx.Module):
+    """What every scene answers.
+
+    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
+    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
+    - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
+    - `impacts`: their number until the scene ended
+    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
+    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
+    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
+      the columns never lift, 0 on the overturning boundary, negative the faster they fall
+    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
+      of what follows an impact grow like its inverse
+    - `errors`: estimated errors, an [`rockjax.Errors`][], if asked for (else None)
+    - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
+    """
+
+    peak_rotation: Float[Array, "*batch"]
+    peak_rotation_time: Float[Array, "*batch"]
+    exceeded_alpha: Bool[Array, "*batch"]
+    overturned: Bool[Array, "*batch"]
+    overturn_time: Float[Array, "*batch"]
+    uplifted: Bool[Array, "*batch"]
+    uplift_time: Float[Array, "*batch"]
+    impacts: Int[Array, "*batch"]
+    peak_deformation: Float[Array, "*batch"]
+    peak_shear: Float[Array, "*batch"]
+    margin: Float[Array, "*batch"]
+    smallest_impact_speed: Float[Array, "*batch"]
+    errors: Errors | None
+    result: RESULTS
+    stats: Stats
+
+    def __repr__(self):
+        return _text(self)
+
+    def _repr_html_(self):
+        return _html(self)
+
+
+class Peak(AbstractPeak):
+    __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
+
+    def dataset(self) -> xarray.Dataset:
+        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and `long_name`."""
+        import xarray
+
+        dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
+        data = xarray.Dataset({name: (dims, values, attrs) for name, values, attrs in peak_variables(self, OUTPUTS)})
+        data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions()}
+        return data
+
+
+def peak_fields(floats, integers, throw: bool = False) -> dict:
+    """The fields of a `Peak` from the answers of its lanes."""
+    code = integers["code"]
+    if throw:
+        raise_without_answer(code)
+    stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
+    names = (
+        "peak_rotation",
+        "peak_rotation_time",
+        "overturn_time",
+        "uplift_time",
+        "peak_deformation",
+        "peak_shear",
+        "margin",
+        "smallest_impact_speed",
+    )
+    flags = ("exceeded_alpha", "overturned", "uplifted", "impacts")
+    return {
+        **{name: floats[name] for name in names},
+        **{name: integers[name] for name in flags},
+        "result": results.named(code),
+        "stats": stats,
+    }
+
+
+def raise_without_answer(code: Array) -> None:
+    """Raise `RuntimeError` if any (concrete) scene ended without an answer, naming the first."""
+    codes = concrete(code)
+    if codes is None:
+        return
+    failed = np.argwhere(codes > results.OVERTURNED)
+    if len(failed):
+        first = tuple(int(k) for k in failed[0])
+        name = results.NAMES[int(codes[first])]
+        where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""
+        message = results.RESULTS[getattr(results.RESULTS, name)]
+        raise RuntimeError(f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)")
+
+
+def peak_variables(peaks: AbstractPeak, outputs: Sequence[str]) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
+    """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask for."""
+    for name, (unit, description, output) in VARIABLES.items():
+        if output is None or output in outputs:
+            yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
+    if peaks.errors is not None:
+        for name in ("peak_rotation", "peak_deformation", "peak_shear"):
+            unit, description, output = VARIABLES[name]
+            if output in outputs:
+                error = np.asarray(getattr(peaks.errors, name))
+                yield f"{name}_error", error, {"units": unit, "long_name": f"estimated error of the {description}"}
+        flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
+        yield "undecided", np.asarray(peaks.errors.undecided), flags
+    code = np.asarray(results.code_of(peaks.result), np.int8)
+    flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
+    yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
+    yield "steps", np.asarray(peaks.stats.steps + peaks.stats.rejected), {"units": "1", "long_name": "trial steps"}
+
+
+def _text(peak: AbstractPeak) -> str:
+    """A readable account of one scene, or of the size of a batch."""
+    headline, rows = _account(peak)
+    return "\n".join([headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)])
+
+
+def _html(peak: AbstractPeak) -> str:
+    """The same as a table."""
+    headline, rows = _account(peak)
+    return f"<p><b>{escape(headline)}</b></p>" + (_tables.html(rows) if rows else "")
+
+
+def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
+    kind = type(peak).__name__
+    codes = concrete(peak.peak_rotation) is not None and concrete(results.code_of(peak.result))
+    if codes is None or codes is False:
+        return f"{kind}(traced)", []
+    if codes.ndim:
+        overturned = int(np.sum(np.asarray(peak.overturned)))
+        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned)", []
+    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
+    rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
+    rows = [("peak rotation", rotation)]
+    if peak.errors is not None and peak.errors.undecided:
+        rows.append(("undecided: within the estimated error the columns may overturn or not; tighten rtol and atol", ""))
+    if peak.overturned:
+        rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
+    rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
+    rows.append(("impacts", f"{int(peak.impacts)}"))
+    rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
+    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
+    rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
+    at = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
+    return f"{kind}: {results.NAMES[int(codes)]}{at}", rows
