@@ -9,7 +9,8 @@ import numpy as np
 
 import rockjax as rj
 from rockjax._boundaries.boundaries import boundaries
-from rockjax._boundaries.boundary import BOUNDARY, has_margin
+from rockjax._boundaries.boundary import BOUNDARY
+from rockjax._boundaries.verdict import has_margin
 from rockjax._checks import require
 from rockjax._responses.datasets import describe_options
 
@@ -74,7 +75,7 @@ def design_chart(
             varied = replaced(podium, {name: y})
             return as_podium(varied), pulse(amplitude, x)
 
-        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)
+        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress, width=None)
         crossings = found.crossings
         places, _ = crossings.table(periods.size)
         counts = np.sum(np.isfinite(places), axis=1)

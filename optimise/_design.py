@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import optax
 
 import rockjax as rj
 from rockjax._progress import bar as bar_of
@@ -31,7 +32,7 @@ def design(
     minimise: AbstractObjective | Callable[[rj.Podium], Any] | None = None,
     targets: AbstractTarget | Sequence[AbstractTarget] = (),
     *,
-    method: Any = "sqp",
+    method: str | optax.GradientTransformation = "sqp",
     starts: int = 1,
     seed: int = 0,
     options: rj.Options = rj.Options(),
@@ -39,7 +40,7 @@ def design(
     max_iterations: int | None = None,
     progress: Any = False,
 ) -> Design:
-    """The structure that keeps all targets and minimises an objective, by sequential quadratic programming (host).
+    """The structure that keeps all targets and minimises an objective (host).
 
     - `podium`: where to start from; what is not varied stays. An `optimise.Dimensions` lets masses vary
     - `vary`: name → (lowest, highest) in user units. Fields of a `Podium` (`alpha`, `R`, `gamma`, `lam`, `restitution`,
@@ -48,9 +49,12 @@ def design(
     - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts. None looks for
       the nearest design that satisfies the targets
     - `targets`: what must hold. Those on the same motions share their simulations
+    - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as `optax.adam(0.02)`,
+      around which an augmented Lagrangian keeps the targets; in scaled variables. The first needs far fewer evaluations
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins [–]
+    - `max_iterations`: of every start; None gives 60 to `"sqp"` and 1000 to a gradient transformation
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
     A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose worst violation

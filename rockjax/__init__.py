@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
+    from ._motions.accelerogram import RecordWarning
     from ._motions.intensity import intensity_measures
-    from ._motions.motion import Motion, Motions, RecordWarning
+    from ._motions.motion import Motion, Motions
     from ._motions.readers import read_motion, read_suite
     from ._motions.record import Record
     from ._motions.records import Records
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
     from ._responses.response import Response
     from ._responses.simulate import peak_response, simulate
     from ._results import RESULTS, Errors, Interrupted, State, Stats
+    from ._risk.annual import AnnualFrequency, annual_frequency, disaggregation
+    from ._risk.files import read_fragility_model, write_fragility_model
+    from ._risk.gaussian import Envelope, GaussianMotion, RandomPulse
+    from ._risk.hazard import Hazard
+    from ._risk.reliability import FailureProbability, reliability
+    from ._risk.rocking import DesignPoint, design_points, failure_probability
     from ._structures import Elastic, Podium, Rigid
     from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
     from ._studies.lognormal import Lognormal
@@ -40,14 +47,20 @@ __all__ = [
     "AbstractExcitation",
     "AbstractOutlook",
     "AbstractPulse",
+    "AnnualFrequency",
     "AntisymmetricRicker",
     "Boundary",
+    "DesignPoint",
     "Elastic",
     "Energies",
+    "Envelope",
     "Errors",
+    "FailureProbability",
     "Gabor",
+    "GaussianMotion",
     "Grid",
     "HalfSine",
+    "Hazard",
     "Interrupted",
     "Lognormal",
     "MavroeidisPapageorgiou",
@@ -59,6 +72,7 @@ __all__ = [
     "Options",
     "Peak",
     "Podium",
+    "RandomPulse",
     "Record",
     "RecordWarning",
     "Records",
@@ -69,6 +83,10 @@ __all__ = [
     "State",
     "Stats",
     "SweepPlan",
+    "annual_frequency",
+    "design_points",
+    "disaggregation",
+    "failure_probability",
     "fragility",
     "grid",
     "incremental_dynamic_analysis",
@@ -81,13 +99,16 @@ __all__ = [
     "overturning_spectrum",
     "peak_response",
     "peak_responses",
+    "read_fragility_model",
     "read_motion",
     "read_suite",
+    "reliability",
     "rocking_spectra",
     "rocking_spectrum",
     "simulate",
     "sweep",
     "synthetic_motions",
+    "write_fragility_model",
 ]
 
 # Where everything is: imported when it is first asked for.
@@ -117,10 +138,10 @@ _MODULES = {
         "MavroeidisPapageorgiou",
     ),
     "_motions.intensity": ("intensity_measures",),
+    "_motions.accelerogram": ("RecordWarning",),
     "_motions.motion": (
         "Motion",
         "Motions",
-        "RecordWarning",
     ),
     "_motions.readers": (
         "read_motion",
@@ -143,6 +164,30 @@ _MODULES = {
         "Interrupted",
         "State",
         "Stats",
+    ),
+    "_risk.annual": (
+        "AnnualFrequency",
+        "annual_frequency",
+        "disaggregation",
+    ),
+    "_risk.files": (
+        "read_fragility_model",
+        "write_fragility_model",
+    ),
+    "_risk.gaussian": (
+        "Envelope",
+        "GaussianMotion",
+        "RandomPulse",
+    ),
+    "_risk.hazard": ("Hazard",),
+    "_risk.reliability": (
+        "FailureProbability",
+        "reliability",
+    ),
+    "_risk.rocking": (
+        "DesignPoint",
+        "design_points",
+        "failure_probability",
     ),
     "_structures": (
         "Elastic",

@@ -22,6 +22,18 @@ def as_float(x) -> Array:
     return jnp.asarray(x, dtype=jnp.result_type(float))
 
 
+def check_dtype(owner: str, name: str, tree) -> None:
+    """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds here."""
+    expected = jnp.result_type(float)
+    for leaf in jax.tree.leaves(tree):
+        if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.dtype != expected:
+            switch = "on" if expected == jnp.float64 else "off"
+            raise ValueError(
+                f"{owner}: {name} holds {leaf.dtype} numbers, but jax_enable_x64 is {switch} here, so that all numbers are "
+                f"{expected}; create the {name} under the same setting"
+            )
+
+
 def concrete(x) -> np.ndarray | None:
     """The value of `x` as NumPy, or None while it is being traced (or is a placeholder in a pytree)."""
     if isinstance(x, Tracer):
@@ -34,6 +46,8 @@ def concrete(x) -> np.ndarray | None:
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
+    if isinstance(x, str | bytes):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
     value = concrete(x)
     if value is None:
         return

@@ -35,7 +35,7 @@ class Options(eqx.Module):
     - `max_steps`: bound on trial steps of a scene
     - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
       `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not computed
-      (NaN). Impacts are counted until the scene ends; ask for `"impacts"` to count on until rest or `t_end`. `"errors"`
+      (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"`
       estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
     - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]
@@ -106,13 +106,7 @@ class Options(eqx.Module):
     @property
     def solver(self) -> diffrax.AbstractSolver:
         """The Diffrax solver that `method` names."""
-        import diffrax
-
-        if isinstance(self.method, diffrax.AbstractSolver):
-            return self.method
-        if self.method not in METHODS:
-            raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}")
-        return getattr(diffrax, METHODS[self.method])()
+        return solver_of(self.method)
 
     def check_precision(self) -> None:
         """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
@@ -128,3 +122,14 @@ class Options(eqx.Module):
     def replace(self, **changes) -> Options:
         """A variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
+
+
+def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """The Diffrax solver that a method names. Raises `ValueError` where there is none."""
+    import diffrax
+
+    if isinstance(method, diffrax.AbstractSolver):
+        return method
+    if method not in METHODS:
+        raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}")
+    return getattr(diffrax, METHODS[method])()

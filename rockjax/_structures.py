@@ -220,13 +220,24 @@ class Podium(eqx.Module):
         return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.eta
 
     @property
+    def uplift_ground_acceleration(self) -> Number:
+        """The ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²].
+
+        With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do when it is
+        exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must go that makes the top
+        mass swing depends on the motion: a swing lifts the columns at less than g tan α, a jump, which the spring has not
+        answered yet, at once only above `uplift_acceleration`.
+        """
+        return self.g * jnp.tan(self.alpha)
+
+    @property
     def uplift_acceleration(self) -> Number:
-        """The demand |q| at which the columns uplift [m/s²], Eq. (9).
+        """The demand |q| at which the columns uplift [m/s²], Eq. (9): the spring's part of q included.
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
-        g tan α with a rigid one or none, Eq. (5).
+        g tan α with a rigid one or none, Eq. (5). For the ground acceleration see `uplift_ground_acceleration`.
         """
-        threshold = self.g * jnp.tan(self.alpha)
+        threshold = self.uplift_ground_acceleration
         if isinstance(self.superstructure, Elastic):
             threshold = threshold * (1 + 2 * self.gamma + 2 * self.eta) / (1 + 2 * self.gamma)
         return threshold

@@ -1,13 +1,17 @@
 """Facts that are known without integrating, or published."""
 
+import json
 import math
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import rockjax as rj
 
+from . import saltation
 from .scenes import ALPHA, PODIUMS, G, options, pulse, shaking
 
 OPTIONS = options(1e-11, "dopri8", outputs=("peak_rotation",))
@@ -132,3 +136,62 @@ def test_elastic_contact_is_a_linear_oscillator():
     assert float(response.peak_deformation) == pytest.approx(u0, rel=1e-12)
     assert np.all(np.asarray(state.theta) == 0)
     assert not bool(response.uplifted)
+
+
+@pytest.mark.slow
+def test_derivatives_of_linearised_rocking():
+    """Forty impacts of slender blocks, α = 1e-6, from bouncing (θ₀ ≪ α) to wide swings, under a constant push κ g tan α:
+    between impacts φ'' = φ − (1 + σκ) in φ = |θ|/α and time 1/p, so a half swing of speed v lasts 2 arcosh(w/√(w² − v²)),
+    w = 1 + σκ, and v goes on as e v. Times of impacts and their derivatives by R, φ₀, e and κ, to 1e-9."""
+    alpha, impacts = 1e-6, 40
+
+    def exact(y):
+        R, phi, e, kappa = y
+        w = 1 + kappa
+        times = [jnp.arccosh(w / (w - phi))]
+        v2 = w**2 - (w - phi) ** 2
+        for n in range(1, impacts):
+            v2, w = e**2 * v2, 1 + kappa * (-1) ** n
+            times.append(times[-1] + 2 * jnp.arccosh(w / jnp.sqrt(w**2 - v2)))
+        return jnp.stack(times) / jnp.sqrt(0.75 * G / R)
+
+    def found(y):
+        R, phi, e, kappa = y
+        push = rj.Record(np.full(2, G * math.tan(alpha)), 1e3, kappa)
+        fine = options(1e-13, "dopri8", history=1024, rest_velocity=1e-12)
+        podium, start = rj.Podium(alpha, R, restitution=e), rj.State(phi * alpha)
+        return rj.simulate(podium, push, initial=start, t_end=900.0, options=fine).impact_times[:impacts]
+
+    y = np.array(
+        [
+            [2.0, 0.5, 0.9, 0.0],
+            [0.3, 0.05, 0.97, 0.1],
+            [10.0, 0.85, 0.99, 0.2],
+            [1.0, 1e-3, 0.95, 0.3],
+            [5.0, 0.4, 0.85, -0.05],
+            [1.5, 0.6, 0.999, 0.02],
+        ]
+    )
+    both = lambda f: jax.jit(jax.vmap(lambda y: (f(y), jax.jacfwd(f)(y))))(y)
+    (times, slopes), (true_times, true_slopes) = both(found), both(exact)
+    np.testing.assert_allclose(times, true_times, rtol=1e-11)
+    np.testing.assert_allclose(slopes, true_slopes, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_peak_gradients_at_thirty_digits():
+    """Against a Taylor integrator with saltation matrices (tests/saltation.py writes the table): 1e-8, found 1e-13."""
+    table = json.loads(saltation.TABLE.read_text())
+    assert table.keys() == saltation.SCENES.keys()
+    for name, scene in table.items():
+        assert {key: scene[key] for key in saltation.SCENES[name]} == saltation.SCENES[name]
+
+        def peak(y, kind=getattr(rj, scene["pulse"])):
+            podium, start = rj.Podium(y[0], y[1], restitution=y[2]), rj.State(y[5], y[6])
+            fine = options(1e-13, "dopri8", outputs=("peak_rotation",))
+            return rj.peak_response(podium, kind(y[3], y[4]), initial=start, t_end=2.6, options=fine).peak_rotation
+
+        y = jnp.array([float(scene[key]) for key in saltation.PARAMETERS])
+        value, gradient = jax.jit(jax.value_and_grad(peak))(y)
+        assert float(value) == pytest.approx(float(scene["peak_rotation"]), rel=1e-12)
+        np.testing.assert_allclose(gradient, [float(x) for x in scene["gradient"].values()], rtol=1e-8)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import optimise._problem as problem
 import rockjax as rj
-from rockjax._motions.readers import read
+from rockjax._motions.files import read
 
 G = 9.80665
 AT2 = """PEER NGA STRONG MOTION DATABASE RECORD

@@ -306,6 +306,62 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
 
 
+def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(tmp_path, batch, counted, monkeypatch):
+    """Both find nothing; while the second prepares its own store, the first one's appears."""
+    store = tmp_path / "a.zarr"
+    create = Store.create
+
+    def late(*args):
+        monkeypatch.setattr(Store, "create", create)
+        sweep(store, chunk=CHUNK)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", late)
+    # Chunks are sized by what was measured: the second may have wanted others.
+    monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk", lambda *_: 2 * CHUNK)
+    same(sweep(store, chunk=None), batch)
+    assert sorted(counted) == [0, 1, 2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+    # It is refused where it is another sweep.
+    other = tmp_path / "b.zarr"
+
+    def another(*args):
+        monkeypatch.setattr(Store, "create", create)
+        shutil.copytree(store, other)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", another)
+    with pytest.raises(ValueError, match=r"b\.zarr: is of another sweep: structures.gamma has other values"):
+        sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
+
+
+@pytest.mark.parametrize("name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"])
+@pytest.mark.parametrize("content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"])
+def test_damaged_metadata_are_named(tmp_path, small_store, name, content):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / name).write_bytes(content)
+    with pytest.raises(ValueError, match=rf"a\.zarr: .*{name} is damaged.*move the store away") as caught:
+        sweep(store)
+    assert not isinstance(caught.value, json.JSONDecodeError)
+
+
+@pytest.fixture(scope="module")
+def small_store(tmp_path_factory):
+    store = tmp_path_factory.mktemp("small") / "a.zarr"
+    sweep(store)
+    return store
+
+
+def test_metadata_of_something_else_are_named(tmp_path, small_store):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": 3}')
+    with pytest.raises(ValueError, match=r"a\.zarr: .*move the store away"):
+        sweep(store)
+
+
 def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
     plan = sweep(tmp_path / "a.zarr", dry_run=True)
     assert not list(tmp_path.iterdir())

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
+from rockjax._batch.memory import BYTES, require_memory
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -102,6 +103,7 @@ def responses(
             "segments engine"
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
+    require_memory("peak_responses", scenes.total, (2 if "errors" in options.outputs else 1) * BYTES)
     who = crew("peak_responses", devices, threads)
     solutions = [drive(scenes, options, progress, stop, who)[:2]]
     if "errors" in options.outputs and not stop.is_set():
@@ -119,8 +121,8 @@ def responses(
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
-        raise Interrupted(message, Peak(**peak_fields(floats, integers), errors=doubt))
-    return Peak(**peak_fields(floats, integers), errors=doubt)
+        raise Interrupted(message, Peak(**peak_fields(floats, integers, options), errors=doubt))
+    return Peak(**peak_fields(floats, integers, options), errors=doubt)
 
 
 class Tally(NamedTuple):

@@ -14,6 +14,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 
 from .lanes import Done, Lanes, Layout, advance, idle
 from .scenes import Scenes
@@ -91,7 +92,7 @@ class Devices(AbstractCrew):
         return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
 
 
-_on_one = jax.jit(advance, static_argnames="layout", donate_argnums=0, compiler_options=_COMPILER["cpu"])
+_on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 
 
 @functools.cache

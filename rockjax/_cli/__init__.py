@@ -7,11 +7,12 @@ from ._motions import motions, synthetic
 from ._overturning import overturning
 from ._plot import plot
 from ._response import response
+from ._risk import risk
 from ._run import command
 from ._spectrum import spectrum
 from ._sweep import sweep
 
-for _function in (spectrum, overturning, response, fragility, design, sweep, motions, synthetic, plot):
+for _function in (spectrum, overturning, response, fragility, risk, design, sweep, motions, synthetic, plot):
     app.command()(command(_function))
 
 __all__ = ["app", "main"]

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ._given import Given, flag, names
+from ._given import Given, flag, names, problem_file
 from ._motions import Pattern, read
-from ._options import ACCURACY, GRID, MOTION, Component, Output, Rtol, SamplingInterval, Structure, Units
+from ._options import ACCURACY, GRID, MOTION, Component, Example, Output, Rtol, SamplingInterval, Structure, Units
+from ._outputs import Outputs, outputs
 from ._run import Flags, Report, argument, option, prepare
 
 if TYPE_CHECKING:
@@ -109,7 +110,8 @@ def fragility(
         list[Path] | None,
         argument("Records: files, folders, tables (suite.csv). And, or, a problem file (.toml).", show_default=False),
     ] = None,
-    output: Output = Path("rockjax-fragility"),
+    example: Example = None,
+    output: Output = "rockjax-fragility",
 ) -> None:
     """A fragility curve: the probability that a suite of records overturns the structure, over their intensity.
 
@@ -121,9 +123,11 @@ def fragility(
     \b
     Examples:
       rockjax fragility --synthetic 20 --seed 1
-      rockjax fragility suite/ --tan-alpha 0.2 --R 2 --measure PGV --sensitivities alpha,gamma -o podium
-      rockjax fragility suite/ --eta 0 --measure Sa --measure-period 1 --intensity 0.5 12 --method stripes
-      rockjax fragility docs/problems/fragility.toml --levels 40
+      rockjax fragility suite/ --tan-alpha 0.2 --R 2 --measure PGV \\
+        --sensitivities alpha,gamma -o podium
+      rockjax fragility suite/ --eta 0 --measure Sa --measure-period 1 \\
+        --intensity 0.5 12 --method stripes
+      rockjax fragility --example fragility --levels 40
     """
     prepare(report)
     import numpy as np
@@ -135,7 +139,9 @@ def fragility(
     paths = [path for path in inputs or [] if path not in problems]
     if len(problems) > 1:
         raise ValueError(f"{problems[1]}: is a second problem file; give one")
-    given = Given("fragility", problems[0] if problems else None, structure, suite, levels, statistics, accuracy)
+    to = outputs(output, "rockjax-fragility").check(("fragility", "ida"))
+    problem = problem_file(problems[0] if problems else None, example)
+    given = Given("fragility", problem, structure, suite, levels, statistics, accuracy)
     podium = given.podium(structure)
     suite, levels, statistics = given.settings(suite), given.settings(levels), given.settings(statistics)
     found = _suite(given, suite, statistics.seed, paths)
@@ -168,10 +174,10 @@ def fragility(
             options=options,
             progress=bar,
         )
-    _finish(report, output, analysis, statistics)
+    _finish(report, to, analysis, statistics)
 
 
-def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: Statistics) -> None:
+def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: Statistics) -> None:
     import numpy as np
 
     import rockjax as rj
@@ -198,13 +204,13 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
         )
     except ValueError as error:
         # The analysis has cost something, and says where to go on.
-        report.write(f"{output}.nc", analysis)
-        report.draw(f"{output}-ida.png", plots.incremental_dynamic_analysis(analysis).figure)
+        report.write(to.data(), analysis)
+        report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
         report.complain(f"no curve: {error}")
         return
-    report.write(f"{output}.nc", curve, {"analysis": analysis})
-    report.draw(f"{output}-fragility.png", plots.fragility(curve).figure)
-    report.draw(f"{output}-ida.png", plots.incremental_dynamic_analysis(analysis).figure)
+    report.write(to.data(), curve, {"analysis": analysis})
+    report.draw(to.picture("fragility"), plots.fragility(curve).figure)
+    report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
     intervals = np.asarray(curve["interval"].transpose("quantity", "bound"))
     share = f"{statistics.confidence:.0%} interval"

@@ -144,7 +144,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**values):
-        from rockjax._motions.motion import RecordWarning
+        from rockjax._motions.accelerogram import RecordWarning
 
         ctx = values.pop("ctx")
         given = frozenset(name for name in values if _is_given(ctx, name))

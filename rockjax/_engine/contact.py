@@ -77,7 +77,11 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
             goes &= _size(spring) + shaken < jnp.maximum(lane.shear * c.g, scene.atol * c.uplift)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
-        goes &= (zeta < _DAMPED) & (reaches | (lane.t + length < constant(jnp.minimum(edge, scene.end))))
+        # Not past the end of the scene, where it comes before the breakpoint.
+        inside = jnp.where(
+            reaches, constant(edge) <= constant(scene.end), lane.t + length < constant(jnp.minimum(edge, scene.end))
+        )
+        goes &= (zeta < _DAMPED) & inside
 
         # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
         mark = jnp.where(reaches, edge, lane.t + length)

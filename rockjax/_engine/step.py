@@ -85,6 +85,7 @@ class _Trial(NamedTuple):
     h: Value
     reaches: Flag  # the stop
     stop: Value  # the next breakpoint or the end of the scene; moves with the parameters
+    ends: Flag  # the scene
     fresh: Flag  # on θ = 0, after an impact or an uplift
     a0: Vector
     end: Step
@@ -103,7 +104,11 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
         return acceleration(c, lane.sigma, ground(t), x, v)
 
     # How far: to the next breakpoint at most, and over a hop in one step.
-    stop = jnp.minimum(scene.excitation.breakpoint(lane.piece), scene.end)
+    tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
+    edge = scene.excitation.breakpoint(lane.piece)
+    # A breakpoint that the end follows within the resolution of time is not looked at: the end is what moves the step.
+    last = constant(scene.end) <= constant(edge) + tiny
+    stop = jnp.where(last, scene.end, edge)
     a0 = field(t, lane.x, lane.v)
     fresh = (lane.sigma != 0) & (lane.x[0] == 0)
     h, reaches = _length(scene, lane, constant(a0[0]), fresh, constant(stop))
@@ -112,9 +117,10 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
     h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
     end = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
     error = constant(_error(scene, lane, end))
-    tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     finite = jnp.isfinite(error)
-    return _Trial(h, reaches, stop, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny)
+    return _Trial(
+        h, reaches, stop, reaches & last, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny
+    )
 
 
 class _Verdict(NamedTuple):
@@ -139,13 +145,18 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     left, slope = guard.ending.value(guard.ahead), guard.ending.slope(guard.ahead)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
     lands = guard.converges & (jnp.abs(guard.ahead) <= near) & known & ~guard.early & in_time
+    # What happens within the resolution of time of the end of the scene does not happen any more, but for overturning:
+    # answers there move with the end, not with the event.
+    over = trial.ends & guard.converges & ~guard.early & (lane.t + h + guard.ahead > constant(trial.stop) - tiny)
+    over &= ~(rocking & guard.rises_on)
+    lands &= ~over
     if told is not None:
         lands = told.lands
     # Events and breakpoints move with the parameters: how far past its stamps the step begins and ends.
     newton = safe_ratio(left, slope, lands)
     before = lane.mark - constant(lane.mark)
     after = jnp.where(lands, guard.ahead - newton, jnp.where(trial.reaches, trial.stop - constant(trial.stop), 0.0))
-    broken = (guard.early | guard.late) & ~lands
+    broken = (guard.early | guard.late) & ~lands & ~over
     fizzles = trial.fresh & (constant(lane.v[0]) == 0) & broken & (h < 1e-9 / constant(c.p))
     event = jnp.where(broken & ~fizzles, jnp.maximum(guard.inside, 0.02), jnp.inf)
 
@@ -234,7 +245,11 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not how.to_the_end:
         code = jnp.where(certificate(scene, how, advanced, piece, ground), results.SETTLED, code)
-    x, v = restart(scene, stamp, delta, x, v, mode, piece)
+    # Back to the stamp by the field after it. An event that falls on a breakpoint comes before it: from one to the other by
+    # the field between them, where both move their own ways.
+    stops = jnp.where(piece > lane.piece, trial.stop - constant(trial.stop), delta)
+    x, v = restart(scene, stamp, delta - stops, x, v, mode, lane.piece)
+    x, v = restart(scene, stamp, stops, x, v, mode, piece)
     advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
     decision = Decision(h, trial.reaches, lands, fizzles, mode)
     return advanced, Landmark(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
@@ -301,11 +316,15 @@ def leap(scene: Scene, how: Plan, lane: Lane) -> tuple[Lane, Landmark]:
     lifts = lifts_at < end
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), lane.piece)
-    ground, slope = jax.jvp(excitation.piece(piece), (stamp,), (jnp.ones_like(stamp),))
-    side = constant(-jnp.sign(ground))
-    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
+    side = constant(-jnp.sign(excitation.piece(piece)(stamp)))
+    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above. A crossing that
+    # falls on a breakpoint, but for rounding, is that of the piece before.
     edge = excitation.breakpoint(piece - 1)
-    jumps = (constant(edge) == stamp) & (jnp.abs(constant(ground)) > c.uplift * (1 + 1e-9))
+    on_edge = constant(edge) == stamp
+    jump = excitation.piece(piece)(stamp) - excitation.piece(piece - 1)(stamp)
+    jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
+    crossed = excitation.piece(piece - (on_edge & ~jumps))
+    ground, slope = jax.jvp(crossed, (stamp,), (jnp.ones_like(stamp),))
     ahead = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
     now = jnp.where(jumps, edge, stamp - (ahead - constant(ahead)))
     now = jnp.where(lifts, now, stamp)

@@ -6,14 +6,12 @@ Between samples a motion is linear, as it is in a [`rockjax.Record`][]; all inte
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Self, overload
 
 import numpy as np
 
@@ -21,23 +19,18 @@ from rockjax import _tables
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
+from .accelerogram import Accelerogram
+from .intensity import energy, intensity_measures, measured
 from .record import Record
 
 if TYPE_CHECKING:
     import xarray
 
-HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
-LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 _RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
 
 
-class RecordWarning(UserWarning):
-    """A ground motion can be read, but its units or its baseline look wrong."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(Accelerogram):
     """A ground motion (host), linear between samples and zero outside.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; kept as a copy that cannot be written to
@@ -47,67 +40,6 @@ class Motion:
 
     Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
     """
-
-    acceleration: np.ndarray
-    dt: float
-    name: str = "motion"
-    source: Path | None = None
-    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self):
-        samples = np.array(self.acceleration, float)
-        if samples.ndim != 1 or len(samples) < 2:
-            raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
-        if not np.isfinite(samples).all():
-            k = int(np.argmin(np.isfinite(samples)))
-            raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
-        if not (math.isfinite(self.dt) and self.dt > 0):
-            raise ValueError(f"Motion: dt must be finite and > 0 s, got dt = {self.dt!r}")
-        samples.flags.writeable = False
-        for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
-            object.__setattr__(self, name, value)
-
-    def __len__(self) -> int:
-        return len(self.acceleration)
-
-    @property
-    def duration(self) -> float:
-        """From the first to the last sample [s]."""
-        return (len(self) - 1) * self.dt
-
-    @property
-    def time(self) -> np.ndarray:
-        """Times of the samples, from 0, shape (n,) [s]."""
-        return np.arange(len(self)) * self.dt
-
-    @functools.cached_property
-    def velocity(self) -> np.ndarray:
-        """Ground velocity at the samples, from rest, shape (n,) [m/s]: trapezoids, exact for the motion."""
-        steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-    @functools.cached_property
-    def displacement(self) -> np.ndarray:
-        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with their end
-        correction (Euler–Maclaurin), exact for the motion."""
-        steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
-        trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
-        return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
-
-    @property
-    def pga(self) -> float:
-        """Peak ground acceleration max|ü_g| [m/s²]."""
-        return float(np.abs(self.acceleration).max())
-
-    @property
-    def pgv(self) -> float:
-        """Peak ground velocity, at a sample [m/s]."""
-        return float(np.abs(self.velocity).max())
-
-    @property
-    def pgd(self) -> float:
-        """Peak ground displacement, at a sample [m]."""
-        return float(np.abs(self.displacement).max())
 
     def record(self, scale: float = 1.0) -> Record:
         """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]."""
@@ -180,8 +112,6 @@ class Motion:
         """
         if not 0 <= lower < upper <= 1:
             raise ValueError(f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}")
-        from .intensity import energy
-
         spent = energy(self)
         if spent[-1] == 0:
             raise ValueError(f"trimmed: {self.name} is zero throughout")
@@ -236,22 +166,6 @@ class Motion:
         return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
 
 
-def check(motion: Motion, where: str, stacklevel: int) -> None:
-    """Warn where units or baseline look wrong; `where` names the file."""
-    if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
-        warnings.warn(
-            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
-        )
-    left = abs(float(motion.velocity[-1]))
-    if left > DRIFT * motion.pgv:
-        warnings.warn(
-            f"{where}: ends with a velocity of {left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
-            "it is cut; Motion.baseline_corrected() takes it out",
-            RecordWarning,
-            stacklevel,
-        )
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motions(Sequence[Motion]):
     """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
@@ -303,8 +217,6 @@ class Motions(Sequence[Motion]):
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
         """
-        from .intensity import measured
-
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"scaled_to: value must be finite and > 0, got value = {value!r}")
 
@@ -320,8 +232,6 @@ class Motions(Sequence[Motion]):
         self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Podium | None = None
     ) -> xarray.Dataset:
         """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
-        from .intensity import intensity_measures
-
         return intensity_measures(self, periods=periods, damping=damping, podium=podium)
 
     def _rows(self) -> list[tuple[str, ...]]:

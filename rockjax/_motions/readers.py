@@ -7,54 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .formats import EVEN, UNITS, parse
-from .motion import Motion, Motions, check
+from .accelerogram import check
+from .files import read
+from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # what a folder may hold to say what is in it
 _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
-
-
-def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Motion:
-    """The ground motion in a file, without a look at whether it makes sense.
-
-    Raises `ValueError` that names the file, the line and the cause.
-    """
-    path = Path(path)
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {units!r}")
-    if dt is not None and not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"{path}: dt must be finite and > 0 s, got {dt!r}")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL in the name
-        raise ValueError(f"{path}: cannot be read: {error}") from None
-    if not content.strip():
-        raise ValueError(f"{path}: is empty")
-    found = parse(path, content, component)
-    own = found.units
-    if own is None and units is None:
-        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
-        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
-        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
-    if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
-    values = found.values
-    if len(values) < 2:
-        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
-    if found.dt is None and dt is None:
-        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
-    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
-        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
-    unit = units or own
-    assert unit is not None
-    with np.errstate(over="ignore"):
-        values = UNITS[unit] * values
-    if not np.isfinite(values).all():
-        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
-    step = found.dt if found.dt is not None else float(dt or 0)
-    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
 
 
 def read_motion(
@@ -77,7 +35,7 @@ def read_motion(
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3)
-    return motion
+    return Motion(motion.acceleration, motion.dt, motion.name, motion.source, motion.metadata)
 
 
 def read_suite(

@@ -15,6 +15,9 @@ from rockjax._checks import as_float, concrete, finite, positive
 from rockjax._excitations.sampled import AbstractSampled, Sampling
 from rockjax._types import Index, Value
 
+from .accelerogram import check
+from .files import read
+
 
 class Record(AbstractSampled):
     """A sampled ground motion, linear between samples and zero before the first and after the last, jumps included.
@@ -61,9 +64,6 @@ class Record(AbstractSampled):
 
         Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
         """
-        from .motion import check  # which knows this module
-        from .readers import read
-
         motion = read(path, units, dt, component)
         check(motion, str(path), stacklevel=3)
         return cls(motion.acceleration, motion.dt, scale)

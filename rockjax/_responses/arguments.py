@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rockjax._checks import concrete, require
+from rockjax._checks import check_dtype, concrete, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._structures import Podium
@@ -18,6 +18,7 @@ def check_types(owner: str, podium, excitation, options) -> None:
     ):
         if not isinstance(value, kind):
             raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
+        check_dtype(owner, name, value)
     options.check_precision()
 
 

@@ -42,7 +42,7 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**peak_fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
+    return Peak(**peak_fields(floats, integers, options, throw=options.throw), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
@@ -74,7 +74,7 @@ def simulate(
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
     return Response(
-        **peak_fields(floats, integers, options.throw),
+        **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,

@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import PAST, WIDTH, footing, has_margin, margin_options, overturning_boundary
+from rockjax._boundaries.boundary import PAST, check_search, overturning_boundary
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import require
 from rockjax._engine.solve import solve
 from rockjax._motions.record import Record
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 # The samples set the steps: the cheapest steps serve, and a sharp tolerance is free.
 ENSEMBLE = Options(rtol=1e-9, atol=1e-11, method="tsit5")
-NARROWEST_WINDOW = 1e-4  # of the highest intensity: what is narrower does not matter to anyone
 
 
 class Measure(NamedTuple):
@@ -62,6 +62,7 @@ def incremental_dynamic_analysis(
     measure: Measure | Literal["PGA", "scale"] = "PGA",
     names: Sequence[str] | None = None,
     sensitivities: Sequence[str] = (),
+    width: float = NARROWEST,
     resolution: int = 128,
     options: Options = ENSEMBLE,
     progress: Any = False,
@@ -72,14 +73,16 @@ def incremental_dynamic_analysis(
     - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
     - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in [`rockjax.overturning_spectrum`][]
-    - `resolution`: places of the first scan for boundaries, up to the highest level; closer where it matters
+    - `width`: every interval of overturning intensities below the capacity that is wider than this share of the highest
+      level is found, in (0, 0.1]; a record is looked at in up to 1/`width` places from the first that lifts the columns
+    - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked for
     - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
 
     Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over `record` alone
     there are `capacity`, the least intensity that overturns (NaN where none up to the highest level does), `boundaries`
-    (further dim `boundary`): survive → overturn → survive …, and `sensitivity` (further dim `parameter`). Boundaries are
-    exact to about 1e-9. Below the first one the scan goes into every doubtful dip, down to windows of 1e-4 of the highest
-    level. Above it rocking through many impacts makes windows of survival within windows without end: there all that
+    (further dim `boundary`): survive → overturn → survive …, `certain_width`, the widest interval of intensities below the
+    capacity that may overturn unseen, and `sensitivity` (further dim `parameter`). Boundaries are exact to about 1e-9. Above
+    the capacity rocking through many impacts makes windows of survival within windows without end: there all that
     `resolution` shows are listed. Raises `ValueError` for inputs that make no sense.
     """
     import xarray
@@ -92,8 +95,7 @@ def incremental_dynamic_analysis(
     require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
     if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
-    if not isinstance(resolution, int) or resolution < WIDTH:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+    check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
     measure = _measure(owner, measure, records)
     unit = np.asarray(measure.values, float)
@@ -110,9 +112,7 @@ def incremental_dynamic_analysis(
     peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
     top = float(levels[-1])
-    found = scan(
-        plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", finest=NARROWEST_WINDOW
-    )
+    found = scan(plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     data = xarray.Dataset(
@@ -120,6 +120,11 @@ def incremental_dynamic_analysis(
         | {
             "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
             "boundaries": (("record", "boundary"), places, of | {"long_name": f"{measure.name} where the verdict changes"}),
+            "certain_width": (
+                "record",
+                found.certain,
+                of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
+            ),
             "boundary_impacts": (("record", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
             "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
         },
@@ -182,7 +187,7 @@ def _along(podium: Podium, records: Records, which, scale, options: Options, nam
             motion = records.pick(which).scaled(scale * (1 + PAST) * factor[0])
             structure = varied(podium, names, factor[1:])
             (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
-            return footing(floats, margin)
+            return boundary_residual(floats, margin)
 
         return along_boundary(past, len(names), scale.dtype)
 
@@ -196,6 +201,7 @@ def overturning_distribution(
     max_scale: float = 10.0,
     measure: Float[ArrayLike, " k"] | None = None,
     options: Options = ENSEMBLE,
+    width: float = NARROWEST,
     resolution: int = 128,
 ) -> Lognormal:
     """Median and dispersion of the least overturning scale of a suite; differentiable.
@@ -210,7 +216,7 @@ def overturning_distribution(
 
     def least(which):
         motion = records.pick(which)
-        return overturning_boundary(podium, motion, max_scale=max_scale, options=options, resolution=resolution).scale
+        return overturning_boundary(podium, motion, max_scale=max_scale, options=options, width=width).scale
 
     scale = jax.vmap(least)(jnp.arange(len(records), dtype=jnp.int32))
     return fit_capacities(scale * unit, max_scale * unit)
@@ -236,7 +242,8 @@ def fragility(
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`);
     `probability`, `lower`, `upper` over `at`; `observed` over `intensity`, the share of overturned records; `resampled`
     (dims `quantity`, `resample`), NaN where a resample had no fit; and where the analysis has sensitivities,
-    `median_sensitivity` over `parameter` = d ln(median)/d ln y. Raises `ValueError` where no curve fits, and says why.
+    `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
+    Raises `ValueError` where no curve fits, and says why.
     """
     import xarray
 
@@ -301,9 +308,10 @@ def fragility(
     )
     if "sensitivity" in analysis and method == "capacities":
         known = np.isfinite(capacity)
-        price = capacity[known] * np.asarray(_price(capacity, limit))[known]  # d ln(median)/d ln(capacity)
-        slopes = analysis["sensitivity"].values[:, known] @ price
-        data["median_sensitivity"] = ("parameter", slopes, one | {"long_name": "d ln(median)/d ln y"})
+        moved = analysis["sensitivity"].values[:, known] * capacity[known]  # d(capacity)/d ln y
+        of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(capacity, limit))
+        data["median_sensitivity"] = ("parameter", moved @ of_median, one | {"long_name": "d ln(median)/d ln y"})
+        data["dispersion_sensitivity"] = ("parameter", moved @ of_dispersion, one | {"long_name": "d(dispersion)/d ln y"})
         data = data.assign_coords(parameter=analysis["parameter"])
     return data
 
@@ -315,14 +323,15 @@ _resampled_counts = jax.jit(jax.vmap(fit_counts, (None, 0, None)))
 
 
 @jax.jit
-def _price(capacity, limit):
-    """d ln(median)/d capacity, zero for what is censored."""
+def _slopes(capacity, limit):
+    """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
     known = jnp.isfinite(capacity)
 
-    def log_median(values):
-        return jnp.log(fit_capacities(jnp.where(known, values, jnp.inf), limit).median)
+    def fit(values):
+        found = fit_capacities(jnp.where(known, values, jnp.inf), limit)
+        return jnp.stack([jnp.log(found.median), found.dispersion])
 
-    return jnp.where(known, jax.grad(log_median)(jnp.where(known, capacity, limit)), 0.0)
+    return jnp.where(known[None], jax.jacrev(fit)(jnp.where(known, capacity, limit)), 0.0)
 
 
 def _why_not(method: str, capacity: np.ndarray, overturned: np.ndarray, levels: np.ndarray) -> str:

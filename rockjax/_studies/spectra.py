@@ -14,6 +14,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
+from rockjax._batch.memory import require_memory
 from rockjax._checks import require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -89,6 +90,7 @@ def rocking_spectra(
     require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
     if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
         raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
+    require_memory("rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size)
     kinds: dict[Any, list[int]] = {}
     for k, podium in enumerate(podiums):
         kinds.setdefault(jax.tree.structure(podium), []).append(k)
@@ -107,7 +109,7 @@ def rocking_spectra(
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
         group = [podiums[k] for k in members]
         T_p = np.stack([2 * math.pi / (axes["frequency_ratio"] * derived[k]["p_rad_s"]) for k in members])
-        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha"] for k in members])
+        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["uplift_ground_acceleration_m_s2"] for k in members])
         # One number where it is common to all, else one per podium.
         stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
         together = jax.tree.map(stack, *group)

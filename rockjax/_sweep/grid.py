@@ -176,6 +176,7 @@ def _name(field: str) -> str:
 def _podium(base: Podium, along: dict[str, np.ndarray]) -> Podium:
     changes: dict[str, Any] = {name: along[name] for name in ("alpha", *_OWN, "restitution") if name in along}
     if "tan_alpha" in along:
+        positive("grid", tan_alpha=along["tan_alpha"])
         changes["alpha"] = np.arctan(along["tan_alpha"])
     if any(name in along for name in _SIDES):
         width, height = along.get("width", float(base.width)), along.get("height", float(base.height))

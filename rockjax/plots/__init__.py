@@ -23,6 +23,7 @@ from ._histories import (
     response,
     rotation_history,
 )
+from ._risk import risk
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
@@ -48,6 +49,7 @@ __all__ = [
     "phase_portrait",
     "plt",
     "response",
+    "risk",
     "rocking_spectrum",
     "rotation_bar",
     "rotation_history",

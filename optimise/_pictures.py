@@ -1,0 +1,87 @@
+"""Pictures of a design. Nothing is shown or saved here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rockjax as rj
+
+from . import _variables
+from ._answer import Design
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+MARKERS = "osD^vP"  # of starts in the picture of the convergence
+MOST_STARTS = 8  # in its legend
+
+
+def convergence(design: Design, ax: Axes | None = None) -> Axes:
+    """Objective over iterations, a line for every start, filled marks where the targets held; the chosen start is black."""
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import MaxNLocator
+
+    from rockjax.plots import COLOURS, STYLES
+
+    ax = ax or plt.figure(figsize=(7.5, 4), layout="constrained").add_subplot()
+    others = [start for start in range(len(design.starts)) if start != design.best]
+    entries = []
+    for k, start in reversed(list(enumerate([design.best, *others]))):
+        rows = [row for row in design.history if row.start == start]
+        if not rows:
+            continue
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
+        look = {"color": colour, "ls": STYLES[k % len(STYLES)], "lw": 0.9 if k else 1.6, "zorder": 2 + (k == 0)}
+        ax.plot(numbers[:, 0], numbers[:, 1], **look)
+        held = numbers[:, 2] >= 0
+        for some, face in ((numbers[held], colour), (numbers[~held], "white")):
+            ax.plot(some[:, 0], some[:, 1], marker, ms=4.5, color=colour, mfc=face, zorder=look["zorder"])
+        label = f"start {start}" + (", the design" if k == 0 and others else "")
+        entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **look))
+    del entries[: max(0, len(entries) - MOST_STARTS)]
+    entries = entries[::-1]
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="filled: targets hold"))
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
+    reached = f"design: {design.objective:.4g}"
+    entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
+    unit = (_variables.DIMENSIONS | _variables.FIELDS | design.units).get(design.minimised, "")
+    ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.grid(alpha=0.3)
+    ax.legend(handles=entries, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return ax
+
+
+def before_after(before: rj.Podium, design: Design, excitation: rj.AbstractExcitation) -> Figure:
+    """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    import matplotlib.pyplot as plt
+
+    from rockjax.plots import COLOURS, ROTATION
+
+    figure = plt.figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    ends = []
+    for podium, label, colour, style in ((before, "before", COLOURS[1], "--"), (design.podium, "after", COLOURS[2], "-")):
+        response = rj.simulate(podium, excitation)
+        t = np.linspace(float(response.times[0]), float(response.stats.end_time), 4000)
+        fate = "overturns" if bool(response.overturned) else rf"peak {float(response.peak_rotation):.3g} $\alpha$"
+        ratio = np.asarray(response(t).theta) / float(podium.alpha)
+        axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {fate}")
+        moving = t[np.abs(ratio) > 1e-3]
+        ends.append(moving[-1] if len(moving) else t[0])
+    start, support_end = (float(t) for t in excitation.support)
+    end = min(max(*ends, min(support_end, start + 60.0)), start + 60.0)
+    t = np.linspace(start, end, 4000)
+    axes[1].plot(t, np.asarray(excitation(t)) / float(before.g), color=COLOURS[0], lw=1.2)
+    for ax in axes:
+        ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    axes[0].set_ylabel(ROTATION)
+    axes[0].legend(loc="best")
+    axes[1].set(ylabel=r"$\ddot u_g$ [g]", xlabel="time [s]", xlim=(start, end))
+    return figure

@@ -1,0 +1,153 @@
+"""`rockjax risk`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from ._given import Given, problem_file
+from ._options import OUTPUT, Example, Output
+from ._outputs import outputs
+from ._run import Flags, Report, argument, option, prepare
+
+CURVE, HAZARD = "Fragility", "Hazard"
+
+
+@dataclass
+class Curve(Flags):
+    fragility: Annotated[
+        str | None,
+        option(
+            "--fragility",
+            panel=CURVE,
+            help="File of `rockjax fragility` (.nc), or a fragility model of OpenQuake (.xml).",
+        ),
+    ] = None
+    structure: Annotated[
+        str | None,
+        option("--structure", panel=CURVE, help="Which structure of a model (.xml), where it has several."),
+    ] = None
+    median: Annotated[
+        float | None,
+        option("--median", panel=CURVE, help="Instead of a file: median, in SI units of the hazard's measure."),
+    ] = None
+    dispersion: Annotated[
+        float | None,
+        option("--dispersion", panel=CURVE, help="… and standard deviation of its logarithm [–]."),
+    ] = None
+
+
+@dataclass
+class Site(Flags):
+    hazard: Annotated[
+        str | None,
+        option(
+            "--hazard",
+            panel=HAZARD,
+            help="Hazard curve: CSV of two columns, or a hazard-curve CSV of OpenQuake.",
+        ),
+    ] = None
+    site: Annotated[
+        int | None,
+        option("--site", panel=HAZARD, min=0, help="Row of an OpenQuake file, from 0, where it has several."),
+    ] = None
+    years: Annotated[
+        float,
+        option("--years", panel=OUTPUT, min=0, help="Time in which the probability of failure is wanted [years]."),
+    ] = 50.0
+
+
+def risk(
+    curve: Curve,
+    site: Site,
+    report: Report,
+    problem: Annotated[Path | None, argument("Problem file (.toml) with a table [risk].", show_default=False)] = None,
+    example: Example = None,
+    output: Output = "rockjax-risk",
+) -> None:
+    """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
+
+    Prints frequency, return period, probability in a given time, and how the frequency moves with the structure where the
+    fragility knows it. Writes OUTPUT.nc (hazard, fragility and what each intensity contributes) and OUTPUT-risk.png.
+
+    \b
+    Examples:
+      rockjax risk --fragility rockjax-fragility.nc --hazard site.csv
+      rockjax risk --median 3.5 --dispersion 0.4 \\
+        --hazard hazard_curve-mean.csv --site 0
+      rockjax risk --example risk --years 100
+    """
+    prepare(report)
+    to = outputs(output, "rockjax-risk").check(("risk",))
+    given = Given("risk", problem_file(problem, example), curve, site)
+    curve, site = given.settings(curve), given.settings(site)
+    import rockjax as rj
+    from rockjax import plots
+    from rockjax._risk.annual import OUTSIDE
+
+    if site.hazard is None:
+        raise ValueError("--hazard: needs the hazard curve of the site")
+    hazard = rj.Hazard.from_file(_path(given, site.hazard), site=site.site)
+    fragility = _fragility(given, curve)
+    found = rj.annual_frequency(fragility, hazard)
+    contributions = rj.disaggregation(fragility, hazard)
+    report.say(repr(hazard))
+    median, dispersion = contributions.attrs["median"], contributions.attrs["dispersion"]
+    report.say(f"fragility: median {median:.4g} {hazard.units}, dispersion {dispersion:.3g}")
+    frequency = float(found.frequency)
+    report.say(f"mean annual frequency of overturning: {frequency:.4g}, once in {float(found.return_period):.4g} years")
+    within = float(found.probability(site.years))
+    report.say(f"probability in {site.years:g} years: {within:.4g}")
+    slopes = {name: float(y) for name, y in found.sensitivities.items()}
+    for name, value in slopes.items():
+        report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
+    share = float(found.extrapolated)
+    if share > OUTSIDE:
+        report.say(f"{share:.0%} of the frequency comes from beyond the given points of the hazard curve")
+    report.facts |= {"frequency_per_year": frequency, "return_period_years": float(found.return_period)}
+    report.facts |= {
+        "years": site.years,
+        "probability": within,
+        "extrapolated": share,
+        "sensitivities": slopes,
+    }
+    report.write(to.data(), contributions)
+    report.draw(to.picture("risk"), plots.risk(contributions))
+
+
+def _path(given: Given, name: str) -> Path:
+    """A file that a problem file names is beside it."""
+    return Path(name) if given.problem is None or Path(name).exists() else given.problem.parent / name
+
+
+def _fragility(given: Given, curve: Curve) -> Any:
+    import jax.numpy as jnp
+
+    import rockjax as rj
+
+    by_numbers = [value for value in (curve.median, curve.dispersion) if value is not None]
+    if curve.fragility is None:
+        if len(by_numbers) != 2:
+            raise ValueError("needs a fragility curve: --fragility FILE, or --median and --dispersion")
+        return rj.Lognormal(jnp.asarray(by_numbers[0]), jnp.asarray(by_numbers[1]))
+    if by_numbers:
+        raise ValueError("--fragility: give a file, or --median and --dispersion, not both")
+    path = _path(given, curve.fragility)
+    if path.suffix.lower() == ".xml":
+        return _of_model(path, rj.read_fragility_model(path), curve.structure)
+    from rockjax._redraw import load
+
+    data = load(path)
+    if data.attrs["kind"] != "fragility":
+        raise ValueError(f"{path}: holds a {data.attrs['kind']}, not a fragility; `rockjax fragility` makes one")
+    return data
+
+
+def _of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
+    if structure is None and len(model) > 1:
+        raise ValueError(f"{path}: holds {', '.join(model)}; choose one with --structure")
+    name = next(iter(model)) if structure is None else structure
+    if name not in model:
+        raise ValueError(f"{path}: has no structure {name!r}; it has {', '.join(model)}")
+    return model[name]

@@ -1,0 +1,1 @@
+"""From ground motions and hazard to the chance of overturning."""

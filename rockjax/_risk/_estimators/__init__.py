@@ -1,0 +1,16 @@
+"""Estimators of a probability of failure: a new one is a module here and a line in `ESTIMATORS`."""
+
+from ._base import AbstractEstimator, Estimate
+from ._importance import Importance
+from ._line import Line
+from ._monte_carlo import MonteCarlo
+from ._subset import Subset
+
+ESTIMATORS: dict[str, type[AbstractEstimator]] = {
+    "importance": Importance,
+    "line": Line,
+    "subset": Subset,
+    "monte-carlo": MonteCarlo,
+}
+
+__all__ = ["ESTIMATORS", "AbstractEstimator", "Estimate"]

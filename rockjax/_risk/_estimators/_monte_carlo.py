@@ -1,0 +1,27 @@
+"""Monte Carlo: the share of failures among samples as they come."""
+
+from __future__ import annotations
+
+import math
+
+from scipy import stats
+
+from ._base import LEVEL, AbstractMean, Estimate
+
+BATCH = 4096  # samples in memory at once
+
+
+class MonteCarlo(AbstractMean):
+    needs_design_points = False
+
+    def round(self, size: int) -> None:
+        for start in range(0, size, BATCH):
+            u = self.rng.standard_normal((min(BATCH, size - start), self.limit.dimension))
+            self.add((self.limit.values(u) <= 0).astype(float))
+
+    def estimate(self) -> Estimate:
+        failures = round(self.total)
+        p = failures / self.count
+        found = stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
+        error = math.sqrt(p * (1 - p) / self.count)
+        return Estimate(p, error, (float(found.low), float(found.high)), float(failures))

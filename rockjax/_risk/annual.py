@@ -1,0 +1,217 @@
+"""The mean annual frequency of overturning: a fragility over a hazard curve."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._checks import concrete, require
+from rockjax._studies.lognormal import Lognormal
+
+from . import integral
+from .hazard import Hazard
+
+if TYPE_CHECKING:
+    import xarray
+
+OUTSIDE = 0.05  # of the answer from beyond the given points: more than that is said
+
+
+@dataclasses.dataclass(frozen=True)
+class AnnualFrequency:
+    """How often a limit state is reached.
+
+    - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
+    - `extrapolated`: the share of it that comes from intensities outside the points of the hazard curve or,
+      for counted stripes, above the highest level [–]
+    - `sensitivities`: d ln λ_f/d ln y for y = `median` and every number of the structure of which the
+      fragility knows how it moves the curve; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
+    """
+
+    frequency: Float[Array, ""]
+    extrapolated: Float[Array, ""]
+    sensitivities: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def return_period(self) -> Float[Array, ""]:
+        """1/λ_f [years]; inf where the frequency is zero."""
+        return jnp.where(self.frequency > 0, 1 / jnp.where(self.frequency > 0, self.frequency, 1.0), jnp.inf)
+
+    def probability(self, years) -> Float[Array, "*n"]:
+        """P = 1 − exp(−λ_f t), that it happens within t years, for occurrences of a Poisson process [–]."""
+        require("AnnualFrequency.probability", "years", years, lambda v: v >= 0, "finite and >= 0")
+        return -jnp.expm1(-self.frequency * jnp.asarray(years, float))
+
+    def __repr__(self):
+        frequency = concrete(self.frequency)
+        if frequency is None:
+            return "AnnualFrequency(traced)"
+        share = float(self.extrapolated)
+        outside = f"; {share:.0%} of it from beyond the given points" if share > OUTSIDE else ""
+        period = f"return period {float(self.return_period):.4g} years"
+        in_50_years = f"{float(self.probability(50)):.3g} in 50 years"
+        return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {in_50_years}{outside}"
+
+
+jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", "sensitivities"], [])
+
+
+def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
+    """The mean annual frequency with which a structure overturns, or reaches whatever the limit state of its
+    fragility is.
+
+    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][]; or
+      one of [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then
+      taken as they are, linear between the levels: windows of survival count
+    - `hazard`: of the same intensity measure, in the same units
+
+    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` it
+    works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
+
+    Raises `ValueError` for a measure or unit that is not the hazard's, for a dispersion or median that is not
+    > 0, and for counted shares that do not begin with a level at which all records survive.
+    """
+    owner = "annual_frequency"
+    if not isinstance(hazard, Hazard):
+        raise ValueError(f"{owner}: hazard must be a rockjax.Hazard, got {type(hazard).__name__}")
+    if isinstance(curve, Lognormal):
+        return _of_lognormal(owner, curve, hazard)
+    attributes = getattr(curve, "attrs", {})
+    kind: Any = attributes.get("kind")
+    if kind not in ("fragility", "incremental-dynamic-analysis"):
+        raise ValueError(
+            f"{owner}: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility or "
+            f"rockjax.incremental_dynamic_analysis, got {type(curve).__name__}"
+        )
+    of: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
+    _check_measure(owner, attributes["measure"], of.attrs["units"], hazard)
+    if kind == "fragility":
+        found = _of_lognormal(
+            owner,
+            Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),
+            hazard,
+        )
+        return dataclasses.replace(
+            found, sensitivities=dict(found.sensitivities) | _of_structure(curve, found.sensitivities)
+        )
+    return _of_stripes(owner, curve, hazard)
+
+
+def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
+    if measure != hazard.measure:
+        raise ValueError(
+            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure"
+        )
+    if units != hazard.units:
+        raise ValueError(
+            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
+        )
+
+
+@jax.jit
+def _lognormal(curve: Lognormal, hazard: Hazard):
+    def total(log_median, dispersion):
+        parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
+        return parts.total, parts
+
+    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(jnp.log(curve.median), curve.dispersion)
+    some = frequency > 0
+    safe = jnp.where(some, frequency, 1.0)
+    share = jnp.where(some, (parts.below + parts.above) / safe, 0.0)
+    return frequency, share, {"median": slopes[0] / safe, "dispersion": slopes[1] / safe}
+
+
+def _of_lognormal(owner: str, curve: Lognormal, hazard: Hazard) -> AnnualFrequency:
+    require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
+    require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
+    curve = Lognormal(*(jnp.asarray(y, float) for y in curve))
+    return AnnualFrequency(*_lognormal(curve, hazard))
+
+
+def _of_structure(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
+    """d ln λ_f/d ln y of the structure's numbers: through the median, and through the dispersion where it is
+    known."""
+    if "median_sensitivity" not in curve:
+        return {}
+    moved = slopes["median"] * curve["median_sensitivity"].values
+    if "dispersion_sensitivity" in curve:
+        moved = moved + slopes["dispersion"] * curve["dispersion_sensitivity"].values
+    return dict(zip(curve["parameter"].values.tolist(), map(float, moved), strict=True))
+
+
+def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
+    levels, share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
+    if levels.size < 2:
+        raise ValueError(f"{owner}: needs two levels of intensity or more, got {levels.size}")
+    if share[0] > 0:
+        raise ValueError(
+            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}; "
+            "what happens below it is not known: add lower levels, or give the fitted curve of rockjax.fragility"
+        )
+    parts = integral.piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
+    total = parts.total
+    outside = jnp.where(total > 0, (parts.below + parts.above) / jnp.where(total > 0, total, 1.0), 0.0)
+    return AnnualFrequency(total, outside)
+
+
+def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
+    """Which intensities contribute: the density F(x) |dλ/d ln x| over the frequency, whose integral over ln x
+    is 1 (host).
+
+    - `curve`, `hazard`: as for [`rockjax.annual_frequency`][]; a lognormal curve
+    - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of
+      median and points
+
+    Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve does, `hazard`
+    [1/year] and `fragility` [–]; and the `given` points of the hazard curve over `point`.
+    """
+    import xarray
+
+    found = annual_frequency(curve, hazard)
+    if not isinstance(curve, Lognormal):
+        if curve.attrs["kind"] != "fragility":
+            raise ValueError("disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first")
+        curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
+    if at is None:
+        low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))
+        x = np.geomspace(low, 10 * max(float(curve.median), float(hazard.intensity[-1])), 400)
+    else:
+        x = np.asarray(at, float)
+        require("disaggregation", "at", x, lambda v: v > 0, "finite and > 0")
+    log_x, log_rate = hazard.logarithms
+    i = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
+    rate, share = np.asarray(hazard(jnp.asarray(x))), np.asarray(curve.probability(jnp.asarray(x)))
+    density = share * np.asarray(integral.slopes(log_x, log_rate))[i] * rate / float(found.frequency)
+    of = {"units": hazard.units, "long_name": hazard.measure}
+    return xarray.Dataset(
+        {
+            "density": (
+                "intensity",
+                density,
+                {"units": "1", "long_name": "share of λ_f per unit of ln(intensity)"},
+            ),
+            "hazard": ("intensity", rate, {"units": "year-1", "long_name": "mean annual rate of exceedance"}),
+            "given": (
+                "point",
+                np.asarray(hazard.annual_rate),
+                {"units": "year-1", "long_name": "rates that are given"},
+            ),
+            "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
+        },
+        coords={"intensity": ("intensity", x, of), "point": ("point", np.asarray(hazard.intensity), of)},
+        attrs={
+            "title": "Risk",
+            "kind": "risk",
+            "measure": hazard.measure,
+            "frequency_per_year": float(found.frequency),
+            "extrapolated": float(found.extrapolated),
+            "median": float(curve.median),
+            "dispersion": float(curve.dispersion),
+        },
+    )

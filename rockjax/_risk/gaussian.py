@@ -1,0 +1,209 @@
+"""Gaussian ground motions: white noise under an envelope, through the filters of Kanai–Tajimi and
+Clough–Penzien.
+
+With u ∈ ℝⁿ standard normal, w_j = u_j e(t_j) √(2π S₀/dt) is held constant over each interval and passes, from
+rest,
+
+    ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),   ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j)
+    = ÿ(t_j).
+
+So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes O(n), and its transpose,
+which reverse mode differentiates by, as much.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.stats import norm
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, finite, positive, require
+from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._motions.record import Record
+from rockjax._studies.lognormal import Lognormal
+
+Number = Float[Array, ""]
+
+
+class Envelope(eqx.Module):
+    """(t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)): the intensity of the noise over time [–].
+
+    - `t_1`: end of the rise, > 0 [s]; `t_2`: begin of the decay, ≥ t₁ [s]; `c`: its rate, ≥ 0 [1/s]
+
+    Any other function t ↦ e(t) of arrays will do in its place.
+    """
+
+    t_1: Number = eqx.field(converter=as_float, default=2.0)
+    t_2: Number = eqx.field(converter=as_float, default=6.0)
+    c: Number = eqx.field(converter=as_float, default=0.6)
+
+    def __check_init__(self):
+        positive("Envelope", t_1=self.t_1)
+        require("Envelope", "c", self.c, lambda v: v >= 0, "finite and >= 0")
+        require(
+            "Envelope",
+            "t_2 − t_1",
+            self.t_2 - self.t_1,
+            lambda v: v >= 0,
+            ">= 0: the decay begins after the rise",
+        )
+
+    def __call__(self, t: Float[Array, "*m"]) -> Float[Array, "*m"]:
+        rise = (jnp.minimum(t, self.t_1) / self.t_1) ** 2
+        return rise * jnp.exp(-self.c * jnp.maximum(t - self.t_2, 0.0))
+
+
+class RandomPulse(eqx.Module):
+    """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou
+    2003).
+
+    Its three entries of u are the last ones, through the inverse of their distributions.
+
+    - `amplitude`: of the velocity A, a [`rockjax.Lognormal`][] [m/s]; `period`: T_p = 1/f_p, likewise [s]
+    - `gamma`: number of oscillations, > 1 [–]; `centre`: time of its middle [s]. The phase ν is uniform in 0
+      … 2π
+    """
+
+    amplitude: Lognormal
+    period: Lognormal
+    gamma: Number = eqx.field(converter=as_float, default=2.0)
+    centre: Number = eqx.field(converter=as_float, default=4.0)
+
+    dimension = 3
+
+    def __check_init__(self):
+        for name, of in (("amplitude", self.amplitude), ("period", self.period)):
+            require("RandomPulse", f"{name}.median", of.median, lambda v: v > 0, "finite and > 0")
+            require("RandomPulse", f"{name}.dispersion", of.dispersion, lambda v: v >= 0, "finite and >= 0")
+        require("RandomPulse", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
+        finite("RandomPulse", centre=self.centre)
+
+    def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
+        """ü_g of the pulse that u stands for, at times t [m/s²]."""
+        amplitude, period = (y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period)))
+        phase = 2 * math.pi * norm.cdf(u[2])
+        pulse = MavroeidisPapageorgiou(amplitude, 1 / period, self.gamma, phase)
+        since = t - self.centre
+        start, end = pulse.support
+        inside = jax.vmap(pulse.piece(jnp.ones((), jnp.int32)))
+        return jnp.where((since >= start) & (since <= end), inside(since), 0.0)
+
+
+class GaussianMotion(eqx.Module):
+    """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi,
+    Clough–Penzien).
+
+    - `n`: samples, ≥ 2; `dt`: sampling interval, > 0 [s]
+    - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the
+      high-pass; > 0
+    - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
+      None
+
+    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary
+    noise filtered first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA.
+    Here the envelope comes before the filters, so velocity and displacement decay by themselves, and motions
+    are linear in u, which reliability needs.
+
+    Raises `ValueError` for numbers outside their ranges.
+    """
+
+    n: int = eqx.field(static=True)
+    dt: Number = eqx.field(converter=as_float)
+    S_0: Number = eqx.field(converter=as_float)
+    omega_g: Number = eqx.field(converter=as_float, default=15.0)
+    zeta_g: Number = eqx.field(converter=as_float, default=0.6)
+    omega_f: Number = eqx.field(converter=as_float, default=1.5)
+    zeta_f: Number = eqx.field(converter=as_float, default=0.6)
+    envelope: Any = eqx.field(default_factory=Envelope)
+    pulse: RandomPulse | None = None
+
+    def __check_init__(self):
+        if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
+            raise ValueError(f"GaussianMotion: n must be a whole number >= 2, got n = {self.n!r}")
+        numbers = {name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")}
+        positive("GaussianMotion", **numbers)
+        if not callable(self.envelope):
+            raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")
+
+    @property
+    def dimension(self) -> int:
+        """Length of u: the samples of the noise, and three numbers of the pulse where there is one."""
+        return self.n + (0 if self.pulse is None else self.pulse.dimension)
+
+    @property
+    def t(self) -> Float[Array, " n"]:
+        """Times of the samples [s]."""
+        return jnp.arange(self.n) * self.dt
+
+    def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
+        """ü_g at the samples [m/s²], for u of shape (…, dimension)."""
+        u = jnp.asarray(u, float)
+        if u.ndim == 0 or u.shape[-1] != self.dimension:
+            raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
+        return jnp.vectorize(self._single, signature="(d)->(n)")(u)
+
+    def _single(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
+        step, gain, out = self._filter()
+
+        def advance(state, w):
+            return step @ state + w * gain, out @ state
+
+        _, motion = jax.lax.scan(advance, jnp.zeros(4, u.dtype), u[: self.n] * self._strength())
+        return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
+
+    def _strength(self) -> Float[Array, " n"]:
+        """Of the noise for one unit of u, at every sample [m/s²]."""
+        return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
+
+    def record(self, u: Float[Array, "*batch d"]) -> Record:
+        """The motion of u, linear between its samples; batched where u is."""
+        return Record(self.acceleration(u), self.dt)
+
+    def _filter(self) -> tuple[Float[Array, "4 4"], Float[Array, " 4"], Float[Array, " 4"]]:
+        """(Φ, Γ, C): states (x, ẋ, y, ẏ) advance by Φ s + Γ w, exactly for w constant over dt; ü_g = C s."""
+        zero, one = jnp.zeros(()), jnp.ones(())
+        stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
+        stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f
+        out = jnp.stack([-stiff_g, -damp_g, -stiff_f, -damp_f])
+        rates = jnp.stack(
+            [
+                jnp.stack([zero, one, zero, zero, zero]),
+                jnp.stack([-stiff_g, -damp_g, zero, zero, -one]),
+                jnp.stack([zero, zero, zero, one, zero]),
+                jnp.concatenate([out, jnp.zeros(1)]),
+                jnp.zeros(5),
+            ]
+        )
+        whole = jax.scipy.linalg.expm(rates * self.dt)
+        return whole[:4, :4], whole[:4, 4], out
+
+    def standard_deviation(self) -> Float[Array, " n"]:
+        """Root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
+        step, gain, out = self._filter()
+
+        def advance(covariance, s):
+            return step @ covariance @ step.T + s**2 * jnp.outer(gain, gain), out @ covariance @ out
+
+        _, variance = jax.lax.scan(advance, jnp.zeros((4, 4)), self._strength())
+        return jnp.sqrt(variance)
+
+    def scaled(self, factor) -> Self:
+        """The same motions times a factor: S₀ times its square, and the pulse's amplitude."""
+        motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
+        if self.pulse is None:
+            return motion
+        median = self.pulse.amplitude.median * factor
+        return eqx.tree_at(lambda m: m.pulse.amplitude.median, motion, jnp.asarray(median, float))
+
+    def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
+        """Standard normal u of so many motions; the same seed gives the same (host)."""
+        if not isinstance(count, int) or count < 1:
+            raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
+        return jnp.asarray(np.random.default_rng(seed).standard_normal((count, self.dimension)))

@@ -1,0 +1,148 @@
+"""Seismic hazard curves: the mean annual rate at which an intensity is exceeded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, concrete, require
+from rockjax._structures import STANDARD_GRAVITY
+
+from .integral import log_rate_at
+
+if TYPE_CHECKING:
+    import xarray
+
+# Units that can stand for another, in SI: factor and the SI unit.
+SI = {
+    "g": (STANDARD_GRAVITY, "m s-2"),
+    "cm s-2": (0.01, "m s-2"),
+    "gal": (0.01, "m s-2"),
+    "mm s-2": (1e-3, "m s-2"),
+    "cm s-1": (0.01, "m s-1"),
+    "cm/s": (0.01, "m s-1"),
+    "cm/s2": (0.01, "m s-2"),
+    "m/s2": (1.0, "m s-2"),
+    "m/s": (1.0, "m s-1"),
+    "m s-2": (1.0, "m s-2"),
+    "m s-1": (1.0, "m s-1"),
+    "m": (1.0, "m"),
+    "1": (1.0, "1"),
+}
+
+
+class Hazard(eqx.Module):
+    """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
+
+    Between its points it is linear in ln x, ln λ; its first and last segment go on outside.
+
+    - `intensity`: points x₁ < … < x_n, shape (n,), n ≥ 2, > 0 [`units`]
+    - `annual_rate`: λ₁ ≥ … ≥ λ_n > 0 at them, shape (n,) [1/year]
+    - `measure`: the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
+    - `units`: of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …; a fragility in other units is refused, see
+      `in_si`
+
+    Raises `ValueError` for points that do not ascend, and rates that are not positive or increase.
+    """
+
+    intensity: Float[Array, " n"] = eqx.field(converter=as_float)
+    annual_rate: Float[Array, " n"] = eqx.field(converter=as_float)
+    measure: str = eqx.field(static=True, default="PGA", kw_only=True)
+    units: str = eqx.field(static=True, default="m s-2", kw_only=True)
+
+    def __check_init__(self):
+        shape = self.intensity.shape
+        if len(shape) != 1 or shape[0] < 2 or self.annual_rate.shape != shape:
+            raise ValueError(
+                "Hazard: intensity and annual_rate must be of one length ≥ 2, "
+                f"got shapes {shape} and {self.annual_rate.shape}"
+            )
+        require("Hazard", "intensity", self.intensity, lambda v: v > 0, "finite and > 0")
+        require("Hazard", "annual_rate", self.annual_rate, lambda v: v > 0, "finite and > 0")
+        x, rate = concrete(self.intensity), concrete(self.annual_rate)
+        if x is not None and np.any(np.diff(x) <= 0):
+            i = int(np.argmax(np.diff(x) <= 0))
+            raise ValueError(f"Hazard: intensity must ascend, got {x[i]:g} before {x[i + 1]:g}")
+        if rate is not None and np.any(np.diff(rate) > 0):
+            i = int(np.argmax(np.diff(rate) > 0))
+            raise ValueError(
+                f"Hazard: annual_rate must not increase with the intensity, got {rate[i]:g} before {rate[i + 1]:g} per year"
+            )
+
+    def __call__(self, x: Float[Array, "*m"]) -> Float[Array, "*m"]:
+        """λ(x) [1/year] at intensities x > 0."""
+        return jnp.exp(log_rate_at(*self.logarithms, jnp.log(jnp.asarray(x, float))))
+
+    @property
+    def logarithms(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """ln x and ln λ of the points."""
+        return jnp.log(self.intensity), jnp.log(self.annual_rate)
+
+    def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
+        """The intensity that is exceeded at an annual rate [1/year]: the inverse of the curve (host)."""
+        rate = np.asarray(annual_rate, float)
+        require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
+        log_x, log_rate = (np.asarray(y) for y in self.logarithms)
+        if np.any(np.diff(log_rate) == 0):
+            raise ValueError("Hazard.intensity_at: the curve is flat somewhere, and has no inverse there")
+        i = np.clip(np.searchsorted(-log_rate, -np.log(rate)) - 1, 0, log_x.size - 2)
+        slope = np.diff(log_x)[i] / np.diff(log_rate)[i]
+        return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))
+
+    def in_si(self) -> Hazard:
+        """The same curve with its intensity in SI units, as fragilities of rockjax have them."""
+        if self.units not in SI:
+            raise ValueError(f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(SI)}")
+        factor, units = SI[self.units]
+        return Hazard(self.intensity * factor, self.annual_rate, measure=self.measure, units=units)
+
+    @classmethod
+    def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
+        """The hazard curve in a file (host), in SI units.
+
+        - `path`: two columns (CSV) with measure and unit of the first in the header, such as `PGA
+          [g],annual_rate`; or a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`), whose
+          probabilities in its investigation time become rates
+        - `site`: row of an OpenQuake file, from 0; needed where it has several
+
+        Raises `ValueError` for files that are neither, and for curves that make no sense.
+        """
+        from .files import read_hazard
+
+        return cls(**read_hazard(path, site))
+
+    def dataset(self) -> xarray.Dataset:
+        """The points as a dataset (host)."""
+        import xarray
+
+        return xarray.Dataset(
+            {
+                "annual_rate": (
+                    "intensity",
+                    np.asarray(self.annual_rate),
+                    {"units": "year-1", "long_name": "mean annual rate of exceedance"},
+                )
+            },
+            coords={
+                "intensity": (
+                    "intensity",
+                    np.asarray(self.intensity),
+                    {"units": self.units, "long_name": self.measure},
+                )
+            },
+            attrs={"title": "Hazard curve", "kind": "hazard", "measure": self.measure},
+        )
+
+    def __repr__(self):
+        x, rate = concrete(self.intensity), concrete(self.annual_rate)
+        if x is None or rate is None:
+            return f"Hazard({self.measure} [{self.units}], {self.intensity.shape[0]} points)"
+        return (
+            f"Hazard: {self.measure} from {x[0]:.3g} to {x[-1]:.3g} {self.units}, "
+            f"exceeded {rate[0]:.3g} to {rate[-1]:.3g} times a year, {x.size} points"
+        )

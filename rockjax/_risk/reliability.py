@@ -1,0 +1,207 @@
+"""Probabilities of failure of limit states in standard normal space, and their design points."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from rockjax._progress import bar
+from rockjax._results import Interrupted
+
+from ._estimators import ESTIMATORS, Estimate
+from .limit_state import AbstractLimitState, OfFunction
+from .search import FARTHEST, Found, design_points
+
+CANDIDATES = 16  # random directions for each that is searched from
+DISAGREE = 1.5  # first order and the sampled probability: a factor that is worth saying
+
+
+@dataclasses.dataclass(frozen=True)
+class FailureProbability:
+    """A probability of failure, sampled, with its accuracy and the first-order value beside it.
+
+    - `probability`, `standard_error`; `interval`: of 95 %
+    - `method`, `scenes`: evaluations of the limit state, those of the search for design points included
+    - `effective_sample_size`: effective number of failures in the sample
+    - `first_order`: of the union of the half spaces of the design points; NaN for methods without them
+    - `beta`: distances of the design points, nearest first
+    - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
+      far from plane, or a design point was not found
+    - `converged`: whether the coefficient of variation asked for was reached
+    - `sensitivities`: dP/dy with standard errors where the limit state is that of a structure
+    """
+
+    probability: float
+    standard_error: float
+    interval: tuple[float, float]
+    method: str
+    scenes: int
+    effective_sample_size: float
+    first_order: float
+    beta: np.ndarray
+    disagrees: bool
+    converged: bool
+    sensitivities: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+
+    def __repr__(self):
+        low, high = self.interval
+        text = f"FailureProbability: {self.probability:.4g} (95 %: {low:.3g} to {high:.3g}) "
+        text += f"from {self.scenes} scenes, {self.method}"
+        if math.isfinite(self.first_order):
+            text += f"; first order {self.first_order:.3g}" + (", which disagrees" if self.disagrees else "")
+        return text + ("" if self.converged else "; not as accurate as asked for")
+
+
+def reliability(
+    G: Callable[[Any], Any],
+    dimension: int,
+    *,
+    method: str = "importance",
+    cov: float = 0.1,
+    seed: int = 0,
+    starts: int = 16,
+    max_scenes: int = 1_000_000,
+    progress: Any = False,
+) -> FailureProbability:
+    """P(G(u) ≤ 0) for standard normal u (host).
+
+    - `G`: a differentiable JAX function of u, shape (dimension,), to a number; failure where it is ≤ 0
+    - `method`: `"importance"`, `"line"`: around the design points; `"subset"`, `"monte-carlo"`: without them
+      or derivatives
+    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations at most
+    - `seed`: the same gives the same; `starts`: directions from which design points are searched for
+
+    Ctrl-C raises [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that
+    make no sense, for a limit state that has failed at u = 0 already, and for one that no search reaches,
+    where the method needs design points.
+    """
+    check_arguments("reliability", method, cov, seed, starts, max_scenes)
+    if not callable(G):
+        raise ValueError(f"reliability: G must be a function of u, got {G!r}")
+    if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
+        raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
+    limit = OfFunction(G, int(dimension))
+    return probability_of("reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress)
+
+
+def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
+    """Directions to search from: random ones far apart from each other, each with its opposite, for many
+    limit states are mirror images of themselves."""
+    count = (starts + 1) // 2
+    drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
+    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+    chosen, nearest = [0], np.abs(drawn @ drawn[0])
+    for _ in range(count - 1):
+        chosen.append(int(np.argmin(nearest)))
+        nearest = np.maximum(nearest, np.abs(drawn @ drawn[chosen[-1]]))
+    half = drawn[chosen]
+    return np.concatenate([half, -half])[:starts]
+
+
+def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
+    if method not in ESTIMATORS:
+        raise ValueError(f"{owner}: method must be one of {', '.join(map(repr, ESTIMATORS))}, got {method!r}")
+    if not 0 < cov < 1:
+        raise ValueError(f"{owner}: cov must be in (0, 1), got {cov!r}")
+    for name, value, least in (("seed", seed, 0), ("starts", starts, 1), ("max_scenes", max_scenes, 100)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {value!r}")
+
+
+def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> Found:
+    """Design points of a limit state that has not failed at the origin. Raises `ValueError` where there are
+    none."""
+    if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
+        raise ValueError(f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'")
+    found = design_points(limit, directions)
+    if found.beta.size == 0:
+        raise ValueError(
+            f"{owner}: no failure was found within {FARTHEST:g} standard deviations in "
+            f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; "
+            "'subset' needs no design point"
+        )
+    return found
+
+
+NOTHING = Found(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0, bool))
+
+
+def probability_of(
+    owner: str,
+    limit: AbstractLimitState,
+    directions: np.ndarray,
+    method: str,
+    cov: float,
+    seed: int,
+    max_scenes: int,
+    progress: Any,
+) -> FailureProbability:
+    """The probability of failure of a limit state, by one of `ESTIMATORS`."""
+    kind = ESTIMATORS[method]
+    found = find_design_points(owner, limit, directions) if kind.needs_design_points else NOTHING
+    estimator = kind(limit, found, np.random.default_rng([seed, 2]))
+    known: list[Estimate] = []
+    try:
+        with bar(None, "scenes", progress) as shown:
+
+            def told(estimate: Estimate) -> None:
+                shown.update(limit.scenes - shown.n)
+                known[:] = [estimate]
+
+            estimator.run(cov, max_scenes, 500, told)
+    except KeyboardInterrupt:
+        partial = _answer(known[0], estimator.found, limit, method, cov) if known else None
+        raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", partial) from None
+    return _answer(known[0], estimator.found, limit, method, cov)
+
+
+def _answer(estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float) -> FailureProbability:
+    first = first_order(found)
+    low, high = estimate.interval
+    off = max(first, 1e-300) / max(estimate.probability, 1e-300)
+    return FailureProbability(
+        probability=estimate.probability,
+        standard_error=estimate.standard_error,
+        interval=estimate.interval,
+        method=method,
+        scenes=limit.scenes,
+        effective_sample_size=estimate.effective,
+        first_order=first,
+        beta=found.beta,
+        disagrees=bool(found.beta.size and not low <= first <= high and not 1 / DISAGREE < off < DISAGREE),
+        converged=estimate.cov <= cov,
+    )
+
+
+def first_order(found: Found) -> float:
+    """P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower bound
+    for more."""
+    if found.beta.size == 0:
+        return math.nan
+    directions = found.u / found.beta[:, None]
+    total = 0.0
+    for i, beta in enumerate(found.beta):
+        both = sum(_both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i))
+        total += max(float(stats.norm.sf(beta)) - both, 0.0)
+    return total
+
+
+def _both(a: float, b: float, correlation: float) -> float:
+    """P(x > a, y > b) of two standard normal numbers: Φ(−a)Φ(−b) + ∫₀^ρ φ₂(a, b; r) dr."""
+    from scipy.integrate import quad
+
+    rho = min(max(correlation, -1.0), 1.0)
+    if rho > 1 - 1e-12:
+        return float(stats.norm.sf(max(a, b)))
+
+    # r = sin t takes the singularity at ±1 away.
+    def density(t: float) -> float:
+        return math.exp(-(a * a + b * b - 2 * a * b * math.sin(t)) / (2 * math.cos(t) ** 2)) / (2 * math.pi)
+
+    whole = quad(density, 0.0, math.asin(rho), epsabs=0.0, epsrel=1e-10, limit=200)[0]
+    return max(float(stats.norm.sf(a) * stats.norm.sf(b)) + whole, 0.0)

@@ -1,0 +1,141 @@
+"""Chances of failure of rocking structures under Gaussian ground motions, and the most likely motions that
+cause it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._motions.record import Record
+from rockjax._structures import Podium
+
+from .gaussian import GaussianMotion
+from .reliability import FailureProbability, check_arguments, find_design_points, probability_of, starting
+from .structure import OfStructure, limit_of
+
+
+@dataclasses.dataclass(frozen=True)
+class DesignPoint:
+    """A local minimum of |u| among the motions that cause failure.
+
+    - `u`: standard normal numbers, shape (dimension,); `beta`: |u|, the reliability index
+    - `record`: the motion of u: the most likely one of its kind that causes failure
+    - `mode`: impacts before the fall, or in the scene
+    - `smooth`: whether u is normal to the limit state there; else it is an edge, where the mode of failure
+      changes
+    - `sensitivities`: dβ/dy for every number y of structure and ground motion, from one reverse pass, to one
+      side where not smooth
+    """
+
+    u: np.ndarray
+    beta: float
+    record: Record
+    mode: int
+    smooth: bool
+    sensitivities: Mapping[str, float]
+
+    def __repr__(self):
+        kind = "" if self.smooth else ", at an edge of the limit state"
+        return f"DesignPoint: β = {self.beta:.4f} after {self.mode} impacts{kind}"
+
+
+def design_points(
+    podium: Podium,
+    motion: GaussianMotion,
+    *,
+    limit: Any = "overturning",
+    starts: int = 8,
+    seed: int = 0,
+) -> list[DesignPoint]:
+    """The most likely ground motions of a Gaussian model that make a structure fail (host).
+
+    - `podium`: of single numbers; `motion`: a [`rockjax.GaussianMotion`][]
+    - `limit`: `"overturning"`, or `("rotation", max|θ|/α)`, `("deformation", m)`, `("shear", V_s/(m_t g))`
+    - `starts`: directions from which is searched; `seed`: the same gives the same
+
+    Returns local minima of |u| on the limit state, nearest first; where no pulse is on top each has its
+    mirror image. G jumps where the number of impacts before the fall changes: some minima are edges, where no
+    derivative is zero. Φ(−β) is a probability only where the limit state is nearly plane, and in hundreds of
+    dimensions it is not: see [`rockjax.failure_probability`][].
+
+    Raises `ValueError` for arguments that make no sense, where the structure fails at rest, and where nothing
+    fails.
+    """
+    owner = "design_points"
+    check_arguments(owner, "importance", 0.1, seed, starts, 1000)
+    limit_state = _limit_state(owner, podium, motion, limit)
+    found = find_design_points(owner, limit_state, starting(limit_state, starts, seed))
+    _, (slope, of_podium, of_motion) = limit_state.with_sensitivities(found.u)
+    impacts = limit_state.impacts(found.u)
+    length = np.linalg.norm(slope, axis=1)
+    named = _named(of_podium, of_motion)
+    return [
+        DesignPoint(
+            u=found.u[k],
+            beta=float(found.beta[k]),
+            record=motion.record(jnp.asarray(found.u[k])),
+            mode=int(impacts[k]),
+            smooth=bool(found.aligned[k]),
+            sensitivities={name: float(y[k] / length[k]) for name, y in named.items()},
+        )
+        for k in range(found.beta.size)
+    ]
+
+
+def failure_probability(
+    podium: Podium,
+    motion: GaussianMotion,
+    *,
+    limit: Any = "overturning",
+    method: str = "importance",
+    cov: float = 0.1,
+    seed: int = 0,
+    starts: int = 8,
+    max_scenes: int = 200_000,
+    progress: Any = False,
+) -> FailureProbability:
+    """The probability that a Gaussian ground motion makes a structure fail (host).
+
+    - `podium`, `motion`, `limit`, `starts`, `seed`: as for [`rockjax.design_points`][]
+    - `method`: `"importance"`, `"line"`: around the design points; `"subset"`, `"monte-carlo"`: without them
+      or derivatives
+    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: simulations at most
+
+    The scenes of a round are one batch on all cores. Where many moderate motions of no particular shape make
+    the structure fail, none of them near a design point, the methods around design points do not reach `cov`:
+    the result says so (`converged`, `disagrees`), and `"subset"` is the one to take. Ctrl-C raises
+    [`rockjax.Interrupted`][] with what is known.
+
+    Raises `ValueError` for arguments that make no sense and, where the method needs design points, as
+    `design_points` does.
+    """
+    owner = "failure_probability"
+    check_arguments(owner, method, cov, seed, starts, max_scenes)
+    limit_state = _limit_state(owner, podium, motion, limit)
+    directions = starting(limit_state, starts, seed)
+    return probability_of(owner, limit_state, directions, method, cov, seed, max_scenes, progress)
+
+
+def _limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> OfStructure:
+    if not isinstance(podium, Podium):
+        raise ValueError(f"{owner}: podium must be a rockjax.Podium, got {type(podium).__name__}")
+    if not isinstance(motion, GaussianMotion):
+        raise ValueError(f"{owner}: motion must be a rockjax.GaussianMotion, got {type(motion).__name__}")
+    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
+        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    return OfStructure(podium, motion, limit_of(owner, limit, podium))
+
+
+def _named(*slopes: Any) -> dict[str, np.ndarray]:
+    """Derivatives (k,) by the names of their fields; those of the podium, then those of the motion."""
+    named = {}
+    for whole in slopes:
+        for path, y in jax.tree_util.tree_leaves_with_path(whole):
+            name = ".".join(str(getattr(key, "name", key)).lstrip(".") for key in path)
+            named[name] = np.asarray(y)
+    return named

@@ -1,0 +1,141 @@
+"""Limit states of rocking structures under Gaussian motions: G(u) from the response to the motion of u."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax import _results as results
+from rockjax._batch.batch import peak_responses
+from rockjax._checks import require
+from rockjax._engine.solve import solve
+from rockjax._motions.records import Records
+from rockjax._options import Options
+from rockjax._responses.simulate import REST
+from rockjax._structures import Elastic, Podium
+
+from .gaussian import GaussianMotion
+from .limit_state import AbstractLimitState
+
+TABLE = 256  # records of a batch: one program serves every number of scenes
+SIDE_BY_SIDE = 8  # scenes with their derivatives
+# The samples set the steps: the cheapest steps serve, and a sharp tolerance is free.
+OPTIONS = Options(rtol=1e-9, atol=1e-11, method="tsit5")
+
+
+class Limit(NamedTuple):
+    """What counts as failure: a peak `output` that reaches `value`; G = 1 − peak/value."""
+
+    output: str
+    value: float
+
+
+class _Kind(NamedTuple):
+    output: str  # of `rockjax.Options`
+    unit: str
+    elastic: bool  # of elastic superstructures only
+    superstructure: bool
+
+
+# Limit states besides overturning: a new one is a line here.
+LIMITS = {
+    "rotation": _Kind("peak_rotation", "max|θ|/α", False, False),
+    "deformation": _Kind("peak_deformation", "m", True, True),
+    "shear": _Kind("peak_shear", "over the weight", False, True),
+}
+
+
+def limit_of(owner: str, limit: Any, podium: Podium) -> Limit:
+    """The limit state that is meant. Raises `ValueError` for others, and for those that this podium has
+    not."""
+    if limit == "overturning":
+        return Limit("margin", 1.0)
+    if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in LIMITS:
+        name, value = limit
+        kind = LIMITS[name]
+        if kind.superstructure and podium.superstructure is None:
+            raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
+        if kind.elastic and not isinstance(podium.superstructure, Elastic):
+            raise ValueError(f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid")
+        require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
+        if name == "rotation" and float(value) >= 1:
+            raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
+        return Limit(kind.output, float(value))
+    names = ", ".join(f"({name!r}, value)" for name in LIMITS)
+    raise ValueError(f"{owner}: limit must be 'overturning' or one of {names}, got {limit!r}")
+
+
+class OfStructure(AbstractLimitState):
+    """The limit state of a podium under the motions of a `GaussianMotion`."""
+
+    def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
+        super().__init__(motion.dimension)
+        self.podium, self.motion, self.limit = podium, motion, limit
+        # Without a pulse −u is the motion with its sign changed, and columns fall to either side alike.
+        self.mirrored = motion.pulse is None
+        self.options = options.replace(outputs=(limit.output,), throw=False)
+
+    def _values(self, u):
+        answers = [self._table(u[start : start + TABLE]) for start in range(0, len(u), TABLE)]
+        return np.concatenate(answers)
+
+    def _table(self, u: np.ndarray) -> np.ndarray:
+        peaks = self._peaks(u)
+        value = _signed(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
+        return np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value))
+
+    def _peaks(self, u: np.ndarray):
+        whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
+        records = _records(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
+        return peak_responses(self.podium, records, options=self.options)
+
+    def _gradients(self, u):
+        value, (slope, _, _) = self.with_sensitivities(u)
+        return value, slope
+
+    def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, Podium, GaussianMotion]]:
+        """G, and its derivatives by u, by the numbers of the podium and by those of the motion."""
+        parts = []
+        for start in range(0, len(u), SIDE_BY_SIDE):
+            part = u[start : start + SIDE_BY_SIDE]
+            whole = np.concatenate([part, np.repeat(part[-1:], SIDE_BY_SIDE - len(part), axis=0)])
+            found = _slopes(jnp.asarray(whole), self.podium, self.motion, self.options, self.limit)
+            parts.append(jax.tree.map(lambda y, n=len(part): np.asarray(y)[:n], found))
+        return jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
+
+    def impacts(self, u: np.ndarray) -> np.ndarray:
+        """Impacts in the scenes of the rows of u: before the fall where they fail."""
+        return np.asarray(self._peaks(u).impacts)
+
+
+@jax.jit
+def _records(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
+    count = jnp.full(len(u), motion.n, jnp.int32)
+    start = jnp.zeros(len(u))
+    return Records(motion.acceleration(u), count, jnp.full(len(u), motion.dt), start, jnp.arange(len(u)))
+
+
+def _signed(value, overturned, limit: Limit):
+    """G from what a scene answers: ≤ 0 just where it fails."""
+    if limit.output == "margin":
+        return jnp.where(overturned, jnp.minimum(value, 0.0), jnp.maximum(value, 1e-300))
+    return jnp.where(overturned, jnp.minimum(1 - value / limit.value, 0.0), 1 - value / limit.value)
+
+
+@functools.partial(jax.jit, static_argnames="limit")
+def _slopes(u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit):
+    numbers, rest = eqx.partition((podium, motion), eqx.is_inexact_array)
+
+    def G(u, numbers):
+        podium, motion = eqx.combine(numbers, rest)
+        (floats, _), (integers, _) = solve(podium, motion.record(u), REST, None, options)
+        return _signed(floats[limit.output], integers["overturned"], limit)
+
+    value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
+    return value, (slope, *of_numbers)

@@ -1,0 +1,55 @@
+"""Pictures of risk: hazard, fragility and what each intensity contributes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rockjax._repr import units as written
+
+from ._style import COLOURS, plt, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@styled
+def risk(dataset: xarray.Dataset) -> Figure:
+    """Hazard curve, fragility curve and the density of their product over one axis of intensity.
+
+    `dataset` is from [`rockjax.disaggregation`][].
+    """
+    x, density = dataset["intensity"].values, dataset["density"].values
+    # Where something happens: between the intensities below and above which a thousandth of the frequency
+    # comes from.
+    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
+    low, high = np.interp([1e-3, 1 - 1e-3], mass / mass[-1], x)
+    figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    axes[0].loglog(x, dataset["hazard"], color=COLOURS[0])
+    axes[0].plot(dataset["point"], dataset["given"], "o", ms=4, color=COLOURS[0], label="given points")
+    axes[0].legend(loc="upper right")
+    axes[0].set(ylabel="annual rate of\nexceedance λ [1/year]")
+    inside = (x > 0.5 * low) & (x < 2 * high)
+    rates = dataset["hazard"].values[inside]
+    axes[0].set_ylim(0.5 * rates.min(), 2 * rates.max())
+    axes[1].semilogx(x, dataset["fragility"], color=COLOURS[2])
+    axes[1].set(ylabel="probability of\noverturning F [–]", ylim=(-0.02, 1.02))
+    median, dispersion = dataset.attrs["median"], dataset.attrs["dispersion"]
+    unit = dataset["intensity"].attrs["units"]
+    axes[1].set_title(rf"median {median:.3g} {_written(unit)}, $\beta$ = {dispersion:.2g}", loc="left")
+    axes[2].fill_between(x, density, color=COLOURS[1], alpha=0.3, lw=0)
+    axes[2].semilogx(x, density, color=COLOURS[1])
+    axes[2].set(ylabel="contribution per unit\nof ln(intensity) [–]", ylim=(0, None))
+    frequency = dataset.attrs["frequency_per_year"]
+    axes[2].set_title(rf"$\lambda_f$ = {frequency:.3g} per year, once in {1 / frequency:.3g} years", loc="left")
+    axes[2].set(xlabel=f"{dataset.attrs['measure']} [{_written(unit)}]", xlim=(0.5 * low, 2 * high))
+    for ax in axes:
+        ax.grid(alpha=0.3, which="both")
+    return figure
+
+
+def _written(units: str) -> str:
+    return written(units) or "–"

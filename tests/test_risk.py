@@ -1,0 +1,502 @@
+"""Hazard, annual frequency and Gaussian ground motions against quadrature, closed forms and published
+numbers."""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+from scipy.integrate import quad
+from scipy.stats import norm
+
+import rockjax as rj
+from rockjax._risk import search
+from rockjax._risk.limit_state import OfFunction
+from rockjax._risk.reliability import first_order, starting
+from rockjax._risk.structure import OfStructure, limit_of
+
+POINTS = np.array([0.1, 0.7, 2.0, 5.0])
+RATES = np.array([1e-1, 2e-2, 1e-3, 1e-4])
+HAZARD = rj.Hazard(POINTS, RATES)
+
+
+def by_quadrature(share, breaks=()):
+    """∫ F |dλ| over ln x, piece by piece."""
+    s, log_rate = np.log(POINTS), np.log(RATES)
+    k = -np.diff(log_rate) / np.diff(s)
+
+    def density(y):
+        i = np.clip(np.searchsorted(s, y) - 1, 0, k.size - 1)
+        return k[i] * np.exp(log_rate[i] - k[i] * (y - s[i]))
+
+    ends = np.unique(np.r_[-45.0, s, np.log(np.asarray(breaks, float)), s[-1] + 40])
+    pieces = [
+        quad(lambda y: share(np.exp(y)) * density(y), a, b, epsabs=0, epsrel=1e-12, limit=500)[0]
+        for a, b in itertools.pairwise(ends)
+    ]
+    return sum(pieces)
+
+
+def lognormal(median, dispersion):
+    return lambda x: norm.cdf(np.log(x / median) / dispersion)
+
+
+def fragility(measure="PGA", units="m s-2"):
+    of = {"units": units}
+    return xarray.Dataset(
+        {
+            "median_capacity": ((), 1.5, of),
+            "dispersion": ((), 0.4, {"units": "1"}),
+            "median_sensitivity": ("parameter", [2.0, -0.5]),
+        },
+        coords={"parameter": ["alpha", "gamma"], "at": ("at", np.linspace(0.1, 5, 20), of)},
+        attrs={"kind": "fragility", "measure": measure},
+    )
+
+
+def analysis(share, levels):
+    """An analysis of ten records of which `share` overturn at the levels."""
+    overturned = np.arange(10)[:, None] < np.round(10 * np.asarray(share))[None]
+    return xarray.Dataset(
+        {"overturned": (("record", "intensity"), overturned)},
+        coords={"intensity": ("intensity", np.asarray(levels, float), {"units": "m s-2"})},
+        attrs={"kind": "incremental-dynamic-analysis", "measure": "PGA"},
+    )
+
+
+# The hazard curve.
+
+
+def test_a_hazard_is_linear_in_its_logarithms_and_goes_on_outside():
+    np.testing.assert_allclose(HAZARD(jnp.asarray(POINTS)), RATES, rtol=1e-14)
+    middle = np.sqrt(POINTS[1:] * POINTS[:-1])
+    np.testing.assert_allclose(HAZARD(jnp.asarray(middle)), np.sqrt(RATES[1:] * RATES[:-1]), rtol=1e-14)
+    power = rj.Hazard([1.0, 2.0], [1e-4, 1e-4 * 2**-2.5])
+    np.testing.assert_allclose(power(jnp.asarray([0.01, 300.0])), 1e-4 * np.array([0.01, 300.0]) ** -2.5, rtol=1e-13)
+    np.testing.assert_allclose(HAZARD.intensity_at(HAZARD(jnp.asarray([0.05, 1.1, 9.0]))), [0.05, 1.1, 9.0], rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("points", "rates", "complaint"),
+    [
+        ([1.0, 1.0], [1e-2, 1e-3], "intensity must ascend, got 1 before 1"),
+        ([1.0, 2.0], [1e-3, 1e-2], "must not increase with the intensity, got 0.001 before 0.01"),
+        ([0.0, 2.0], [1e-2, 1e-3], "intensity must be finite and > 0, got intensity = 0.0"),
+        ([1.0, 2.0], [1e-2, 0.0], "annual_rate must be finite and > 0"),
+        ([1.0], [1e-2], "of one length ≥ 2"),
+        ([1.0, 2.0], [1e-2, 1e-3, 1e-4], "of one length ≥ 2"),
+        ([1.0, np.nan], [1e-2, 1e-3], "intensity must be finite"),
+    ],
+)
+def test_hazards_that_make_no_sense_are_refused(points, rates, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        rj.Hazard(points, rates)
+
+
+# The annual frequency.
+
+
+def test_the_published_number():
+    x = np.geomspace(0.1, 10, 4)
+    found = rj.annual_frequency(rj.Lognormal(3.5, 0.4), rj.Hazard(x, 1e-4 * x**-2.5))
+    assert float(found.frequency) == pytest.approx(7.194110928567293e-6, rel=1e-13)
+    assert float(found.return_period) == pytest.approx(1 / 7.194110928567293e-6, rel=1e-13)
+    assert float(found.probability(50.0)) == pytest.approx(-np.expm1(-50 * 7.194110928567293e-6), rel=1e-13)
+    # λ_f = k₀ m^(−k) e^(k²β²/2): d ln λ_f/d ln m = −k, d ln λ_f/dβ = k²β
+    assert float(found.sensitivities["median"]) == pytest.approx(-2.5, rel=1e-12)
+    assert float(found.sensitivities["dispersion"]) == pytest.approx(2.5, rel=1e-12)
+
+
+@pytest.mark.parametrize(("median", "dispersion"), [(1.5, 0.4), (30.0, 0.2), (0.03, 0.5), (1.5, 1e-3), (2.0, 2.5)])
+def test_the_closed_form_is_the_integral(median, dispersion):
+    found = rj.annual_frequency(rj.Lognormal(median, dispersion), HAZARD)
+    breaks = median * np.exp(dispersion * np.array([-8, -3, 0, 3, 8]))
+    expected = by_quadrature(lognormal(median, dispersion), breaks)
+    assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_flat_segment_contributes_nothing():
+    flat = rj.Hazard([0.1, 1.0, 2.0, 5.0], [1e-2, 1e-3, 1e-3, 1e-4])
+    steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
+    assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
+    ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
+    found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)  # what is exceeded for ever is never reached by anything more
+    assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_derivatives_agree_with_finite_differences():
+    def log_frequency(log_median, dispersion):
+        return jnp.log(rj.annual_frequency(rj.Lognormal(jnp.exp(log_median), dispersion), HAZARD).frequency)
+
+    at, h = (np.log(1.5), 0.4), 1e-4
+    found = rj.annual_frequency(rj.Lognormal(1.5, 0.4), HAZARD).sensitivities
+    for k, name in enumerate(("median", "dispersion")):
+        moved = [np.array(at) + s * h * np.eye(2)[k] for s in (-2, -1, 1, 2)]
+        a, b, c, d = (float(log_frequency(*y)) for y in moved)
+        difference = (a - 8 * b + 8 * c - d) / (12 * h)
+        assert float(found[name]) == pytest.approx(difference, rel=1e-8)
+        assert float(jax.grad(log_frequency, k)(*at)) == pytest.approx(float(found[name]), rel=1e-12)
+        assert float(jax.jacfwd(log_frequency, k)(*at)) == pytest.approx(float(found[name]), rel=1e-12)
+
+
+def test_numbers_of_the_structure_act_through_the_median():
+    found = rj.annual_frequency(fragility(), HAZARD)
+    slope = float(found.sensitivities["median"])
+    assert found.sensitivities["alpha"] == pytest.approx(2 * slope)
+    assert found.sensitivities["gamma"] == pytest.approx(-0.5 * slope)
+    assert float(found.frequency) == pytest.approx(float(rj.annual_frequency(rj.Lognormal(1.5, 0.4), HAZARD).frequency))
+
+
+def test_what_lies_outside_the_points_is_said():
+    found = rj.annual_frequency(rj.Lognormal(30.0, 0.2), HAZARD)
+    assert float(found.extrapolated) == pytest.approx(1.0)
+    assert "100% of it from beyond the given points" in repr(found)
+    inside = rj.annual_frequency(rj.Lognormal(1.5, 0.2), HAZARD)
+    assert float(inside.extrapolated) < 0.05
+    assert "beyond" not in repr(inside)
+
+
+def test_counted_shares_are_integrated_as_they_are():
+    # With a window of survival: the share falls again.
+    levels, share = [0.3, 1.0, 2.0, 3.0, 8.0], [0, 0.2, 0.7, 0.4, 0.9]
+    found = rj.annual_frequency(analysis(share, levels), HAZARD)
+    expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
+    assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
+    above = 0.9 * float(HAZARD(jnp.asarray(8.0)))  # beyond the levels …
+    between = by_quadrature(lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels)  # … or the points
+    assert float(found.extrapolated) == pytest.approx((above + between) / expected, rel=1e-8)
+    with pytest.raises(ValueError, match="20% of the records overturn at the lowest level, 1"):
+        rj.annual_frequency(analysis(share[1:], levels[1:]), HAZARD)
+
+
+def test_measures_and_units_must_match():
+    with pytest.raises(ValueError, match=r"the fragility is over Sa.* the hazard over PGA"):
+        rj.annual_frequency(fragility("Sa(1 s)"), HAZARD)
+    in_g = rj.Hazard(POINTS / 9.80665, RATES, units="g")
+    with pytest.raises(ValueError, match=r"in 'm s-2', the hazard in 'g'; convert it with hazard.in_si"):
+        rj.annual_frequency(fragility(), in_g)
+    converted = rj.annual_frequency(fragility(), in_g.in_si()).frequency
+    assert float(converted) == pytest.approx(float(rj.annual_frequency(fragility(), HAZARD).frequency), rel=1e-12)
+    for curve, complaint in (
+        (rj.Lognormal(-1.0, 0.4), "median must be finite and > 0"),
+        (rj.Lognormal(1.0, 0.0), "dispersion must be finite and > 0"),
+        (np.ones(3), "curve must be a rockjax.Lognormal"),
+    ):
+        with pytest.raises(ValueError, match=complaint):
+            rj.annual_frequency(curve, HAZARD)
+
+
+def test_the_disaggregation_is_a_density():
+    found = rj.disaggregation(rj.Lognormal(1.5, 0.4), HAZARD, at=np.geomspace(0.01, 60, 4001))
+    assert np.trapezoid(found["density"], np.log(found["intensity"])) == pytest.approx(1, abs=1e-3)
+
+
+# Files.
+
+
+def test_hazards_in_two_columns(tmp_path):
+    path = tmp_path / "site.csv"
+    path.write_text("PGA [g],annual_rate\n0.1,1e-2\n0.5,1e-3\n")
+    found = rj.Hazard.from_file(path)
+    np.testing.assert_allclose(found.intensity, np.array([0.1, 0.5]) * 9.80665)
+    assert (found.measure, found.units) == ("PGA", "m s-2")
+    path.write_text("0.1,1e-2\n0.5,1e-3\n")
+    with pytest.raises(ValueError, match="header that names the measure and its unit"):
+        rj.Hazard.from_file(path)
+    path.write_text("PGA [furlong],annual_rate\n0.1,1e-2\n0.5,1e-3\n")
+    with pytest.raises(ValueError, match="units 'furlong' of PGA are unknown"):
+        rj.Hazard.from_file(path)
+
+
+OPENQUAKE = """#,,,,,"generated_by='OpenQuake 3.16', kind='mean', investigation_time=50.0, imt='SA(0.5)'"
+lon,lat,depth,poe-0.0500000,poe-0.1000000,poe-0.4000000,poe-2.0000000
+10.1,45.2,0.0,9.0E-01,5.0E-01,1.0E-02,0.0E+00
+11.1,45.2,0.0,1.0E+00,6.0E-01,2.0E-02,1.0E-04
+"""
+
+
+def test_hazards_of_openquake(tmp_path):
+    path = tmp_path / "hazard_curve-mean.csv"
+    path.write_text(OPENQUAKE)
+    with pytest.raises(ValueError, match="curves of 2 sites; choose one with site=0"):
+        rj.Hazard.from_file(path)
+    first, second = (rj.Hazard.from_file(path, site=k) for k in (0, 1))
+    np.testing.assert_allclose(first.annual_rate, -np.log([0.1, 0.5, 0.99]) / 50)
+    np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)  # certain points say nothing
+    assert first.measure == "Sa(0.5 s)"
+
+
+def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
+    path = rj.write_fragility_model(tmp_path / "model.xml", [fragility(), fragility()], names=["a", "b"])
+    text = path.read_text()
+    mean = float(1.5 / 9.80665 * np.exp(0.08))
+    assert f'mean="{mean!r}"' in text
+    assert 'imt="PGA"' in text
+    found = rj.read_fragility_model(path)
+    assert list(found) == ["a", "b"]
+    again = found["b"]
+    assert float(again["median_capacity"]) == pytest.approx(1.5, rel=1e-14)
+    assert float(again["dispersion"]) == pytest.approx(0.4, rel=1e-14)
+    expected = float(rj.annual_frequency(fragility(), HAZARD).frequency)
+    assert float(rj.annual_frequency(again, HAZARD).frequency) == pytest.approx(expected, rel=1e-12)
+    (tmp_path / "no.xml").write_text("<nrml/>")
+    with pytest.raises(ValueError, match="holds no fragilityModel"):
+        rj.read_fragility_model(tmp_path / "no.xml")
+    with pytest.raises(ValueError, match="OpenQuake has no intensity measure 'scale'"):
+        rj.write_fragility_model(tmp_path / "x.xml", fragility("scale", "1"))
+
+
+# Gaussian ground motions.
+
+MOTION = rj.GaussianMotion(601, 0.02, 0.01)
+
+
+def test_the_map_has_the_known_entries():
+    one = MOTION.acceleration(jnp.zeros(601).at[100].set(1.0))
+    assert float(one[101]) == pytest.approx(0.5873645662598321, rel=1e-13)
+    assert float(one[150]) == pytest.approx(-0.01665145486809714, rel=1e-12)
+    assert not np.any(one[:101])
+
+
+def test_its_spread_is_exact():
+    spread = MOTION.standard_deviation()
+    assert float(spread[200]) == pytest.approx(0.96681, abs=5e-6)
+    _, transpose = jax.vjp(MOTION.acceleration, jnp.zeros(601))
+    (row,) = transpose(jnp.zeros(601).at[200].set(1.0))
+    assert float(jnp.linalg.norm(row)) == pytest.approx(float(spread[200]), rel=1e-12)
+    long = rj.GaussianMotion(4001, 0.02, 0.01, envelope=lambda t: jnp.ones_like(t))
+    assert float(long.standard_deviation()[-1]) == pytest.approx(0.96899, rel=2e-3)  # of noise held over dt
+
+
+def test_motions_are_linear_repeatable_and_batched():
+    u = MOTION.samples(4, seed=3)
+    motions = MOTION.acceleration(u)
+    np.testing.assert_allclose(MOTION.acceleration(2 * u[0] - u[1]), 2 * motions[0] - motions[1], atol=1e-12)
+    np.testing.assert_allclose(MOTION.scaled(1.7).acceleration(u[2]), 1.7 * motions[2], rtol=1e-12)
+    np.testing.assert_array_equal(MOTION.samples(4, seed=3), u)
+    assert MOTION.record(u).acceleration.shape == (4, 601)
+
+
+def test_derivatives_of_the_map():
+    u = MOTION.samples(1, seed=5)[0]
+
+    def energy(motion):
+        return jnp.sum(motion.acceleration(u) ** 2)
+
+    slopes = jax.grad(energy)(MOTION)
+    assert float(slopes.S_0) == pytest.approx(float(energy(MOTION)) / 0.01, rel=1e-12)
+    h = 1e-5
+    for name in ("omega_g", "zeta_g", "omega_f", "zeta_f"):
+        y = float(getattr(MOTION, name))
+        up, down = (energy(rj.GaussianMotion(601, 0.02, 0.01, **{name: y * (1 + s * h)})) for s in (1, -1))
+        assert float(getattr(slopes, name)) == pytest.approx(float(up - down) / (2 * h * y), rel=1e-6)
+
+
+def test_a_random_pulse_on_top():
+    pulse = rj.RandomPulse(rj.Lognormal(0.4, 0.3), rj.Lognormal(1.2, 0.2), centre=4.0)
+    motion = rj.GaussianMotion(601, 0.02, 0.01, pulse=pulse)
+    assert motion.dimension == 604
+    quiet = jnp.zeros(604)
+    expected = rj.MavroeidisPapageorgiou(0.4, 1 / 1.2, 2.0, np.pi)
+    t = np.asarray(motion.t) - 4.0
+    np.testing.assert_allclose(motion.acceleration(quiet), expected(t), atol=1e-12)
+    louder = motion.acceleration(quiet.at[601].set(1.0))
+    np.testing.assert_allclose(louder, np.exp(0.3) * np.asarray(motion.acceleration(quiet)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "complaint"),
+    [
+        ({"n": 1}, "n must be a whole number >= 2"),
+        ({"n": 10.0}, "n must be a whole number >= 2"),
+        ({"S_0": 0.0}, "S_0 must be finite and > 0"),
+        ({"dt": -0.1}, "dt must be finite and > 0"),
+        ({"omega_f": np.nan}, "omega_f must be finite and > 0"),
+        ({"envelope": 1.0}, "envelope must be a function of time"),
+    ],
+)
+def test_gaussian_motions_that_make_no_sense_are_refused(numbers, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        rj.GaussianMotion(**({"n": 101, "dt": 0.02, "S_0": 0.01} | numbers))
+    with pytest.raises(ValueError, match=r"u must have shape \(…, 601\)"):
+        MOTION.acceleration(jnp.zeros(600))
+
+
+# Reliability: limit states with known answers.
+
+ROOT2 = np.sqrt(2.0)
+
+
+def resistance_and_load(u):
+    return (200 + 10 * u[0]) - (100 + 20 * u[1])
+
+
+def parabola(x):
+    return 2.5 - (x[0] + x[1]) / ROOT2 + 0.1 * (x[0] - x[1]) ** 2
+
+
+def four_branches(x):
+    bend = 3 + 0.1 * (x[0] - x[1]) ** 2
+    along, across = (x[0] + x[1]) / ROOT2, x[0] - x[1]
+    return jnp.min(jnp.stack([bend - along, bend + along, across + 7 / ROOT2, 7 / ROOT2 - across]))
+
+
+DIRECTION = np.random.default_rng(1).standard_normal(300)
+
+
+def plane(u):
+    return 3.5 - jnp.asarray(DIRECTION / np.linalg.norm(DIRECTION)) @ u
+
+
+KNOWN = {
+    "resistance and load": (resistance_and_load, 2, 3.872108215522042e-6),
+    "parabola": (parabola, 2, 4.207305511299618e-3),
+    "four branches": (four_branches, 2, 2.222795066194432e-3),
+    "plane": (plane, 300, norm.cdf(-3.5)),
+}
+
+
+def test_design_points_of_known_limit_states():
+    limit = OfFunction(resistance_and_load, 2)
+    (u,), _, (beta,), (aligned,) = search.design_points(limit, np.eye(2))
+    assert beta == pytest.approx(4.47213595499958, rel=1e-12)
+    np.testing.assert_allclose(np.array([200, 100]) + np.array([10, 20]) * u, [180, 180], rtol=1e-9)
+    assert aligned
+    limit = OfFunction(plane, 300)
+    found = search.design_points(limit, np.random.default_rng(0).standard_normal((2, 300)))
+    np.testing.assert_allclose(found.u[0], 3.5 * DIRECTION / np.linalg.norm(DIRECTION), atol=1e-9)
+    limit = OfFunction(four_branches, 2)
+    found = search.design_points(limit, starting(limit, 16, 0))
+    np.testing.assert_allclose(found.beta, [3, 3, 3.5, 3.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["importance", "line", "subset"])
+@pytest.mark.parametrize("name", KNOWN)
+def test_probabilities_of_known_limit_states(name, method):
+    G, dimension, truth = KNOWN[name]
+    found = rj.reliability(G, dimension, method=method, seed=4)
+    assert found.converged
+    assert found.standard_error <= 0.1 * found.probability
+    # Three standard errors; subset simulation has a bias besides.
+    assert abs(found.probability - truth) < 3 * found.standard_error + 1e-6 * truth
+    assert rj.reliability(G, dimension, method=method, seed=4).probability == found.probability
+
+
+def test_monte_carlo_and_its_interval():
+    found = rj.reliability(parabola, 2, method="monte-carlo", cov=0.2, seed=1)
+    low, high = found.interval
+    assert low < KNOWN["parabola"][2] < high
+    assert found.effective_sample_size == round(found.probability * found.scenes)
+
+
+def test_first_order_beside_the_sampled_probability():
+    plane_found = rj.reliability(plane, 300)
+    assert plane_found.first_order == pytest.approx(norm.cdf(-3.5), rel=1e-9)
+    assert not plane_found.disagrees
+    bent = rj.reliability(lambda x: 2.5 - x[0] + 2.0 * x[1] ** 2, 2)
+    assert bent.first_order > 1.5 * bent.probability
+    assert bent.disagrees
+    assert "disagrees" in repr(bent)
+
+
+def test_two_planes_are_added_up_exactly():
+    # P(x > a or y > b) of correlated normal numbers, against quadrature.
+    u = np.array([[2.0, 0.0], [1.2, 1.6]])
+    found = search.Found(u, u / 2, np.array([2.0, 2.0]), np.array([True, True]))
+    both = quad(lambda x: norm.pdf(x) * norm.sf((2 - 0.6 * x) / 0.8), 2, 12, epsrel=1e-12)[0]
+    assert first_order(found) == pytest.approx(2 * norm.sf(2) - both, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (
+            {"method": "form"},
+            "method must be one of 'importance', 'line', .*, got 'form'",
+        ),
+        ({"cov": 0}, "cov must be in"),
+        ({"seed": -1}, "seed must be a whole number >= 0"),
+        ({"starts": 0}, "starts must be a whole number >= 1"),
+        ({"dimension": 0}, "dimension must be a whole number >= 1"),
+        ({"G": 1.0}, "G must be a function of u"),
+        ({"G": lambda u: u[0] - 1}, "has failed at u = 0 already"),
+        ({"G": lambda u: 20 - u[0]}, "no failure was found within 9 standard deviations"),
+        ({"G": lambda u: jnp.log(u[0] - 10)}, "G is not a number at a point"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(arguments, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        rj.reliability(**({"G": parabola, "dimension": 2} | arguments))
+
+
+def test_ctrl_c_keeps_what_is_known(monkeypatch):
+    values, calls = OfFunction.values, []
+
+    def stopped(self, u):
+        calls.append(len(u))
+        if len(calls) > 12:
+            raise KeyboardInterrupt
+        return values(self, u)
+
+    monkeypatch.setattr(OfFunction, "values", stopped)
+    with pytest.raises(rj.Interrupted) as caught:
+        rj.reliability(parabola, 2, method="monte-carlo", cov=0.001)
+    assert caught.value.partial.probability > 0
+    assert not caught.value.partial.converged
+
+
+# Rocking structures: one block, and a frame that rocks alike.
+
+NOISE = rj.GaussianMotion(121, 0.04, 0.02)
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+
+
+@pytest.mark.slow
+def test_the_limit_state_of_a_block():
+    limit = OfStructure(BLOCK, NOISE, limit_of("test", "overturning", BLOCK))
+    u = NOISE.samples(40, seed=2)
+    value = limit.values(np.asarray(u))
+    records = [NOISE.record(row) for row in u]
+    options = rj.Options(outputs=("margin",), rtol=1e-11, atol=1e-13)
+    for k in (0, 17, 39):
+        expected = rj.peak_response(BLOCK, records[k], options=options)
+        assert value[k] == pytest.approx(float(expected.margin), abs=1e-7)
+        assert (value[k] <= 0) == bool(expected.overturned)
+    np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # to either side alike
+    # Its derivative, by a sample and by the numbers of structure and ground.
+    near = np.asarray(u[:8]) * 0.9
+    value, (slope, of_podium, of_motion) = limit.with_sensitivities(near)
+    best = int(np.argmin(np.abs(value - 0.5)))
+    along, h = np.random.default_rng(3).standard_normal(limit.dimension), 1e-5
+    up, down = limit.values(np.stack([near[best] + h * along, near[best] - h * along]))
+    assert slope[best] @ along == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-7)
+    for name, whole, exact in (("alpha", BLOCK, of_podium.alpha), ("S_0", NOISE, of_motion.S_0)):
+        y = float(getattr(whole, name))
+        moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
+        pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]
+        up, down = (OfStructure(p, m, limit.limit).values(near[best : best + 1])[0] for p, m in pairs)
+        assert float(exact[best]) == pytest.approx((up - down) / (2 * h * y), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_probabilities_of_a_block():
+    subset = rj.failure_probability(BLOCK, NOISE, method="subset", cov=0.2, seed=1)
+    counted = rj.failure_probability(BLOCK, NOISE, method="monte-carlo", cov=0.2, seed=1)
+    error = np.hypot(subset.standard_error, counted.standard_error)
+    assert abs(subset.probability - counted.probability) < 3 * error
+
+
+def test_limits_that_a_structure_has_not_are_refused():
+    for limit, complaint in (
+        ("falling", "limit must be 'overturning' or one of"),
+        (("shear", 0.2), "is of a superstructure, and this podium has none"),
+        (("rotation", 1.0), "'rotation' must be < 1"),
+        (("rotation", -0.1), "must be finite and > 0"),
+    ):
+        with pytest.raises(ValueError, match=complaint):
+            rj.failure_probability(BLOCK, NOISE, limit=limit)
+    with pytest.raises(ValueError, match=r"motion must be a rockjax.GaussianMotion, got Ricker"):
+        rj.failure_probability(BLOCK, rj.Ricker(1.0, 1.0))
