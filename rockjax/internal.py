@@ -2,13 +2,13 @@
 
 from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY
-from ._boundaries.verdict import has_margin
+from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
-from ._problem_keys import whole as whole_kind
+from ._problem_keys import whole as whole_number
 from ._progress import bar
 from ._repr import readable
 from ._responses.datasets import describe_options
@@ -17,6 +17,7 @@ from ._tables import html, lines
 
 __all__ = [
     "BOUNDARY",
+    "NARROWEST",
     "POSITIVE",
     "TEXT",
     "TRUTH",
@@ -44,7 +45,7 @@ __all__ = [
     "shown",
     "single",
     "whole",
-    "whole_kind",
+    "whole_number",
     "write_figure",
     "write_whole",
 ]
