@@ -1,10 +1,10 @@
 """The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between segments.
 
 A cross-check for the flat engine and a home for any Diffrax solver. It shares the equations, the guard, the impact map,
-the certificate and the leap of rigid scenes with it, and mends what an event alone gets wrong: the root on the
-interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard that was
-broken and mended between the ends of a step is found on a dense sample, and the segment cut there; a segment that
-starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not interpolated.
+the certificate and the direct way of rigid scenes to the next uplift with it, and corrects what an event alone gets wrong:
+the root on the interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard
+that was broken and met again between the ends of a step is found on a dense sample, and the segment cut there; a segment
+that starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not interpolated.
 """
 
 from __future__ import annotations
@@ -20,49 +20,53 @@ from rockjax._types import Value, Vector
 
 from .flat import Nodes, blank_nodes, closed, runs
 from .model import acceleration, beam, shear, uplift_demand
-from .scene import Lane, Plan, Scene, after_impact, contact_mode
+from .scene import LoopState, Plan, Scene, after_impact, contact_mode
 from .settled import certificate
-from .step import leap
+from .step import advance_to_uplift
 
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
 
 
-def run_segments(scene: Scene, how: Plan, lane: Lane, options: Options, capacity: int | None) -> tuple[Lane, Nodes | None]:
-    """The lane at its end and, if `capacity` is given, its accepted steps on the way."""
+def run_segments(
+    scene: Scene, plan: Plan, state: LoopState, options: Options, capacity: int | None
+) -> tuple[LoopState, Nodes | None]:
+    """The state at its end and, if `capacity` is given, its accepted steps on the way."""
     nodes = None
     if capacity is not None:
-        nodes = blank_nodes(lane, capacity)
-        nodes = _keep(nodes, lane, jnp.full((1,), lane.t), tuple(y[None] for y in lane.x), tuple(y[None] for y in lane.v))
+        nodes = blank_nodes(state, capacity)
+        nodes = _keep(
+            nodes, state, jnp.full((1,), state.t), tuple(y[None] for y in state.x), tuple(y[None] for y in state.v)
+        )
 
     def running(carry):
-        lane, _ = carry
-        return runs(lane, options.max_steps)
+        state, _ = carry
+        return runs(state, options.max_steps)
 
     def body(carry):
-        lane, nodes = carry
-        if how.elastic:
-            return _segment(scene, how, options, lane, nodes)
+        state, nodes = carry
+        if plan.elastic:
+            return _segment(scene, plan, options, state, nodes)
 
         def leaps(carry):
-            lane, nodes = carry
-            lane, _ = leap(scene, how, lane)
+            state, nodes = carry
+            state, _ = advance_to_uplift(scene, plan, state)
             if nodes is not None:
-                one = (lane.t[None], tuple(y[None] for y in lane.x), tuple(y[None] for y in lane.v))
-                nodes = _keep(nodes, lane, *one)
-            return lane, nodes
+                one = (state.t[None], tuple(y[None] for y in state.x), tuple(y[None] for y in state.v))
+                nodes = _keep(nodes, state, *one)
+            return state, nodes
 
-        return jax.lax.cond(lane.sigma == 0, leaps, lambda c: _segment(scene, how, options, *c), (lane, nodes))
+        return jax.lax.cond(state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes))
 
-    lane, nodes = jax.lax.while_loop(running, body, (lane, nodes))
-    code = closed(lane).code
+    state, nodes = jax.lax.while_loop(running, body, (state, nodes))
+    code = closed(state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
-    return lane._replace(code=code), nodes
+    return state._replace(code=code), nodes
 
 
-def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
+def _keep(nodes: Nodes, state: LoopState, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid) - 1, nodes.t.shape[0])
@@ -74,19 +78,19 @@ def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piec
         t=put(nodes.t, ts),
         x=tuple(put(s, y) for s, y in zip(nodes.x, xs, strict=True)),
         v=tuple(put(s, y) for s, y in zip(nodes.v, vs, strict=True)),
-        sigma=put(nodes.sigma, lane.sigma if sigma is None else sigma),
-        piece=put(nodes.piece, lane.piece if piece is None else piece),
+        sigma=put(nodes.sigma, state.sigma if sigma is None else sigma),
+        piece=put(nodes.piece, state.piece if piece is None else piece),
         impact_time=put(nodes.impact_time, jnp.nan if impact_time is None else impact_time),
         used=nodes.used + jnp.sum(valid, dtype=jnp.int32),
     )
 
 
-def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes | None):
-    c, sigma, t0 = scene.c, lane.sigma, lane.t
+def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
+    c, sigma, t0 = scene.c, state.sigma, state.t
     rocking = sigma != 0
-    ground = scene.excitation.piece(lane.piece)
+    ground = scene.excitation.piece(state.piece)
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
-    if how.elastic:
+    if plan.elastic:
         sway = c.two_R * c.sin_alpha
         x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.omega2)))
     units: State2 = (x_unit, v_unit)
@@ -109,14 +113,14 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         """Positive inside the mode, as in the flat engine."""
         angle = sigma * x[0]
         lift = c.uplift - jnp.abs(uplift_demand(c, ground(t), x, v))
-        return jnp.where(rocking, jnp.minimum(angle, scene.topple - angle), lift)
+        return jnp.where(rocking, jnp.minimum(angle, scene.overturn_angle - angle), lift)
 
-    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(lane.piece), scene.end), lane.cut)
-    start = scaled((lane.x, lane.v))
-    a0 = rates(t0, lane.x, lane.v)
-    fresh = rocking & (lane.x[0] == 0)
-    returns = fresh & (lane.v[0] * a0[0] < 0)
-    hop = jnp.where(returns, -0.5 * lane.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
+    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(state.piece), scene.end), state.cut)
+    start = scaled((state.x, state.v))
+    a0 = rates(t0, state.x, state.v)
+    fresh = rocking & (state.x[0] == 0)
+    returns = fresh & (state.v[0] * a0[0] < 0)
+    hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
     first = jnp.minimum(jnp.minimum(0.05 * scene.longest_excited, hop), stop - t0)
     controller = diffrax.PIDController(
         rtol=scene.rtol, atol=scene.atol, dtmax=jnp.where(t0 < scene.quiet, scene.longest_excited, scene.longest) / 4
@@ -188,8 +192,8 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
     falling = sigma * v[0] < 0
     hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
 
-    # The automaton's arrows.
-    piece = lane.piece + (ended >= scene.excitation.breakpoint(lane.piece))
+    # The transitions of the automaton.
+    piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece))
     ground_now = scene.excitation.piece(piece)(ended)
     speed = jnp.abs(v[0])
     side = jnp.sign(uplift_demand(c, ground(ended), x, v))
@@ -228,56 +232,56 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         best = jax.lax.cond(worth & inside, lambda: jnp.abs(quantity(at, *solve_to(at))), lambda: values[k])
         return best, at
 
-    tip, tip_time = peak_of(lambda t, x, v: sigma * x[0], lane.peak)
-    tip, tip_time = (
-        jnp.where(toppled, scene.topple, jnp.minimum(tip, scene.topple)),
-        jnp.where(toppled, ended, tip_time),
+    step_peak, step_peak_time = peak_of(lambda t, x, v: sigma * x[0], state.peak)
+    step_peak, step_peak_time = (
+        jnp.where(toppled, scene.overturn_angle, jnp.minimum(step_peak, scene.overturn_angle)),
+        jnp.where(toppled, ended, step_peak_time),
     )
-    raises = rocking & (tip > lane.peak)
-    deformation, force = lane.deformation, lane.shear
-    if how.deformation:
-        value, _ = peak_of(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], lane.deformation)
-        deformation = jnp.maximum(lane.deformation, value)
-    if how.shear:
-        value, _ = peak_of(lambda t, x, v: shear(c, sigma, ground(t), x, v, rates(t, x, v)), lane.shear)
-        force = jnp.maximum(lane.shear, value)
+    raises = rocking & (step_peak > state.peak)
+    deformation, force = state.deformation, state.shear
+    if plan.deformation:
+        value, _ = peak_of(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], state.deformation)
+        deformation = jnp.maximum(state.deformation, value)
+    if plan.shear:
+        value, _ = peak_of(lambda t, x, v: shear(c, sigma, ground(t), x, v, rates(t, x, v)), state.shear)
+        force = jnp.maximum(state.shear, value)
     starts = ~rocking & (mode != 0)
-    advanced = lane._replace(
+    advanced = state._replace(
         t=ended,
-        mark=ended,
+        event_time=ended,
         x=x,
         v=v,
         sigma=mode,
-        piece=piece.astype(lane.piece.dtype),
+        piece=piece.astype(state.piece.dtype),
         cut=jnp.full_like(ended, jnp.inf),
-        peak=jnp.where(raises, tip, lane.peak),
-        peak_time=jnp.where(raises, tip_time, lane.peak_time),
+        peak=jnp.where(raises, step_peak, state.peak),
+        peak_time=jnp.where(raises, step_peak_time, state.peak_time),
         deformation=deformation,
         shear=force,
-        uplifted=lane.uplifted | starts,
-        uplift_time=jnp.where(starts & ~lane.uplifted, ended, lane.uplift_time),
-        overturn_time=jnp.where(toppled, ended, lane.overturn_time),
-        impacts=lane.impacts + hit,
-        slowest=jnp.where(hit, jnp.minimum(lane.slowest, speed), lane.slowest),
-        slowest_before_peak=jnp.where(raises, lane.slowest, lane.slowest_before_peak),
-        steps=lane.steps + jnp.maximum(count, 1).astype(lane.steps.dtype),
-        rejected=lane.rejected + solution.stats["num_rejected_steps"].astype(lane.steps.dtype),
+        uplifted=state.uplifted | starts,
+        uplift_time=jnp.where(starts & ~state.uplifted, ended, state.uplift_time),
+        overturn_time=jnp.where(toppled, ended, state.overturn_time),
+        impacts=state.impacts + hit,
+        slowest=jnp.where(hit, jnp.minimum(state.slowest, speed), state.slowest),
+        slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        steps=state.steps + jnp.maximum(count, 1).astype(state.steps.dtype),
+        rejected=state.rejected + solution.stats["num_rejected_steps"].astype(state.steps.dtype),
     )
     code = jnp.where(ended >= scene.end, results.END_OF_TIME, results.RUNNING)
-    if not how.to_the_end:
-        code = jnp.where(certificate(scene, how, advanced, piece, ground_now), results.SETTLED, code)
+    if not plan.to_the_end:
+        code = jnp.where(certificate(scene, plan, advanced, piece, ground_now), results.SETTLED, code)
     code = jnp.where(toppled, results.OVERTURNED, code)
-    advanced = advanced._replace(code=jnp.where(finite, code, results.NOT_FINITE).astype(lane.code.dtype))
-    again = lane._replace(cut=cut, rejected=lane.rejected + jnp.maximum(count, 1).astype(lane.steps.dtype))
+    advanced = advanced._replace(code=jnp.where(finite, code, results.NOT_FINITE).astype(state.code.dtype))
+    again = state._replace(cut=cut, rejected=state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype))
     after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
     if nodes is not None:
         # The solver's own steps, short of the end, then the end itself.
         inner = jnp.where((solution.ts < ended) & (solution.ts > t0) & ~missed, solution.ts, jnp.inf)
         xs, vs = jax.vmap(natural)(solution.ys)
-        nodes = _keep(nodes, lane, inner, xs, vs)
+        nodes = _keep(nodes, state, inner, xs, vs)
         end = jnp.where(missed, jnp.inf, ended)[None]
         at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
-        nodes = _keep(nodes, lane, end, *at_end, mode, advanced.piece, jnp.where(hit, ended, jnp.nan))
+        nodes = _keep(nodes, state, end, *at_end, mode, advanced.piece, jnp.where(hit, ended, jnp.nan))
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
-        after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(lane.code.dtype))
+        after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype))
     return after, nodes
