@@ -10,8 +10,8 @@ import numpy as np
 import optax
 
 import rockjax as rj
-from rockjax._checks import of_kind, shown, single, whole
-from rockjax._progress import bar as bar_of
+from rockjax.internal import bar as bar_of
+from rockjax.internal import of_kind, shown, single, whole
 
 from ._answer import Design, Effort, Found, answer_of
 from ._descent import End, Evaluation, Iterate, Rules, descend, prepared

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._programs.program import KeptProgram
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
@@ -72,7 +74,7 @@ def problem_of(varied: Variables, objective: AbstractObjective | None, targets: 
     return DesignProblem(varied, stripped[-1], tuple(stripped[:-1]), tuple(suites), tuple(uses), wanted, scenes)
 
 
-@eqx.filter_jit
+@functools.partial(KeptProgram, arrays_only=True)
 def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """(values, margins of every target), their Jacobians, and the values again, of all points."""
 

@@ -16,9 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._boundaries.verdict import NARROWEST
-from rockjax._checks import concrete
-from rockjax._studies.lognormal import fit_capacities
+from rockjax.internal import NARROWEST, concrete, fit_capacities
 
 from ._suite import Margins, Suite
 

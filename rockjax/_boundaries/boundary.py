@@ -25,6 +25,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import as_float, require
+from rockjax._engine.derivatives import known
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
@@ -184,7 +185,9 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         first = search(*primals)
         live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
         moving = [tangent for tangent, moves in zip(tangents, live, strict=True) if moves]
-        change = _implicit(list(primals), moving, first.scale, structure, live, margin)
+        # Where all numbers are known, the slopes of a scene come from programs that are kept.
+        change_of = _implicit if all(map(known, primals)) else _implicit_in_program
+        change = change_of(list(primals), moving, first.scale, structure, live, margin)
         none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = jnp.zeros_like(first.scale)
         return first, First(change, zero, zero, none)
@@ -276,7 +279,6 @@ def _in_program(leaves, structure, margin: bool) -> First:
     return first_boundary(row, limit, SPACING * width * limit)
 
 
-@functools.partial(jax.jit, static_argnames=("structure", "live", "margin"))
 def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
     """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
     found = jnp.isfinite(scale)
@@ -300,3 +302,6 @@ def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: 
     usable = found & (slope != 0) & jnp.isfinite(slope)
     weight = jnp.where(usable, -1 / jnp.where(usable, slope, 1.0), 0.0)
     return weight * jnp.where(usable, change, 0.0)
+
+
+_implicit_in_program = jax.jit(_implicit, static_argnames=("structure", "live", "margin"))
