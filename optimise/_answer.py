@@ -12,6 +12,7 @@ import numpy as np
 
 import rockjax as rj
 from rockjax import _tables
+from rockjax._checks import of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -98,8 +99,13 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     return headline, variables, targets
 
 
+def check_design(owner: str, design) -> None:
+    of_kind(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
+
+
 def table(design: Design) -> str:
     """The design in lines: variables, targets with their worst margins and prices, what it took."""
+    check_design("table", design)
     headline, variables, targets = _account(design)
     lines = [f"Design: {headline}"]
     for rows in (variables, targets):

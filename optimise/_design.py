@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import optax
 
 import rockjax as rj
+from rockjax._checks import of_kind, shown, single, whole
 from rockjax._progress import bar as bar_of
 
 from ._answer import Design, Effort, Found, answer_of
@@ -64,7 +65,12 @@ def design(
     began = time.perf_counter()
     chosen = method_of(method)
     max_iterations = chosen.max_iterations if max_iterations is None else max_iterations
-    targets = (targets,) if isinstance(targets, AbstractTarget) else tuple(targets)
+    of_kind("design", "options", options, rj.Options, "rockjax.Options")
+    targets = (targets,) if isinstance(targets, AbstractTarget) else targets
+    if isinstance(targets, str) or not isinstance(targets, Iterable):
+        raise ValueError(f"design: targets must be targets such as optimise.PeakRotation, got {shown(targets)}")
+    targets = tuple(targets)
+    whole("design", "seed", seed, 0)
     _check(starts, tolerance, max_iterations, targets, minimise)
     varied = variables(podium, vary)
     objective = minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
@@ -163,8 +169,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
     for name, value in (("starts", starts), ("max_iterations", max_iterations)):
         if not isinstance(value, int) or value < 1:
             raise ValueError(f"design: {name} must be a whole number ≥ 1, got {name} = {value!r}")
-    if not 1e-10 <= tolerance <= 1e-2:
-        raise ValueError(f"design: tolerance must be in [1e-10, 1e-2], got tolerance = {tolerance!r}")
+    single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):
             raise ValueError(f"design: targets[{k}] must be a target such as optimise.PeakRotation, got {target!r}")

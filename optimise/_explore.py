@@ -19,6 +19,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
+from rockjax._checks import of_kind, shown
+from rockjax._motions.convert import AnyMotion, as_excitation
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, numbers_as_arrays, replaced, value_of, variables
 
@@ -116,7 +118,7 @@ class Explorer:
 
 def explore(
     structure: Structure,
-    excitation: rj.AbstractExcitation,
+    excitation: AnyMotion,
     vary: Mapping[str, tuple[float, float]],
     *,
     options: rj.Options = rj.Options(),
@@ -132,8 +134,10 @@ def explore(
     slider is answered in some hundredths of a second, and nothing is compiled again. Raises `ValueError` for names that
     are not there, and for ranges that are none or do not hold the present value.
     """
-    if not isinstance(excitation, rj.AbstractExcitation):
-        raise ValueError(f"explore: excitation must be a rockjax ground motion, got {excitation!r}")
+    if not isinstance(structure, Structure):
+        raise ValueError(f"explore: structure must be a rockjax.Podium or an optimise.Dimensions, got {shown(structure)}")
+    of_kind("explore", "options", options, rj.Options, "rockjax.Options")
+    excitation = as_excitation("explore", excitation)
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError('explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}')
     moved = _moved(structure, excitation, tuple(vary))

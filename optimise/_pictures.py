@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
+from rockjax._checks import of_kind
+from rockjax._motions.convert import AnyMotion, as_excitation
 
 from . import _variables
-from ._answer import Design
+from ._answer import Design, check_design
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +24,7 @@ MOST_STARTS = 8  # in its legend
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
     """Objective over iterations, a line for every start, filled marks where the targets held; the chosen start is black."""
+    check_design("convergence", design)
     import matplotlib.pyplot as plt
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
@@ -58,8 +61,11 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def before_after(before: rj.Podium, design: Design, excitation: rj.AbstractExcitation) -> Figure:
+def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
     """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    check_design("before_after", design)
+    of_kind("before_after", "before", before, rj.Podium, "a rockjax.Podium")
+    excitation = as_excitation("before_after", excitation)
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, ROTATION

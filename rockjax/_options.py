@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import equinox as eqx
 import jax.numpy as jnp
 
-from ._checks import require
+from ._checks import require, texts
 from ._repr import card
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "B
 _EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin", "errors")
 LEAST_ATOL = 1e-17
+
+
+def _names(outputs) -> tuple[str, ...]:
+    return texts("Options", "outputs", outputs)
 
 
 class Options(eqx.Module):
@@ -52,7 +56,7 @@ class Options(eqx.Module):
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
     outputs: tuple[str, ...] = eqx.field(
-        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=tuple
+        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=_names
     )
     history: int = eqx.field(static=True, default=4096)
     throw: bool = eqx.field(static=True, default=True)

@@ -59,8 +59,7 @@ intensity = [0.5, 8.0]           # lowest and highest level, in units of the mea
 levels = 20
 method = "capacities"            # or "stripes"
 confidence = 0.9
-resamples = 1000
-seed = 0                         # of the resampling
+seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
 [risk]                           # of `rockjax risk`

@@ -134,7 +134,6 @@ COMMANDS: dict[str, dict[str, Kind]] = {
         "levels": whole(1),
         "method": one_of(FITS),
         "confidence": Kind("a number in (0, 1)", lambda value: is_number(value) and 0 < value < 1),
-        "resamples": whole(1),
         "seed": whole(0),
         "sensitivities": TEXTS,
     },

@@ -412,7 +412,7 @@ def test_suite_groups_kinds_and_keeps_the_order():
     assert np.allclose(together, alone, rtol=1e-12)
     with pytest.raises(ValueError, match="at least one"):
         Suite([])
-    with pytest.raises(ValueError, match="entry 1 must be a rockjax excitation"):
+    with pytest.raises(ValueError, match=r"excitations\[1\] must be a rockjax motion"):
         Suite([motions[0], 3.0])
 
 

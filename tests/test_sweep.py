@@ -114,15 +114,19 @@ def test_several_motions_are_an_axis():
     assert grid.shape == (3, 2, 2)
     assert list(grid.coords["motion"]) == motions.names
     assert grid.excitations.which.shape == (3, 1, 1)
+    for same in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
+        np.testing.assert_array_equal(rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table)
+    chosen = rj.grid(podium, rj.Records.of(motions).pick([2, 0]).scaled(2.0), alpha=[0.1]).excitations
+    np.testing.assert_allclose(chosen.table, 2 * grid.excitations.table[np.array([2, 0])])
+    assert rj.grid(podium, motions[0], alpha=[0.1]).shape == (1,)
     pulses = rj.grid(podium, [rj.Ricker(1.0, 0.5), rj.Ricker(2.0, 0.7)], alpha=[0.1, 0.2, 0.3])
     np.testing.assert_array_equal(np.ravel(pulses.excitations.T_p), [0.5, 0.7])
     assert pulses.shape == (2, 3)
     for bad, words in (
         ([rj.Ricker(1.0, 0.5), rj.OneSine(1.0, 0.5)], "one kind, got OneSine, Ricker"),
-        ([], "at least one record"),
+        ([], "holds no motion: at least one is needed"),
         (rj.Ricker([1.0, 2.0], 0.5), "a_p is an array"),
-        ("file.csv", "must be a motion or several"),
-        (rj.Records.of([rj.Record([0.0, 1.0, 0.0], 0.1)]).scaled(2.0), "unscaled"),
+        ("file.csv", r"must be a rockjax motion .* got 'file.csv'; rockjax.read_motion\(path\) reads"),
     ):
         with pytest.raises(ValueError, match=words):
             rj.grid(podium, bad, alpha=[0.1])
@@ -248,7 +252,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
         ({"grid": (*GRID[:2], "abc")}, "one text"),
         ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must hold 4 labels"),
         ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
-        ({"grid": (GRID.structures, 3.0, None)}, "must be a rockjax AbstractExcitation"),
+        ({"grid": (GRID.structures, 3.0, None)}, "excitations must be a rockjax motion"),
     ],
 )
 def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):

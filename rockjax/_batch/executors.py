@@ -6,7 +6,7 @@ import abc
 import contextlib
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import jax
 import numpy as np
@@ -125,6 +125,8 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
     if devices is None:
         platform = "cpu" if threads else _platform()
         return Threads(threads or workers()) if platform == "cpu" else Devices(jax.local_devices(backend=platform))
+    if isinstance(devices, str) or not isinstance(devices, Iterable):
+        raise ValueError(f"{owner}: devices must be JAX devices, as from jax.local_devices(), got {devices!r}")
     devices = list(devices)
     if threads is not None:
         raise ValueError(f"{owner}: one thread drives all devices; give devices or threads, not both")

@@ -27,6 +27,7 @@ from rockjax import _results as results
 from rockjax._checks import as_float, concrete, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
@@ -99,16 +100,18 @@ def overturning_acceleration(
 
     Raises `ValueError` for inputs that make no sense, where they are concrete.
     """
-    require("overturning_acceleration", "T_p", T_p, lambda v: v > 0, "finite and > 0")
-    positive_limit("overturning_acceleration", "max_acceleration_ratio", max_acceleration_ratio)
+    owner = "overturning_acceleration"
+    check_types(owner, podium, options)
+    require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
+    positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     limit = as_float(max_acceleration_ratio) * podium.g * jnp.tan(podium.alpha)
-    motion = pulse(1.0, T_p)
+    motion = as_pulse(owner, pulse)(1.0, T_p)
     return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
 
 
 def overturning_scale(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     max_scale: Float[ArrayLike, ""] = 10.0,
     options: Options = BOUNDARY,
@@ -123,7 +126,7 @@ def overturning_scale(
 
 def overturning_boundary(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     max_scale: Float[ArrayLike, ""] = 10.0,
     options: Options = BOUNDARY,
@@ -144,7 +147,8 @@ def overturning_boundary(
     Raises `ValueError` for inputs that make no sense, where they are concrete.
     """
     owner = "overturning_boundary"
-    check_types(owner, podium, excitation, options)
+    check_types(owner, podium, options)
+    excitation = as_excitation(owner, excitation)
     check_range(owner, podium, excitation, None, options)
     positive_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,14 +14,17 @@ from typing import Any
 
 import numpy as np
 
+from rockjax._checks import as_float, single
+from rockjax._plausibility import PlausibilityWarning
 from rockjax._structures import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
+UNSAID_PGA = 0.05 * STANDARD_GRAVITY  # of a file in m/s² by the word of the user alone; numbers in g look like that
 DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 
 
-class RecordWarning(UserWarning):
+class RecordWarning(PlausibilityWarning):
     """A ground motion can be read, but its units or its baseline look wrong."""
 
 
@@ -37,14 +39,13 @@ class Accelerogram:
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
-        samples = np.array(self.acceleration, float)
+        samples = np.array(as_float(self.acceleration, "Motion: acceleration"), float)
         if samples.ndim != 1 or len(samples) < 2:
             raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
         if not np.isfinite(samples).all():
             k = int(np.argmin(np.isfinite(samples)))
             raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
-        if not (math.isfinite(self.dt) and self.dt > 0):
-            raise ValueError(f"Motion: dt must be finite and > 0 s, got dt = {self.dt!r}")
+        single("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
         samples.flags.writeable = False
         for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
             object.__setattr__(self, name, value)
@@ -104,11 +105,18 @@ class Accelerogram:
         return float(np.abs(np.append(inside, self.displacement[-1])).max())
 
 
-def check(motion: Accelerogram, where: str, stacklevel: int) -> None:
-    """Warn where units or baseline look wrong; `where` names the file."""
+def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
+    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say its unit."""
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warnings.warn(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
+        )
+    elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
+        warnings.warn(
+            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is read with "
+            "units='g'",
+            RecordWarning,
+            stacklevel,
         )
     left = abs(float(motion.velocity[-1]))
     if left > DRIFT * motion.pgv:

@@ -6,8 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
+from rockjax._checks import of_kind, shown, single
+
 from .accelerogram import Accelerogram
 from .formats import EVEN, UNITS, parse
+
+
+def check_reading(path: Path, units, dt, component) -> None:
+    """Raise `ValueError` for arguments of reading that make no sense."""
+    if not isinstance(component, int | str | None):
+        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
+    if units is not None and units not in UNITS:
+        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
+    if dt is not None:
+        single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
 
 
 def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Accelerogram:
@@ -15,11 +27,9 @@ def read(path: str | Path, units: str | None, dt: float | None, component: int |
 
     Raises `ValueError` that names the file, the line and the cause.
     """
+    of_kind("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {units!r}")
-    if dt is not None and not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"{path}: dt must be finite and > 0 s, got {dt!r}")
+    check_reading(path, units, dt, component)
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockjax._checks import as_float, of_kind, single
 from rockjax._files import CONVENTIONS
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
@@ -96,24 +97,15 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
-
-    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][]) the dim `motion`
-    - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
-    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
-      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
-
-    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
-    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and
-    pseudo-acceleration `Sa` [m/s²] along `period`.
-
-    Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
-    """
+    """[`rockjax.intensity_measures`][] of what is a motion, or a sequence of motions, already."""
     import xarray
 
     several = not isinstance(motion, Accelerogram)
     motions = list(motion) if several else [motion]
-    T = np.atleast_1d(np.asarray(tuple(periods) if isinstance(periods, Iterable) else periods, float))
+    owner = "intensity_measures"
+    given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
+    T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
+    single(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
         "duration": ("s", "duration", [m.duration for m in motions]),
@@ -128,6 +120,7 @@ def intensity_measures(
     }
     attrs: dict[str, float] = {"damping_ratio": damping}
     if podium is not None:
+        of_kind(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
         g, tan_alpha, p = float(podium.g), math.tan(float(podium.alpha)), float(podium.p)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Self, overload
 import numpy as np
 
 from rockjax import _tables
+from rockjax._checks import shown, single
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
@@ -47,8 +48,7 @@ class Motion(Accelerogram):
 
     def scaled(self, factor: float) -> Self:
         """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
-        if not math.isfinite(factor):
-            raise ValueError(f"scaled: factor must be finite, got {factor!r}")
+        factor = single("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         return self._changed(factor * self.acceleration, **note)
 
@@ -67,8 +67,7 @@ class Motion(Accelerogram):
         Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two intervals are not
         in a ratio of whole numbers up to 1000.
         """
-        if not (math.isfinite(dt) and dt > 0):
-            raise ValueError(f"resampled: dt must be finite and > 0 s, got dt = {dt!r}")
+        dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
             raise ValueError(f"resampled: dt = {dt:g} s leaves fewer than two samples of {self.duration:g} s")
         ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
@@ -110,7 +109,9 @@ class Motion(Accelerogram):
         A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises `ValueError` unless
         0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
         """
-        if not 0 <= lower < upper <= 1:
+        for name, value in (("lower", lower), ("upper", upper)):
+            single("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
+        if not lower < upper:
             raise ValueError(f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}")
         spent = energy(self)
         if spent[-1] == 0:
@@ -176,10 +177,12 @@ class Motions(Sequence[Motion]):
     motions: tuple[Motion, ...]
 
     def __post_init__(self):
+        if isinstance(self.motions, Motion) or not isinstance(self.motions, Iterable):
+            raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(self.motions)}")
         motions = tuple(self.motions)
         for motion in motions:
             if not isinstance(motion, Motion):
-                raise ValueError(f"Motions: must hold rockjax.Motion, got {type(motion).__name__}")
+                raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(motion)}")
         object.__setattr__(self, "motions", motions)
 
     @overload
@@ -217,8 +220,8 @@ class Motions(Sequence[Motion]):
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
         """
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"scaled_to: value must be finite and > 0, got value = {value!r}")
+        single("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
+        single("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
             present, power = measured(motion, measure, period, damping)

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from rockjax._checks import of_kind, single
+
 from .accelerogram import check
-from .files import read
+from .files import check_reading, read
 from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # what a folder may hold to say what is in it
@@ -20,10 +22,10 @@ def read_motion(
 ) -> Motion:
     """The ground motion in a file (host), with what its header says.
 
-    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP and of COSMOS (`.V2`, `.V2c`); ESM, ITACA and
-    AFAD (`KEY: value`); K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
-    acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
-    `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
+    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …);
+    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks,
+    commas or semicolons between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
     - `dt`: sampling interval [s], where the file has neither it nor times
@@ -31,10 +33,10 @@ def read_motion(
 
     Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
     lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
-    1e-4 g, and where more than a fifth of PGV is left at the end.
+    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a fifth of PGV is left at the end.
     """
     motion = read(path, units, dt, component)
-    check(motion, str(path), stacklevel=3)
+    check(motion, str(path), stacklevel=3, unsaid=units is not None)
     return Motion(motion.acceleration, motion.dt, motion.name, motion.source, motion.metadata)
 
 
@@ -58,9 +60,11 @@ def read_suite(
 
     Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
     """
+    of_kind("read_suite", "path", path, str | Path, "the path of a folder or table")
+    of_kind("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
-    if not np.isfinite(scale):
-        raise ValueError(f"{path}: scale must be finite, got {scale!r}")
+    check_reading(path, units, dt, component)
+    scale = single(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():
             path = path / TABLE
@@ -142,7 +146,7 @@ def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: f
         except ValueError as error:
             problems.append(str(error))
             continue
-        check(motion, row["file"], stacklevel=4)
+        check(motion, row["file"], stacklevel=4, unsaid=row.get("units", units) is not None)
         more = {key: value for key, value in row.items() if key not in _COLUMNS}
         motion = Motion(
             motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)

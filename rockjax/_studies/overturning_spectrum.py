@@ -15,10 +15,12 @@ from rockjax._boundaries.boundaries import Boundaries, boundaries
 from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, PAST, check_search, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
-from rockjax._checks import require
+from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -67,7 +69,9 @@ def overturning_spectrum(
     Raises `ValueError` for inputs that make no sense.
     """
     owner = "overturning_spectrum"
-    x = np.asarray(frequency_ratio, float)
+    check_types(owner, podium, options)
+    pulse = as_pulse(owner, pulse)
+    x = np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio"))
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
     require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
@@ -81,6 +85,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
+    whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
     unit, p = derived["uplift_ground_acceleration_m_s2"], derived["p_rad_s"]

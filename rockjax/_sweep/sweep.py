@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._batch.memory import readable_bytes
-from rockjax._excitations.base import AbstractExcitation
+from rockjax._checks import of_kind
+from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
 from rockjax._results import REST, Interrupted, State
@@ -36,7 +37,7 @@ BYTES = 300  # of memory that a scene of a chunk takes while it is solved, besid
 
 def sweep(
     structures: Podium,
-    excitations: AbstractExcitation,
+    excitations: AnyMotions,
     coords: Mapping[str, Any] | Sequence[str] | None = None,
     *,
     store: str | Path,
@@ -79,6 +80,9 @@ def sweep(
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
     _check_chunk(chunk)
+    of_kind("sweep", "store", store, str | Path, "a folder or a URL")
+    if devices is not None and devices != "all" and (isinstance(devices, str) or not isinstance(devices, Sequence)):
+        raise ValueError(f"sweep: devices must be 'all', some of jax.local_devices() or None, got {devices!r}")
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
