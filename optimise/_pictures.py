@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax._checks import of_kind
-from rockjax._motions.convert import AnyMotion, as_excitation
+from rockjax.internal import AnyMotion, as_excitation, of_kind
 
 from . import _variables
 from ._answer import Design, check_design

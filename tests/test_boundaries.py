@@ -1,7 +1,7 @@
 """Searches for the first boundary, on margins that are made up: what is there is known exactly. And on records."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,11 +21,11 @@ OPTIONS = rj.Options(rtol=1e-9, atol=1e-11)
 class Motion(NamedTuple):
     """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an answer, a dip."""
 
-    windows: tuple = ()
-    wrong: tuple = ()  # windows that only scenes of the looser accuracy see
-    unanswered: tuple = ()
-    lifts: float = 0.1
-    dip: float = 1.0  # how deep the margin falls at 0.4321
+    windows: Any = ()
+    wrong: Any = ()  # windows that only scenes of the looser accuracy see
+    unanswered: Any = ()
+    lifts: Any = 0.1
+    dip: Any = 1.0  # how deep the margin falls at 0.4321
 
     def margin(self, y, sharp, xp=np):
         value = xp.where(y <= self.lifts, 1.0, 0.6 + 0.3 * xp.cos(9 * y) * xp.sin(400 * y))

@@ -49,7 +49,6 @@ def spectrum(
       rockjax spectrum problem.toml --points 200
     """
     prepare(report)
-    prepare_pictures()
     import numpy as np
 
     import rockjax as rj
@@ -68,9 +67,10 @@ def spectrum(
     x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
     y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
-    require_memory("rockjax spectrum", total)
+    require_memory("--points", total)
     report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
     known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
+    prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
             spectra = rj.rocking_spectra(podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known)
