@@ -1,10 +1,11 @@
 """The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between segments.
 
-A cross-check for the flat engine and a home for any Diffrax solver. It shares the equations, the guard, the impact map,
-the certificate and the direct way of rigid scenes to the next uplift with it, and corrects what an event alone gets wrong:
-the root on the interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard
+A cross-check for the flat engine and a home for any Diffrax solver. It shares with it the equations, the guard, the impact
+map, the certificate and the direct way of rigid scenes to the next uplift, and corrects what an event alone gets wrong: the
+root on the interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard
 that was broken and met again between the ends of a step is found on a dense sample, and the segment cut there; a segment
-that starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not interpolated.
+that starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not
+interpolated.
 """
 
 from __future__ import annotations
