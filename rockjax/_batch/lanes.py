@@ -88,17 +88,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         lane = over_lanes(settle, state.parts, state.lane)
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
         floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(lane)), state.parts, lane)
-        place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, size + lanes)
-
-        def write(stores, values):
-            return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
-
-        done = done._replace(
-            which=write(done.which, state.held),
-            floats=write(done.floats, floats),
-            integers=write(done.integers, integers),
-            used=done.used + jnp.sum(ended),
-        )
+        done = _kept(done, ended, state.held, floats, integers)
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free) - 1
         loads = free & (local < count)
@@ -151,6 +141,22 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         _Loop(held, start, done),
     )
     return loop.lanes, loop.done
+
+
+def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
+    """The answers of the lanes whose scenes have ended, written after those that are kept already."""
+    nowhere = done.which.shape[0]
+    place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, nowhere)
+
+    def write(stores, values):
+        return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
+
+    return done._replace(
+        which=write(done.which, which),
+        floats=write(done.floats, floats),
+        integers=write(done.integers, integers),
+        used=done.used + jnp.sum(ended),
+    )
 
 
 def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
