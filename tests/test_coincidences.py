@@ -13,7 +13,7 @@ import rockjax as rj
 
 from .scenes import G, options, shaking
 
-FINE = options(1e-12, "dopri8", history=256, throw=False)
+FINE = options(1e-12, "dopri8", history=1024, throw=False)
 ULPS = (-64, -5, -2, -1, 0, 1, 2, 5, 64)
 FAR = 1e-9  # what the others are compared with
 
