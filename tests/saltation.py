@@ -83,7 +83,10 @@ class Block:
             return [self.zero] * terms
         mp = self.mp
         angle = self.omega * t
-        sin, cos = chain(mp.sin(angle.value), mp.cos(angle.value), angle), chain(mp.cos(angle.value), -mp.sin(angle.value), angle)
+        sin, cos = (
+            chain(mp.sin(angle.value), mp.cos(angle.value), angle),
+            chain(mp.cos(angle.value), -mp.sin(angle.value), angle),
+        )
         now, after = (cos, sin * -1) if self.cosine else (sin, cos)  # the shape and its derivative by the angle
         scale, series = self.a_p * (1 / mp.mpf(G)), []
         for k in range(terms):

@@ -304,8 +304,8 @@ def test_shear_of_the_last_hops(podium, motion, initial):
 
 
 def test_what_the_rest_velocity_takes_away_is_estimated():
-    """Little restitution while the ground pushes the columns up again: an impact leaves them a speed below the rest velocity of
-    both solutions that the error estimate compares. It was 1e-7 of the error."""
+    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the rest velocity of
+    both solutions that the error estimate compares. It was a ten-millionth of the error."""
     block = BLOCK.replace(restitution=1e-8)
     motion = rj.Record(np.r_[np.full(30, 1.4 * UP), np.full(30, -0.5 * UP)], 0.02)
     solve = lambda rtol: rj.peak_response(

@@ -78,7 +78,9 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
-        inside = jnp.where(reaches, constant(edge) <= constant(scene.end), lane.t + length < constant(jnp.minimum(edge, scene.end)))
+        inside = jnp.where(
+            reaches, constant(edge) <= constant(scene.end), lane.t + length < constant(jnp.minimum(edge, scene.end))
+        )
         goes &= (zeta < _DAMPED) & inside
 
         # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.

@@ -118,7 +118,9 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
     end = jax.lax.optimization_barrier(runge_kutta(how.tableau, field, t, h, lane.x, lane.v, a0))
     error = constant(_error(scene, lane, end))
     finite = jnp.isfinite(error)
-    return _Trial(h, reaches, stop, reaches & last, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny)
+    return _Trial(
+        h, reaches, stop, reaches & last, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny
+    )
 
 
 class _Verdict(NamedTuple):
