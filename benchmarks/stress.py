@@ -281,7 +281,8 @@ def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))
-        fit = (np.asarray(peak.stats.steps) < 1000) & (np.asarray(peak.impacts) < 100)
+        fit = np.asarray(peak.stats.steps) < 1000
+        fit &= ~(np.asarray(peak.impacts) >= 100)  # NaN where they were not counted to their end, which the steps bound
         fit &= np.asarray(peak.peak_rotation) > 1e-6  # SciPy looks for events at its steps, and misses shorter lifts
         stand, fall = (rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True))
         jobs += [(group, rtol, n, seed + 1, int(k)) for k in (*stand[:3], *fall[:1])]

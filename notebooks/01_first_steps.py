@@ -51,7 +51,7 @@ podium
 
 # %%
 print(f"frequency parameter p   {podium.p:.4f} rad/s")
-print(f"uplift at a demand of   {podium.uplift_acceleration / podium.g:.4f} g")
+print(f"the ground lifts it at  {podium.uplift_ground_acceleration / podium.g:.4f} g, applied slowly")
 print(f"velocity factor e       {podium.restitution_factor:.4f}")
 print(f"α of a wider column     {podium.replace(alpha=0.2).alpha} rad")
 

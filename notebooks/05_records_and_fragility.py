@@ -106,10 +106,10 @@ print(f"{revived} of {len(records)} records survive again somewhere above their 
 # ## Fragility
 #
 # A lognormal distribution of the capacities, by maximum likelihood. Records that never overturn are
-# censored at the highest level. The band is a bootstrap over the records.
+# censored at the highest level. The band is by profile likelihood.
 
 # %%
-fragility = rj.fragility(analysis, resamples=200 if REDUCED else 1000)
+fragility = rj.fragility(analysis)
 low, high = fragility.interval.sel(quantity="median_capacity").values
 print(f"median {fragility.median_capacity.item():.3f} m/s² (90 %: {low:.3f} to {high:.3f})")
 print(f"dispersion {fragility.dispersion.item():.3f}")
@@ -134,7 +134,7 @@ for name in fragility.parameter.values:
 wider = rj.incremental_dynamic_analysis(
     podium.replace(alpha=1.05 * podium.alpha), records, levels, resolution=resolution, options=options
 )
-shifted = rj.fragility(wider, resamples=200 if REDUCED else 1000)
+shifted = rj.fragility(wider, confidence=None)
 ratio = np.log(shifted.median_capacity.item() / fragility.median_capacity.item()) / np.log(1.05)
 print(f"from two analyses: {ratio:+.3f} % per %")
 

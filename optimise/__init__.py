@@ -1,13 +1,15 @@
 """Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is least."""
 
-from ._answer import Design
+from rockjax import __version__ as __version__
+
+from ._answer import Design, table
 from ._chart import design_chart, plot_chart
 from ._design import design
 from ._explore import Explorer, explore
 from ._fit import Fit, fit
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
+from ._pictures import before_after, convergence
 from ._problem import Problem, load
-from ._report import before_after, convergence, table
 from ._results import RESULTS
 from ._targets import (
     AbstractTarget,

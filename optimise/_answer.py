@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from html import escape
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,10 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
+from rockjax import _tables
+from rockjax._checks import of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
-from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, RESULTS, STALLED, named
+from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, named
 from ._variables import Structure, Variables, as_podium, variables
 
 
@@ -73,14 +76,69 @@ class Design(eqx.Module):
         return {name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0}
 
     def __repr__(self):
-        from ._report import table
-
         return table(self)
 
     def _repr_html_(self) -> str:
-        from ._report import html
+        return _html(self)
 
-        return html(self)
+
+def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
+    """Headline, rows of the variables, rows of the targets; the first row of each is its heading."""
+    state = "satisfied" if design.satisfied else "not satisfied"
+    headline = f"{NAMES[int(design.result._value)]}, targets {state}; {design.minimised} = {design.objective:.6g}"
+    variables = [["variable", "value", "unit", "bounds"]]
+    for name, value in design.variables.items():
+        low, high = design.bounds[name]
+        at = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
+        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{at}"])
+    targets = [["target", "worst margin", "of", "price"]]
+    for name, margins in design.margins.items():
+        price = float(np.sum(design.multipliers[name]))
+        shown = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
+        targets.append([name, f"{float(np.min(margins)):+.3g}", str(len(margins)), shown])
+    return headline, variables, targets
+
+
+def check_design(owner: str, design) -> None:
+    of_kind(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
+
+
+def table(design: Design) -> str:
+    """The design in lines: variables, targets with their worst margins and prices, what it took."""
+    check_design("table", design)
+    headline, variables, targets = _account(design)
+    lines = [f"Design: {headline}"]
+    for rows in (variables, targets):
+        lines += aligned(rows)
+    lines += [f"  {sentence}" for sentence in _remarks(design)]
+    return "\n".join(lines)
+
+
+def aligned(rows: list[list[str]]) -> list[str]:
+    """Rows under their heading; nothing where there is only that."""
+    return [f"  {line}" for line in _tables.lines(rows)] if len(rows) > 1 else []
+
+
+def _remarks(design: Design) -> list[str]:
+    remarks = [RESULTS[design.result]]
+    remarks += [f"not satisfied: {name}, short by {-value:.3g}" for name, value in design.failing.items()]
+    good = sum(outcome.satisfied for outcome in design.starts)
+    if len(design.starts) > 1:
+        remarks.append(f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}")
+    cost = design.stats
+    remarks.append(
+        f"{cost.iterations} iterations, {cost.evaluations} evaluations, {cost.scenes} scenes, {cost.seconds:.1f} s"
+    )
+    return remarks
+
+
+def _html(design: Design) -> str:
+    """The same as a table of a notebook."""
+    headline, *tables = _account(design)
+    parts = [f"<p><b>Design</b>: {escape(headline)}</p>"]
+    parts += [_tables.html(rows, heads="row") for rows in tables if len(rows) > 1]
+    parts += [f"<p>{escape(sentence)}</p>" for sentence in _remarks(design)]
+    return "".join(parts)
 
 
 class Found(NamedTuple):

@@ -9,8 +9,10 @@ import numpy as np
 
 import rockjax as rj
 from rockjax._boundaries.boundaries import boundaries
-from rockjax._boundaries.boundary import BOUNDARY, has_margin
-from rockjax._checks import require
+from rockjax._boundaries.boundary import BOUNDARY
+from rockjax._boundaries.verdict import has_margin
+from rockjax._checks import as_float, of_kind, require, shown
+from rockjax._motions.convert import as_pulse
 from rockjax._responses.datasets import describe_options
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, replaced, variables
@@ -55,10 +57,12 @@ def design_chart(
     except (TypeError, ValueError):
         raise ValueError(f'{owner}: vary must be like ("alpha", (0.1, 0.3)), got {vary!r}') from None
     variables(podium, {name: (low, high)}, owner)
-    periods = np.asarray(T_p, float)
+    pulse = as_pulse(owner, pulse)
+    of_kind(owner, "options", options, rj.Options, "rockjax.Options")
+    periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
     if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
         raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
-    amplitudes = np.atleast_1d(np.asarray(a_p, float))
+    amplitudes = np.atleast_1d(np.asarray(as_float(a_p, f"{owner}: a_p")))
     require(owner, "T_p", periods, lambda v: v > 0, "finite and > 0")
     require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
     if method not in ("scan", "trace"):
@@ -67,6 +71,8 @@ def design_chart(
         raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ 1")
     if not isinstance(resolution, int) or resolution < 4:
         raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
+    if not isinstance(scans, int) or scans < 2:
+        raise ValueError(f"{owner}: scans must be a whole number ≥ 2, got {scans!r}")
     rows, least, cost = [], [], []
     for amplitude in amplitudes:
 
@@ -74,7 +80,7 @@ def design_chart(
             varied = replaced(podium, {name: y})
             return as_podium(varied), pulse(amplitude, x)
 
-        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress)
+        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress, width=None)
         crossings = found.crossings
         places, _ = crossings.table(periods.size)
         counts = np.sum(np.isfinite(places), axis=1)
@@ -113,6 +119,8 @@ def design_chart(
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """The least safe value over the period of the pulse, one curve for each amplitude; other boundaries as dots."""
+    if "least_safe" not in getattr(chart, "data_vars", ()):
+        raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {shown(chart)}")
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, STYLES

@@ -15,17 +15,22 @@ if TYPE_CHECKING:
 
 
 def design_command(
-    problem: Problem, output: Path, starts: int | None = None, seed: int | None = None, quiet: bool = False
+    problem: Problem,
+    output: Path,
+    starts: int | None = None,
+    seed: int | None = None,
+    quiet: bool = False,
+    suffix: str = ".png",
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions, OUTPUT-response.png.
 
-    `starts` and `seed` replace those of the problem. Returns the design, the files, and what stopped the search, if
-    anything did: then the design is the best one until then.
+    `starts` and `seed` replace those of the problem, `suffix` is the format of the pictures. Returns the design, the files,
+    and what stopped the search, if anything did: then the design is the best one until then.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_figure, write_whole
 
-    from ._report import before_after, convergence
+    from ._pictures import before_after, convergence
     from ._suite import Suite
     from ._variables import as_podium
 
@@ -40,14 +45,14 @@ def design_command(
     text = as_json(account(design)) + "\n"
     written = [write_whole(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
-    written.append(write_figure(f"{output}-convergence.png", figure))
+    written.append(write_figure(f"{output}-convergence{suffix}", figure))
     motions = [motion for group in problem.motions.values() for motion in group]
     if motions:
         # The motion that comes closest to overturning the design.
         margins = Suite(motions).margins(design.podium, problem.options)
         before = as_podium(problem.podium)
         picture = before_after(before, design, motions[int(np.nanargmin(margins))])
-        written.append(write_figure(f"{output}-response.png", picture))
+        written.append(write_figure(f"{output}-response{suffix}", picture))
     return design, written, stopped
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import optax
 
 import rockjax as rj
+from rockjax._checks import of_kind, shown, single, whole
 from rockjax._progress import bar as bar_of
 
 from ._answer import Design, Effort, Found, answer_of
@@ -31,7 +33,7 @@ def design(
     minimise: AbstractObjective | Callable[[rj.Podium], Any] | None = None,
     targets: AbstractTarget | Sequence[AbstractTarget] = (),
     *,
-    method: Any = "sqp",
+    method: str | optax.GradientTransformation = "sqp",
     starts: int = 1,
     seed: int = 0,
     options: rj.Options = rj.Options(),
@@ -39,7 +41,7 @@ def design(
     max_iterations: int | None = None,
     progress: Any = False,
 ) -> Design:
-    """The structure that keeps all targets and minimises an objective, by sequential quadratic programming (host).
+    """The structure that keeps all targets and minimises an objective (host).
 
     - `podium`: where to start from; what is not varied stays. An `optimise.Dimensions` lets masses vary
     - `vary`: name → (lowest, highest) in user units. Fields of a `Podium` (`alpha`, `R`, `gamma`, `lam`, `restitution`,
@@ -48,9 +50,12 @@ def design(
     - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts. None looks for
       the nearest design that satisfies the targets
     - `targets`: what must hold. Those on the same motions share their simulations
+    - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as `optax.adam(0.02)`,
+      around which an augmented Lagrangian keeps the targets; in scaled variables. The first needs far fewer evaluations
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins [–]
+    - `max_iterations`: of every start; None gives 60 to `"sqp"` and 1000 to a gradient transformation
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
     A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose worst violation
@@ -60,7 +65,12 @@ def design(
     began = time.perf_counter()
     chosen = method_of(method)
     max_iterations = chosen.max_iterations if max_iterations is None else max_iterations
-    targets = (targets,) if isinstance(targets, AbstractTarget) else tuple(targets)
+    of_kind("design", "options", options, rj.Options, "rockjax.Options")
+    targets = (targets,) if isinstance(targets, AbstractTarget) else targets
+    if isinstance(targets, str) or not isinstance(targets, Iterable):
+        raise ValueError(f"design: targets must be targets such as optimise.PeakRotation, got {shown(targets)}")
+    targets = tuple(targets)
+    whole("design", "seed", seed, 0)
     _check(starts, tolerance, max_iterations, targets, minimise)
     varied = variables(podium, vary)
     objective = minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
@@ -159,8 +169,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
     for name, value in (("starts", starts), ("max_iterations", max_iterations)):
         if not isinstance(value, int) or value < 1:
             raise ValueError(f"design: {name} must be a whole number ≥ 1, got {name} = {value!r}")
-    if not 1e-10 <= tolerance <= 1e-2:
-        raise ValueError(f"design: tolerance must be in [1e-10, 1e-2], got tolerance = {tolerance!r}")
+    single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):
             raise ValueError(f"design: targets[{k}] must be a target such as optimise.PeakRotation, got {target!r}")

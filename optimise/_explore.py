@@ -6,9 +6,11 @@ All numbers go through one compiled function, so that a slider costs a few milli
 from __future__ import annotations
 
 import dataclasses
+import functools
 import io
+import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,6 +19,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
+from rockjax._checks import of_kind, shown
+from rockjax._motions.convert import AnyMotion, as_excitation
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, numbers_as_arrays, replaced, value_of, variables
 
@@ -30,33 +34,46 @@ POINTS = 1001  # of the curves
 SHOWN = 12.0  # of the time after the motion, over 1/p
 _MOTION = {"a_p": "m/s²", "T_p": "s", "A": "m/s", "f_p": "Hz", "gamma": "–", "nu": "rad", "scale": "–", "t_start": "s"}
 _WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
+SHARP = 2  # pixels for each of the screen's points, as many screens have
+PLACES = 500  # of a slider, about
+FINER = 3  # times ten, at most, so that the value at the start is among the places
 
 
 class Explorer:
     """Sliders on a structure and a ground motion, and the response to them.
 
     - `widget`: what a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units; `structure`, `podium`, `excitation`, `peak`: those of the sliders as they stand
-    - `picture`: the picture, as PNG
+    - `values`: name → value in user units, as it was given until its slider is moved; `structure`, `podium`, `excitation`,
+      `peak`: those of these values
+    - `picture`: the picture, as PNG with two pixels for each of the screen's points
     """
 
-    def __init__(self, structure, excitation, vary, options):
+    def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
         import ipywidgets
 
         self._study = _Study(numbers_as_arrays(structure), excitation, tuple(vary))
         self._options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
-        self.sliders = {name: _slider(name, bounds, *self._study.now(name)) for name, bounds in vary.items()}
-        self._image, self._text = ipywidgets.Image(format="png"), ipywidgets.HTML()
-        self.widget = ipywidgets.VBox([*self.sliders.values(), self._text, self._image])
+        now = {name: self._study.now(name) for name in vary}
+        self._given = {name: value for name, (value, _) in now.items()}
+        self._values = dict(self._given)
+        self._grids = {name: _Grid.around(*bounds, now[name][0]) for name, bounds in vary.items()}
+        self.sliders = {name: _slider(name, self._grids[name], *now[name]) for name in vary}
+        self._text = ipywidgets.HTML()
+        self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
+        left = ipywidgets.VBox([*self.sliders.values(), self._text], layout={"flex": "0 0 25em", "overflow": "hidden"})
+        right = ipywidgets.Box(
+            [self._image], layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"}
+        )
+        self.widget = ipywidgets.HBox([left, right], layout={"align_items": "flex-start"})
         self._first = self._solved()
         self._drawing = _Drawing(self._first, self._study.structure)
         self._update()
-        for slider in self.sliders.values():
-            slider.observe(self._update, "value")
+        for name, slider in self.sliders.items():
+            slider.observe(functools.partial(self._move, name), "value")
 
     @property
     def values(self) -> dict[str, float]:
-        return {name: slider.value for name, slider in self.sliders.items()}
+        return dict(self._values)
 
     @property
     def structure(self) -> Structure:
@@ -79,12 +96,18 @@ class Explorer:
         return self._image.value
 
     def _numbers(self) -> np.ndarray:
-        return np.array([slider.value for slider in self.sliders.values()])
+        return np.array(list(self._values.values()))
 
     def _solved(self) -> _Answer:
         return jax.tree.map(np.asarray, _answer(self._study, self._numbers(), self._options))
 
-    def _update(self, _=None) -> None:
+    def _move(self, name: str, change: Mapping[str, Any]) -> None:
+        value = self._grids[name].read(change["new"], self._given[name])
+        if value != self._values[name]:
+            self._values[name] = value
+            self._update()
+
+    def _update(self) -> None:
         self._last = self._solved()
         self._text.value = _account(self._first.peak, self._last.peak)
         self._image.value = self._drawing(self._last)
@@ -95,7 +118,7 @@ class Explorer:
 
 def explore(
     structure: Structure,
-    excitation: rj.AbstractExcitation,
+    excitation: AnyMotion,
     vary: Mapping[str, tuple[float, float]],
     *,
     options: rj.Options = rj.Options(),
@@ -111,8 +134,10 @@ def explore(
     slider is answered in some hundredths of a second, and nothing is compiled again. Raises `ValueError` for names that
     are not there, and for ranges that are none or do not hold the present value.
     """
-    if not isinstance(excitation, rj.AbstractExcitation):
-        raise ValueError(f"explore: excitation must be a rockjax ground motion, got {excitation!r}")
+    if not isinstance(structure, Structure):
+        raise ValueError(f"explore: structure must be a rockjax.Podium or an optimise.Dimensions, got {shown(structure)}")
+    of_kind("explore", "options", options, rj.Options, "rockjax.Options")
+    excitation = as_excitation("explore", excitation)
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError('explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}')
     moved = _moved(structure, excitation, tuple(vary))
@@ -192,20 +217,47 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     return _Answer(peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g)
 
 
-def _slider(name: str, bounds: tuple[float, float], value: float, unit: str) -> ipywidgets.FloatSlider:
+class _Grid(NamedTuple):
+    """Where a slider can stand: a browser takes every value to the nearest of these places, that at the start too."""
+
+    low: float
+    high: float
+    step: float
+
+    @classmethod
+    def around(cls, low: float, high: float, value: float) -> _Grid:
+        """Some hundred places with round steps; finer ones where `value` would not be among them."""
+        rough = (high - low) / PLACES
+        power = 10.0 ** math.floor(math.log10(rough))
+        step = power * next(part for part in (1, 2, 5, 10) if part * power >= 0.999 * rough)
+        finer = (cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(FINER + 1))
+        return next((grid for grid in finer if grid.holds(value)), cls(low, high, step / 10**FINER))
+
+    def holds(self, value: float) -> bool:
+        place = (value - self.low) / self.step
+        return abs(place - round(place)) < 1e-6
+
+    def read(self, shown: float, given: float) -> float:
+        """What a slider that shows a number means: what was given, where that was only taken to its nearest place."""
+        if not self.holds(shown):
+            return shown
+        shown = float(f"{shown:.12g}")  # browsers find their places by floating-point arithmetic
+        return given if abs(shown - given) <= 0.5001 * self.step else shown
+
+
+def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.FloatSlider:
     import ipywidgets
 
-    low, high = bounds
     unit = f" [{unit}]" if unit else ""
     return ipywidgets.FloatSlider(
         value=value,
-        min=low,
-        max=high,
-        step=(high - low) / 500,
+        min=grid.low,
+        max=grid.high,
+        step=grid.step,
         description=f"{name}{unit}",
-        readout_format=".3g",
-        style={"description_width": "12em"},
-        layout={"width": "42em"},
+        readout_format=".6",
+        style={"description_width": "9em"},
+        layout={"width": "100%"},
     )
 
 
@@ -251,7 +303,7 @@ class _Drawing:
             ax.autoscale_view(scalex=False)
         self.curves[0][0].set_xlim(float(answer.t[0]), float(answer.t[-1]))
         file = io.BytesIO()
-        self.figure.savefig(file, format="png", pil_kwargs={"compress_level": 1})
+        self.figure.savefig(file, format="png", dpi=SHARP * _DPI, pil_kwargs={"compress_level": 1})
         return file.getvalue()
 
 
@@ -270,10 +322,12 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     def number(peak: rj.Peak, field: str, factor: float) -> str:
         return f"{factor * float(getattr(peak, field)):.3g}"
 
-    rows = [f"<td>{name}</td>" + "".join(f"<td>{number(p, *of)}</td>" for p in (first, now)) for name, of in _ROWS.items()]
-    ends = "".join(f"<td>{_end(peak)}</td>" for peak in (first, now))
-    lines = ["<th></th><th>at first</th><th>now</th>", *rows, f"<td>the scene</td>{ends}"]
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+    rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in _ROWS.items()]
+    rows += [("the scene", _end(first), _end(now))]
+    cell = '<td style="padding: 1px 6px; text-align: left">'
+    head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
+    lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
+    return '<table style="line-height: 1.4">' + "".join(f"<tr>{line}</tr>" for line in (head, *lines)) + "</table>"
 
 
 def _end(peak: rj.Peak) -> str:

@@ -13,6 +13,8 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
+from rockjax._checks import as_float, of_kind, single, whole
+from rockjax._motions.convert import AnyMotion, as_excitation
 
 from ._variables import Structure, Variables, as_podium, variables
 
@@ -63,7 +65,7 @@ class Fit(eqx.Module):
 def fit(
     podium: Structure,
     vary: Mapping[str, tuple[float, float]],
-    excitation: rj.AbstractExcitation,
+    excitation: AnyMotion,
     times: Float[ArrayLike, " n"],
     theta: Float[ArrayLike, " n"],
     *,
@@ -88,7 +90,11 @@ def fit(
     """
     began = time.perf_counter()
     varied = variables(podium, vary, "fit")
-    times, theta = np.asarray(times, float), np.asarray(theta, float)
+    excitation = as_excitation("fit", excitation)
+    of_kind("fit", "options", options, rj.Options, "rockjax.Options")
+    single("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
+    whole("fit", "seed", seed, 0)
+    times, theta = (np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta)))
     if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
         raise ValueError(f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}")
     if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import optax
+
+from . import _augmented, _sqp
 from ._descent import Descend
-from ._sqp import MAX_ITERATIONS, descend_by_sqp
 
 
 class Method(NamedTuple):
@@ -16,12 +18,17 @@ class Method(NamedTuple):
 
 
 METHODS = {
-    "sqp": Method(descend_by_sqp, MAX_ITERATIONS),
+    "sqp": Method(_sqp.descend_by_sqp, _sqp.MAX_ITERATIONS),
 }
 
 
-def method_of(given: Any) -> Method:
-    """The method of a name. Raises `ValueError` for others."""
+def method_of(given: str | optax.GradientTransformation) -> Method:
+    """The method of a name, or around a gradient transformation. Raises `ValueError` for anything else."""
     if isinstance(given, str) and given in METHODS:
         return METHODS[given]
-    raise ValueError(f"design: method must be {', '.join(map(repr, METHODS))}, got {given!r}")
+    if isinstance(given, optax.GradientTransformation):
+        return Method(_augmented.descend_by_gradients(given), _augmented.MAX_ITERATIONS)
+    names = ", ".join(map(repr, METHODS))
+    raise ValueError(
+        f"design: method must be {names} or a gradient transformation of Optax such as optax.adam(0.02), got {given!r}"
+    )

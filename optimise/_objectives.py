@@ -50,7 +50,7 @@ class WorstRotation(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations)
+        self.suite = Suite(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return severity(peaks, options)
@@ -66,7 +66,7 @@ class WorstShear(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations)
+        self.suite = Suite(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.peak_shear
@@ -82,7 +82,7 @@ class WorstDeformation(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations)
+        self.suite = Suite(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.peak_deformation

@@ -34,11 +34,12 @@ from typing import Any, NamedTuple
 
 import rockjax as rj
 from rockjax._problem import Reader, load_table
+from rockjax._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
+from rockjax._repr import readable
 
-from ._answer import Design
+from ._answer import Design, aligned
 from ._design import design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
-from ._report import problem
 from ._targets import (
     AbstractTarget,
     MedianCapacity,
@@ -52,6 +53,23 @@ from ._targets import (
 )
 from ._variables import Dimensions, Structure, as_podium, variables
 
+SETTINGS: dict[str, Kind] = {
+    "starts": whole(1),
+    "seed": whole(0),
+    "tolerance": POSITIVE,
+    "max_iterations": whole(1),
+}
+TARGET: dict[str, Kind] = {
+    "limit": POSITIVE,
+    "at_least": POSITIVE,
+    "at_most": POSITIVE,
+    "max_scale": POSITIVE,
+    "max_acceleration_ratio": POSITIVE,
+    "smoothing": POSITIVE,
+    "intensity": POSITIVE,
+    "ratio": TRUTH,
+    "name": TEXT,
+}
 NUMBERS = ("alpha", "R", "gamma", "width", "height")
 WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
 
@@ -73,7 +91,28 @@ class Problem(NamedTuple):
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
     def __repr__(self):
-        return problem(self)
+        return _described(self)
+
+
+def _described(asked: Problem) -> str:
+    """What a file asks for in lines: variables where they start, targets with their scenes, sets of motions."""
+    wanted = asked.minimise
+    if wanted is None:
+        least = "the nearest design"
+    elif isinstance(wanted, AbstractObjective):
+        least = f"least {wanted.describe()}"
+    else:
+        least = f"least {getattr(wanted, '__name__', 'objective')}"
+    box = variables(asked.podium, asked.vary)
+    start = box.values(box.start())
+    rows = [["variable", "start", "unit", "bounds"]]
+    for name, value, unit in zip(box.names, start, box.units, strict=True):
+        low, high = asked.vary[name]
+        rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
+    targets = [["target", "scenes"], *([target.name or target.describe(), str(target.scenes)] for target in asked.targets)]
+    sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
+    lines = [f"Problem: {least}", f"  {readable(asked.podium)}"]
+    return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
 
 
 def load(path: str | Path) -> Problem:
@@ -107,8 +146,8 @@ class _Reader(Reader):
         super().__init__(path, where, by_dimensions=Dimensions)
 
     def problem(self, table: dict) -> Problem:
-        settings = ("starts", "seed", "tolerance", "max_iterations")
         self.whole(table, ("structure", "vary"))
+        settings = self.entries(table, "", SETTINGS)
         structure = self.structure(table["structure"])
         podium = as_podium(structure)
         motions = self.motions(table.get("motions", {}), podium)
@@ -125,8 +164,7 @@ class _Reader(Reader):
         minimise = self.minimise(table["minimise"], motions) if "minimise" in table else None
         if minimise is None and not targets:
             self.fail("targets", "nothing to do: give [minimise], [[targets]] or both")
-        chosen = {name: table[name] for name in settings if name in table}
-        return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, chosen, motions)
+        return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions)
 
     def minimise(self, value, motions: dict):
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
@@ -164,6 +202,7 @@ class _Reader(Reader):
             self.fail(f"{key}.kind", f"must be one of {', '.join(kinds)}, got {entry['kind']!r}")
         kind, needed, optional = kinds[entry["kind"]]
         self.table(entry, key, ("kind", *needed), (*optional, "name"))
+        self.entries(entry, key, TARGET)
         numbers = {
             name: value
             for name, value in entry.items()

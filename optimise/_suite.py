@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._motions.convert import AnyMotions, several
 
 Margins = Float[Array, " k"]
 
@@ -23,20 +23,14 @@ class Suite(eqx.Module):
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
 
-    def __init__(self, excitations: rj.AbstractExcitation | Sequence[rj.AbstractExcitation]):
+    def __init__(self, excitations: AnyMotions, owner: str = "Suite", name: str = "excitations"):
         """Raises `ValueError` for an empty set and for members that are no ground motions."""
-        motions = [excitations] if isinstance(excitations, rj.AbstractExcitation) else list(excitations)
-        if not motions:
-            raise ValueError("excitations: at least one ground motion is needed, got none")
+        motions = several(owner, excitations, name).members
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
-            if isinstance(motion, rj.Record) and motion.acceleration.ndim == 1 and not np.ndim(motion.dt):
+            if isinstance(motion, rj.Record):
                 kinds.setdefault(rj.Record, []).append(k)
                 continue
-            if not isinstance(motion, rj.AbstractExcitation):
-                raise ValueError(f"excitations: entry {k} must be a rockjax excitation, got {motion!r}")
-            if any(np.ndim(t) for t in motion.support):
-                raise ValueError(f"excitations: entry {k} must be a single motion, got a batch; give a list of motions")
             leaves, structure = jax.tree.flatten(motion)
             kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
         self.groups = tuple(_stacked([motions[k] for k in places]) for places in kinds.values())

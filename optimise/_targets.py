@@ -93,7 +93,7 @@ class PeakRotation(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         _limit("PeakRotation", "limit", limit, below=1)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - severity(peaks, options)) / self.limit
@@ -115,7 +115,7 @@ class PeakShear(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         _limit("PeakShear", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - peaks.peak_shear) / self.limit
@@ -137,7 +137,7 @@ class PeakDeformation(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         _limit("PeakDeformation", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations), name
+        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - peaks.peak_deformation) / self.limit
@@ -157,7 +157,7 @@ class NoOverturning(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("margin",)
 
     def __init__(self, excitations, name: Name = None):
-        self.suite, self.name = Suite(excitations), name
+        self.suite, self.name = Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.margin
@@ -198,6 +198,7 @@ class OverturningAcceleration(AbstractTarget):
         _limit("OverturningAcceleration", "T_p", T_p)
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
             raise ValueError(f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}")
+        _limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
         if ratio and not at_least < max_acceleration_ratio:
             raise ValueError(
                 f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
@@ -277,7 +278,7 @@ class OverturningScale(AbstractScaleTarget):
 
     def __init__(self, at_least, excitations, *, max_scale=None, name: Name = None):
         self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale)
-        self.suite, self.name = Suite(excitations), name
+        self.suite, self.name = Suite(excitations, type(self).__name__), name
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         found = self.least_scales(podium, options)
@@ -306,7 +307,7 @@ class MedianCapacity(AbstractScaleTarget):
 
     def __init__(self, at_least, suite, *, max_scale=None, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale)
-        self.suite, self.name = Suite(suite), name
+        self.suite, self.name = Suite(suite, type(self).__name__, "suite"), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
@@ -341,7 +342,7 @@ class OverturningProbability(AbstractResponseTarget):
         _limit("OverturningProbability", "intensity", intensity)
         _limit("OverturningProbability", "smoothing", smoothing)
         self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
-        self.suite = Suite(suite).scaled(float(intensity))
+        self.suite = Suite(suite, type(self).__name__, "suite").scaled(float(intensity))
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]

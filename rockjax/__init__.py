@@ -14,13 +14,15 @@ if TYPE_CHECKING:
     from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
-    from ._motions.intensity import intensity_measures
-    from ._motions.motion import Motion, Motions, RecordWarning
+    from ._motions.accelerogram import RecordWarning
+    from ._motions.measures import intensity_measures
+    from ._motions.motion import Motion, Motions
     from ._motions.readers import read_motion, read_suite
     from ._motions.record import Record
     from ._motions.records import Records
     from ._motions.synthetic import synthetic_motions
     from ._options import Options
+    from ._plausibility import PlausibilityWarning
     from ._responses.history import Energies
     from ._responses.peak import Peak
     from ._responses.response import Response
@@ -33,7 +35,8 @@ if TYPE_CHECKING:
     from ._risk.reliability import FailureProbability, reliability
     from ._risk.rocking import DesignPoint, design_points, failure_probability
     from ._structures import Elastic, Podium, Rigid
-    from ._studies.fragility import Measure, fragility, incremental_dynamic_analysis, overturning_distribution
+    from ._studies.curve import fragility
+    from ._studies.fragility import Measure, incremental_dynamic_analysis, overturning_distribution
     from ._studies.lognormal import Lognormal
     from ._studies.overturning_spectrum import overturning_spectrum
     from ._studies.spectra import minimum_overturning, rocking_spectra, rocking_spectrum
@@ -70,6 +73,7 @@ __all__ = [
     "OneSine",
     "Options",
     "Peak",
+    "PlausibilityWarning",
     "Podium",
     "RandomPulse",
     "Record",
@@ -136,11 +140,11 @@ _MODULES = {
         "Gabor",
         "MavroeidisPapageorgiou",
     ),
-    "_motions.intensity": ("intensity_measures",),
+    "_motions.measures": ("intensity_measures",),
+    "_motions.accelerogram": ("RecordWarning",),
     "_motions.motion": (
         "Motion",
         "Motions",
-        "RecordWarning",
     ),
     "_motions.readers": (
         "read_motion",
@@ -150,6 +154,7 @@ _MODULES = {
     "_motions.records": ("Records",),
     "_motions.synthetic": ("synthetic_motions",),
     "_options": ("Options",),
+    "_plausibility": ("PlausibilityWarning",),
     "_responses.history": ("Energies",),
     "_responses.peak": ("Peak",),
     "_responses.response": ("Response",),
@@ -193,9 +198,9 @@ _MODULES = {
         "Podium",
         "Rigid",
     ),
+    "_studies.curve": ("fragility",),
     "_studies.fragility": (
         "Measure",
-        "fragility",
         "incremental_dynamic_analysis",
         "overturning_distribution",
     ),

@@ -4,7 +4,9 @@ Every check looks at concrete numbers only: under `jax.jit`, `jax.vmap` or `jax.
 nothing can be said about it, and the scene reports through its `result` instead.
 """
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +15,40 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 
-def as_float(x) -> Array:
-    """`x` as an array of the default floating-point type (float64 unless the user switched it off)."""
+def as_float(x, what: str = "it") -> Array:
+    """`x` as an array of the default floating-point type (float64 unless the user switched it off).
+
+    Raises `ValueError` that begins with `what` for anything but numbers.
+    """
     if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float):
         return x
-    if isinstance(x, (str, bytes)) or x is None:
-        raise ValueError(f"expected a number or an array of numbers, got {x!r}")
-    return jnp.asarray(x, dtype=jnp.result_type(float))
+    try:
+        if x is None or isinstance(x, str | bytes) or _holds_text(x):
+            raise TypeError
+        return jnp.asarray(x, dtype=jnp.result_type(float))
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
+
+
+def _holds_text(x) -> bool:
+    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _holds_text(y) for y in x)
+
+
+def as_number(what: str) -> Callable[..., Array]:
+    """The converter of a field of numbers, called `what` in errors."""
+    return functools.partial(as_float, what=what)
+
+
+def check_dtype(owner: str, name: str, tree) -> None:
+    """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds here."""
+    expected = jnp.result_type(float)
+    for leaf in jax.tree.leaves(tree):
+        if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.dtype != expected:
+            switch = "on" if expected == jnp.float64 else "off"
+            raise ValueError(
+                f"{owner}: {name} holds {leaf.dtype} numbers, but jax_enable_x64 is {switch} here, so that all numbers are "
+                f"{expected}; create the {name} under the same setting"
+            )
 
 
 def concrete(x) -> np.ndarray | None:
@@ -34,13 +63,42 @@ def concrete(x) -> np.ndarray | None:
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
+    if isinstance(x, str | bytes):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
     value = concrete(x)
-    if value is None:
+    if value is None and any(isinstance(y, Tracer) for y in jax.tree.leaves(x)):
         return
+    if value is None or isinstance(x, str | bytes):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {shown(x)}")
     good = np.isfinite(value) & ok(value)
     if not good.all():
         bad = value if value.ndim == 0 else value[~good].ravel()[0]
         raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
+
+
+def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
+    """One number, on the host. Raises a `ValueError` as [`require`][] does."""
+    try:
+        number = float("nan") if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and ok(number)):
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {shown(value)}")
+    return number
+
+
+def whole(owner: str, name: str, value, least: int) -> int:
+    """A whole number. Raises a `ValueError` that names argument, value and what is accepted."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {name} = {shown(value)}")
+    return int(value)
+
+
+def texts(owner: str, name: str, values) -> tuple[str, ...]:
+    """Several texts, of which one alone is none."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(f"{owner}: {name} must be a list of texts, got {shown(values)}")
+    return tuple(values)
 
 
 def positive(owner: str, **arguments) -> None:
@@ -56,3 +114,17 @@ def not_negative(owner: str, **arguments) -> None:
 def finite(owner: str, **arguments) -> None:
     for name, x in arguments.items():
         require(owner, name, x, np.isfinite, "finite")
+
+
+def shown(value) -> str:
+    """A value in an error: its type where its own words are long."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    text = repr(value)
+    return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
+
+
+def of_kind(owner: str, name: str, value, kind: Any, wanted: str) -> None:
+    """Raise a `ValueError` that names argument, value and what is wanted, unless `value` is of that kind."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{owner}: {name} must be {wanted}, got {shown(value)}")

@@ -42,8 +42,13 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     return path
 
 
+CONVENTIONS = "CF-1.8"  # of the units, flags and names in files; the earliest with groups and texts
+
+
 def write_dataset(path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None) -> Path:
     """Write a dataset as netCDF, and others as groups of the same file, whole or not at all."""
+
+    data.attrs.setdefault("Conventions", CONVENTIONS)
 
     def write(name: str) -> None:
         data.to_netcdf(name, engine="netcdf4")

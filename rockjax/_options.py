@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import equinox as eqx
 import jax.numpy as jnp
 
-from ._checks import require
+from ._checks import require, texts
 from ._repr import card
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "B
 _EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin", "errors")
 LEAST_ATOL = 1e-17
+
+
+def _names(outputs) -> tuple[str, ...]:
+    return texts("Options", "outputs", outputs)
 
 
 class Options(eqx.Module):
@@ -35,7 +39,7 @@ class Options(eqx.Module):
     - `max_steps`: bound on trial steps of a scene
     - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
       `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not computed
-      (NaN). Impacts are counted until the scene ends; ask for `"impacts"` to count on until rest or `t_end`. `"errors"`
+      (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"`
       estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
     - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a closer look, by
@@ -53,7 +57,7 @@ class Options(eqx.Module):
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
     outputs: tuple[str, ...] = eqx.field(
-        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=tuple
+        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=_names
     )
     history: int = eqx.field(static=True, default=4096)
     throw: bool = eqx.field(static=True, default=True)
@@ -107,13 +111,7 @@ class Options(eqx.Module):
     @property
     def solver(self) -> diffrax.AbstractSolver:
         """The Diffrax solver that `method` names."""
-        import diffrax
-
-        if isinstance(self.method, diffrax.AbstractSolver):
-            return self.method
-        if self.method not in METHODS:
-            raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {self.method!r}")
-        return getattr(diffrax, METHODS[self.method])()
+        return solver_of(self.method)
 
     def check_precision(self) -> None:
         """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
@@ -129,3 +127,14 @@ class Options(eqx.Module):
     def replace(self, **changes) -> Options:
         """A variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
+
+
+def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """The Diffrax solver that a method names. Raises `ValueError` where there is none."""
+    import diffrax
+
+    if isinstance(method, diffrax.AbstractSolver):
+        return method
+    if method not in METHODS:
+        raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}")
+    return getattr(diffrax, METHODS[method])()

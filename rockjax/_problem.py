@@ -59,8 +59,7 @@ intensity = [0.5, 8.0]           # lowest and highest level, in units of the mea
 levels = 20
 method = "capacities"            # or "stripes"
 confidence = 0.9
-resamples = 1000
-seed = 0                         # of the resampling
+seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
 [risk]                           # of `rockjax risk`
@@ -100,13 +99,22 @@ from ._motions.motion import Motions
 from ._motions.readers import read_motion, read_suite
 from ._motions.synthetic import synthetic_motions
 from ._options import Options
+from ._problem_keys import (
+    BY_DIMENSIONS,
+    BY_RATIOS,
+    COMMANDS,
+    DESIGN,
+    ONE_OR_MORE,
+    OPTIONS,
+    RECORDED,
+    SOURCES,
+    SUPERSTRUCTURE,
+    Kind,
+    is_list,
+    is_number,
+    whole,
+)
 from ._structures import Elastic, Podium, Rigid
-
-# Everything that a file may hold: one file can serve all commands.
-DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")
-MEASURES = ("PGA", "PGV", "Sa", "scale")
-FITS = ("capacities", "stripes")
-SOURCES = ("kind", "file", "suite", "synthetic")
 
 
 class Reported(ValueError):
@@ -123,96 +131,18 @@ def load_table(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: is not TOML: {error}") from None
 
 
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_list(value, holds: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(map(holds, value))
-
-
-def _is_text(value) -> bool:
-    return isinstance(value, str)
-
-
-# In words, and how to tell.
-Kind = tuple[str, Callable[[Any], bool]]
-NUMBER: Kind = ("a number", _is_number)
-NUMBERS: Kind = ("a list of numbers", lambda value: _is_list(value, _is_number))
-RANGE: Kind = ("two numbers [lowest, highest]", lambda value: _is_list(value, _is_number) and len(value) == 2)
-TEXT: Kind = ("a text", _is_text)
-TEXTS: Kind = ("a list of texts", lambda value: value == [] or _is_list(value, _is_text))
-LABEL: Kind = ("a whole number or text", lambda value: _is_text(value) or (_is_number(value) and isinstance(value, int)))
-
-
-TABLE: Kind = ("a table", lambda value: isinstance(value, dict))
-
-
-def _whole(least: int) -> Kind:
-    return f"a whole number ≥ {least}", lambda value: _is_number(value) and isinstance(value, int) and value >= least
-
-
-def _one_of(names) -> Kind:
-    return f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names
-
-
-_PANELS: dict[str, Kind] = {
-    "pulse": _one_of(PULSES),
-    "frequency_ratio": RANGE,
-    "points": _whole(2),
-    "eta_over_gamma": NUMBERS,
-    "T_s": NUMBERS,
-}
-COMMANDS: dict[str, dict[str, Kind]] = {
-    "response": {"motion": TEXT, "number": _whole(1), "t_end": NUMBER},
-    "spectrum": _PANELS | {"acceleration_ratio": RANGE},
-    "overturning": _PANELS | {"max_acceleration_ratio": NUMBER, "sensitivities": TEXTS},
-    "fragility": {
-        "motions": TEXT,
-        "measure": _one_of(MEASURES),
-        "measure_period": NUMBER,
-        "intensity": RANGE,
-        "levels": _whole(1),
-        "method": _one_of(FITS),
-        "confidence": NUMBER,
-        "resamples": _whole(1),
-        "seed": _whole(0),
-        "sensitivities": TEXTS,
-    },
-    "risk": {
-        "fragility": TEXT,
-        "structure": TEXT,
-        "median": NUMBER,
-        "dispersion": NUMBER,
-        "hazard": TEXT,
-        "site": _whole(0),
-        "years": NUMBER,
-    },
-    "sweep": {"motion": TEXT, "number": _whole(1), "outputs": TEXTS, "chunk": _whole(1), "axes": TABLE},
-}
-_RECORD: dict[str, Kind] = {"units": TEXT, "dt": NUMBER, "scale": NUMBER, "component": LABEL}
-_SOURCES: dict[str, tuple[Kind, dict[str, Kind]]] = {
-    "file": (TEXT, _RECORD),
-    "suite": (TEXT, _RECORD | {"pattern": TEXT}),
-    "synthetic": (
-        _whole(1),
-        {"seed": _whole(0), "dt": NUMBER, "duration": NUMBER, "pga": NUMBER, "omega_g": NUMBER, "zeta_g": NUMBER},
-    ),
-}
-
-
 def axis_values(value: Any) -> np.ndarray:
     """The values of an axis: a list of them, or { from, to, points } with `log` for equal ratios.
 
     Raises `ValueError` for anything else, and for a range that makes none.
     """
-    if _is_list(value, _is_number):
+    if is_list(value, is_number):
         return np.asarray(value, float)
     names = {"from", "to", "points", "log"}
     if not isinstance(value, dict) or not {"from", "to", "points"} <= value.keys() <= names:
         raise ValueError(f"must be a list of numbers, or {{ from, to, points }} and log = true, got {value!r}")
     low, high, points, log = value["from"], value["to"], value["points"], value.get("log", False)
-    if not (_is_number(low) and _is_number(high) and isinstance(log, bool) and _whole(2)[1](points)):
+    if not (is_number(low) and is_number(high) and isinstance(log, bool) and whole(2).holds(points)):
         raise ValueError(f"from and to must be numbers, points a whole number ≥ 2, log true or false, got {value!r}")
     if log and not (low > 0 and high > 0):
         raise ValueError(f"equal ratios need from and to > 0, got {low:g} and {high:g}")
@@ -265,12 +195,15 @@ class Reader:
 
     def typed(self, value, key: str, kinds: Mapping[str, Kind]) -> dict[str, Any]:
         """A table of optional keys, each of its kind."""
-        table = self.table(value, key, (), tuple(kinds))
-        for name, entry in table.items():
-            words, good = kinds[name]
-            if not good(entry):
-                self.fail(f"{key}.{name}", f"must be {words}, got {entry!r}")
-        return table
+        return self.entries(self.table(value, key, (), tuple(kinds)), key, kinds)
+
+    def entries(self, table: Mapping[str, Any], key: str, kinds: Mapping[str, Kind]) -> dict[str, Any]:
+        """Those of a table's entries that have a kind here, checked."""
+        known = {name: entry for name, entry in table.items() if name in kinds}
+        for name, entry in known.items():
+            if not kinds[name].holds(entry):
+                self.fail(f"{key}.{name}" if key else name, f"must be {kinds[name].words}, got {entry!r}")
+        return known
 
     def settings(self, table: Mapping[str, Any], command: str) -> dict[str, Any]:
         """What a file says to a command."""
@@ -278,13 +211,14 @@ class Reader:
 
     def options(self, table: Mapping[str, Any], **changes) -> Options:
         """The options of a file; `changes` are what it need not say."""
+        given = self.typed(table.get("options", {}), "options", OPTIONS)
+        chosen: dict[str, Any] = {"throw": False} | changes | given
         with self.at("options"):
-            given = table.get("options", {})
-            return Options(**({"throw": False} | changes | given))
+            return Options(**chosen)
 
     def numbers(self, value, key: str) -> np.ndarray:
-        if not _is_number(value) and not _is_list(value, _is_number):
-            self.fail(key, f"must be a number or a list of numbers, got {value!r}")
+        if not ONE_OR_MORE.holds(value):
+            self.fail(key, f"must be {ONE_OR_MORE.words}, got {value!r}")
         return np.asarray(value, float)
 
     def structure(self, value) -> Any:
@@ -292,24 +226,30 @@ class Reader:
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, got {value!r}")
         if "column_mass" in value:
-            names = ("beam_mass", "columns", "top_mass", "period", "damping", "lam", "restitution", "g")
-            self.table(value, key, ("width", "height", "column_mass"), names)
+            needed = ("width", "height", "column_mass")
+            self.table(value, key, needed, tuple(name for name in BY_DIMENSIONS if name not in needed))
+            self.typed(value, key, BY_DIMENSIONS)
             with self.at(key):
                 return self.by_dimensions(**value)
         slenderness = [name for name in ("alpha", "tan_alpha") if name in value]
         if len(slenderness) != 1:
             self.fail(key, "needs alpha or tan_alpha with R, or width, height and column_mass")
-        optional = ("gamma", "superstructure", "lam", "restitution", "g")
-        numbers = dict(self.table(value, key, (slenderness[0], "R"), optional))
+        needed, either = (slenderness[0], "R"), ("alpha", "tan_alpha")
+        self.table(value, key, needed, tuple(name for name in BY_RATIOS if name not in (*needed, *either)))
+        numbers = dict(self.typed(value, key, BY_RATIOS))
+        if "tan_alpha" in numbers:
+            numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
+        if "superstructure" in numbers:
+            numbers["superstructure"] = self.superstructure(numbers["superstructure"], f"{key}.superstructure")
         with self.at(key):
-            if "tan_alpha" in numbers:
-                numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
-            if "superstructure" in numbers:
-                top = self.table(numbers["superstructure"], f"{key}.superstructure", ("eta",), ("T_s", "zeta"))
-                if "zeta" in top and "T_s" not in top:
-                    self.fail(f"{key}.superstructure", "zeta needs T_s; without it the superstructure is rigid")
-                numbers["superstructure"] = Elastic(**top) if "T_s" in top else Rigid(**top)
             return Podium(**numbers)
+
+    def superstructure(self, value, key: str) -> Elastic | Rigid:
+        top = self.typed(self.table(value, key, ("eta",), ("T_s", "zeta")), key, SUPERSTRUCTURE)
+        if "zeta" in top and "T_s" not in top:
+            self.fail(key, "zeta needs T_s; without it the superstructure is rigid")
+        with self.at(key):
+            return Elastic(**top) if "T_s" in top else Rigid(**top)
 
     def motions(self, value, podium: Podium) -> dict[str, list[AbstractExcitation]]:
         """All sets of motions, to simulate with."""
@@ -365,7 +305,8 @@ class Reader:
     def periods(self, entry: dict, key: str, podium: Podium) -> np.ndarray:
         numbers, ratio = self.either(entry, key, "T_p", "frequency_ratio")
         if not (numbers > 0).all():
-            self.fail(key, f"periods and frequencies must be > 0, got {numbers.tolist()}")
+            name = "frequency_ratio" if ratio else "T_p"
+            self.fail(f"{key}.{name}", f"must be > 0, got {entry[name]!r}")
         return 2 * math.pi / (float(podium.p) * numbers) if ratio else numbers
 
     def pulses(self, entry: dict, key: str, podium: Podium) -> list[AbstractExcitation]:
@@ -382,7 +323,7 @@ class Reader:
 
     def recorded(self, entry: dict, key: str, source: str) -> Motions:
         """The records of one entry."""
-        own, others = _SOURCES[source]
+        own, others = RECORDED[source]
         self.typed(self.table(entry, key, (source,), tuple(others)), key, {source: own} | others)
         more: dict[str, Any] = {name: entry[name] for name in entry if name != source}
         with self.at(key):

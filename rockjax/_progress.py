@@ -3,19 +3,42 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from typing import Any
 
 from tqdm.auto import tqdm  # a widget in notebooks
+
+TICK = 1.0  # s: so long a bar may stand without its clock being moved on
+
+
+def ticking(shown: Any) -> threading.Event:
+    """Move the clock of a bar on until the event that this returns is set."""
+    ended = threading.Event()
+
+    def tick() -> None:
+        while not ended.wait(TICK):
+            shown.refresh()
+
+    if not shown.disable:
+        threading.Thread(target=tick, daemon=True).start()
+    return ended
 
 
 class Bar(tqdm):
     """A bar that does not count the time before its first update, when programs are compiled or loaded.
 
+    Its clock goes on by itself: while a program is compiled nothing else would show that something happens.
     As a context it ends full, unless an exception ends it: what is done in fewer steps than it might have taken is done.
     """
 
     def __init__(self, **settings):
         super().__init__(desc="preparing", **settings)
+        self._ended = ticking(self)
+
+    def close(self) -> None:
+        if hasattr(self, "_ended"):
+            self._ended.set()
+        super().close()
 
     def update(self, n: float | None = 1) -> bool | None:
         if not self.disable and self.desc:

@@ -107,11 +107,13 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
     return {name: xarray.load_dataset(path, group=name, engine="netcdf4") for name in names}
 
 
-def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = ()) -> list[Path]:
+def redraw(
+    path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
+) -> list[Path]:
     """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without its ending.
 
-    `names`: which pictures; by default those that the command which made the file draws. Raises `ValueError` for files that
-    are not rockjax's and for pictures that they do not have.
+    `suffix`: the format of the pictures; `names`: which, by default those that the command which made the file draws. Raises
+    `ValueError` for files that are not rockjax's and for pictures that they do not have.
     """
     data = load(path)
     groups = _groups(path)
@@ -134,5 +136,5 @@ def redraw(path: str | Path, prefix: str | Path | None = None, names: Sequence[s
             written.append(how.draw(f"{prefix}-{name}.gif", drawing))
             continue
         drawn = how.draw(drawing)
-        written.append(write_figure(f"{prefix}-{name}.png", getattr(drawn, "figure", drawn)))
+        written.append(write_figure(f"{prefix}-{name}{suffix}", getattr(drawn, "figure", drawn)))
     return written

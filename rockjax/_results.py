@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from ._checks import as_number
 
 
 class RESULTS(eqx.Enumeration):
@@ -56,10 +57,10 @@ class State(eqx.Module):
     superstructure.
     """
 
-    theta: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    theta_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    u_t: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
-    u_t_dot: Float[Array, "*times"] = eqx.field(converter=jnp.asarray, default=0.0)
+    theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
+    theta_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta_dot"), default=0.0)
+    u_t: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t"), default=0.0)
+    u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t_dot"), default=0.0)
 
 
 REST = State()

@@ -13,7 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ._checks import as_float, concrete, not_negative, positive, require
+from ._checks import as_float, as_number, concrete, not_negative, positive, require
+from ._plausibility import doubt
 from ._repr import card, readable
 from ._types import Number
 
@@ -28,9 +29,9 @@ class Elastic(eqx.Module):
     - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
     """
 
-    eta: Number = eqx.field(converter=as_float)
-    T_s: Number = eqx.field(converter=as_float)
-    zeta: Number = eqx.field(converter=as_float, default=0.05)
+    eta: Number = eqx.field(converter=as_number("Elastic: eta"))
+    T_s: Number = eqx.field(converter=as_number("Elastic: T_s"))
+    zeta: Number = eqx.field(converter=as_number("Elastic: zeta"), default=0.05)
 
     def __check_init__(self):
         not_negative("Elastic", eta=self.eta, zeta=self.zeta)
@@ -54,7 +55,7 @@ class Rigid(eqx.Module):
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
     """
 
-    eta: Number = eqx.field(converter=as_float)
+    eta: Number = eqx.field(converter=as_number("Rigid: eta"))
 
     def __check_init__(self):
         not_negative("Rigid", eta=self.eta)
@@ -92,7 +93,7 @@ class CompatibleRestitution(eqx.Module):
 class GivenRestitution(eqx.Module):
     """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
 
-    e: Number = eqx.field(converter=as_float)
+    e: Number = eqx.field(converter=as_number("Podium: restitution"))
 
     def __check_init__(self):
         require(
@@ -126,6 +127,19 @@ def _as_restitution(value) -> Restitution:
     return GivenRestitution(value)
 
 
+LARGEST_R = 100.0  # m: no column of that size was ever left free to rock
+
+
+def _doubt_size(width, height) -> None:
+    sides = concrete(width), concrete(height)
+    if sides[0] is None or sides[1] is None:
+        return
+    R = float(np.max(0.5 * np.hypot(*sides)))
+    if R > LARGEST_R:
+        size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
+        doubt(f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3)
+
+
 class Podium(eqx.Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
@@ -141,13 +155,13 @@ class Podium(eqx.Module):
     Raises `ValueError` for concrete numbers outside these ranges.
     """
 
-    alpha: Number = eqx.field(converter=as_float)
-    R: Number = eqx.field(converter=as_float)
-    gamma: Number = eqx.field(converter=as_float, default=0.0)
+    alpha: Number = eqx.field(converter=as_number("Podium: alpha"))
+    R: Number = eqx.field(converter=as_number("Podium: R"))
+    gamma: Number = eqx.field(converter=as_number("Podium: gamma"), default=0.0)
     superstructure: Elastic | Rigid | None = None
-    lam: Number = eqx.field(converter=as_float, default=1 / 3)
+    lam: Number = eqx.field(converter=as_number("Podium: lam"), default=1 / 3)
     restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
-    g: Number = eqx.field(converter=as_float, default=STANDARD_GRAVITY)
+    g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
 
     def __check_init__(self):
         require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
@@ -178,9 +192,12 @@ class Podium(eqx.Module):
         - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
         """
         owner = "Podium.from_dimensions"
+        for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
+            as_float(value, f"{owner}: {name}")
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)
+        _doubt_size(width, height)
         columns_mass = columns * column_mass
         eta = as_float(top_mass) / columns_mass
         if period is not None:
@@ -220,13 +237,24 @@ class Podium(eqx.Module):
         return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.eta
 
     @property
+    def uplift_ground_acceleration(self) -> Number:
+        """The ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²].
+
+        With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do when it is
+        exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must go that makes the top
+        mass swing depends on the motion: a swing lifts the columns at less than g tan α, a jump, which the spring has not
+        answered yet, at once only above `uplift_acceleration`.
+        """
+        return self.g * jnp.tan(self.alpha)
+
+    @property
     def uplift_acceleration(self) -> Number:
-        """The demand |q| at which the columns uplift [m/s²], Eq. (9).
+        """The demand |q| at which the columns uplift [m/s²], Eq. (9): the spring's part of q included.
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
-        g tan α with a rigid one or none, Eq. (5).
+        g tan α with a rigid one or none, Eq. (5). For the ground acceleration see `uplift_ground_acceleration`.
         """
-        threshold = self.g * jnp.tan(self.alpha)
+        threshold = self.uplift_ground_acceleration
         if isinstance(self.superstructure, Elastic):
             threshold = threshold * (1 + 2 * self.gamma + 2 * self.eta) / (1 + 2 * self.gamma)
         return threshold

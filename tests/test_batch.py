@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._batch import memory
 
 from .scenes import PODIUMS, G, elastic, options, shaking
 
@@ -34,6 +35,25 @@ def test_one_scene_is_its_place_in_the_batch(name):
     same(batch, mapped)
     assert batch.overturned.any()
     assert not batch.overturned.all()
+
+
+def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, monkeypatch):
+    (tmp_path / "proc").mkdir()
+    (tmp_path / "proc" / "meminfo").write_text("MemTotal: 8000 kB\nMemAvailable:    4000 kB\n")
+    assert memory.free_memory(tmp_path) == 4_096_000
+    group = tmp_path / "sys" / "fs" / "cgroup"
+    group.mkdir(parents=True)
+    (group / "memory.max").write_text("max\n")
+    (group / "memory.current").write_text("1000000\n")
+    assert memory.free_memory(tmp_path) == 4_096_000
+    (group / "memory.max").write_text("3000000\n")
+    assert memory.free_memory(tmp_path) == 2_000_000
+    said = r"100000000\d\d scenes take some 1\.\d* TiB of memory, and .* are free.* rockjax\.sweep"
+    axis = np.linspace(1.0, 8.0, 100_000)
+    with pytest.raises(ValueError, match="rocking_spectrum: " + said):
+        rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, axis, axis)
+    with pytest.raises(ValueError, match="peak_responses: " + said):
+        rj.peak_responses(PODIUMS["rigid"], rj.Ricker(axis[:, None], axis))
 
 
 def test_order_size_and_lanes_do_not_matter(monkeypatch):

@@ -21,7 +21,7 @@ from rockjax._cli import app, main
 
 from .scenes import Stops
 
-PROBLEMS = Path(__file__).parent.parent / "docs" / "problems"
+PROBLEMS = Path(__file__).parent.parent / "rockjax" / "examples"
 
 RUN = CliRunner()
 
@@ -187,7 +187,7 @@ WRONG = [
     ("response good.toml --motion a --number 3", "there is no number 3"),
     ("response good.toml --motion a --T-p 2", "which --T-p cannot change one by one"),
     ("response good.toml --motion b --scale 2", "motions.b: holds a pulse; --scale has no meaning for it"),
-    ("response good.toml --R -1", "good.toml with --R: structure: Podium: R must be finite and > 0, got R = -1.0"),
+    ("response good.toml --R -1", "good.toml with --R: structure.R: must be a number > 0, got -1.0"),
     ("response good.toml --width 1", "structure: is given by ratios: --width cannot change it"),
     ("response --alpha 0.1 --tan-alpha 0.1", "--tan-alpha and --alpha: give one of them"),
     ("response --T-p 1 --frequency-ratio 2", "--T-p and --frequency-ratio: give one of them"),
@@ -195,7 +195,26 @@ WRONG = [
     ("response --width 0.4 --R 2", "--R and --width: give the structure by ratios or by dimensions, not both"),
     ("response --restitution lawless", "restitution must be 'paper', 'compatible' or a factor"),
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
-    ("response --T-p -1", "motion: periods and frequencies must be > 0, got -1.0"),
+    ("response --T-p -1", "motion.T_p: must be > 0, got -1.0"),
+    ("response --tan-alpha -0.15", "structure.tan_alpha: must be a number > 0, got -0.15"),
+    ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
+    ("response list.toml", "list.toml: structure.R: must be a number > 0, got [1.0, 2.0]"),
+    ("response steps.toml --motion b", "steps.toml with --motion: options.stride: must be a number > 0, got '0.5'"),
+    ("spectrum turned.toml", "turned.toml: spectrum.frequency_ratio: must be two numbers [lowest, highest] with 0 <"),
+    ("design goals.toml", "goals.toml: targets[0].limit: must be a number > 0, got '0.4'"),
+    ("spectrum --frequency 8 1", "--frequency: must have 0 < lowest < highest, got 8 and 1"),
+    ("spectrum --acceleration 12 1", "--acceleration: must have 0 <= lowest < highest, got 12 and 1"),
+    ("overturning --frequency 0 8", "--frequency: must have 0 < lowest < highest, got 0 and 8"),
+    ("overturning --max-acceleration -1", "--max-acceleration: must be finite and > 0, got -1"),
+    ("motions record.txt --tan-alpha -1 --R 1", "--tan-alpha: must be finite and > 0, got -1"),
+    ("spectrum --points 100000", "rockjax spectrum: 120000000000 scenes take some 17.5 TiB of memory"),
+    ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
+    ("response -o data.mat", "--output data.mat: .mat is not written here"),
+    ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
+    ("design", "design: needs a problem file (TOML), or --example column"),
+    ("design --example table", "--example: must be one of column, fragility, response, spectrum, sweep, got 'table'"),
+    ("response good.toml --example response", "--example: stands for a problem file; good.toml is one already"),
+    ("sweep --axis tan_alpha=-0.1,0.2", "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0.1"),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
     ("response --record record.txt", "record.txt: does not say in what units; give units (on the command line --units)"),
     ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
@@ -241,6 +260,11 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
         ("bad", "[structure]\nalpha = 0.1\nR = 1.0\nfoo = 2\n"),
         ("worse", GOOD + "[spektrum]\npoints = 3\n"),
         ("points", GOOD + "[overturning]\npoints = -3\n"),
+        ("text", GOOD.replace("alpha = 0.2", 'tan_alpha = "0.15"')),
+        ("list", GOOD.replace("R = 1.0", "R = [1.0, 2.0]")),
+        ("steps", GOOD + '[options]\nstride = "0.5"\n'),
+        ("turned", GOOD + "[spectrum]\nfrequency_ratio = [8.0, 1.0]\n"),
+        ("goals", GOOD + '[vary]\nR = [1.0, 2.0]\n[[targets]]\nkind = "peak-rotation"\nlimit = "0.4"\nmotions = "a"\n'),
     ):
         (tmp_path / f"{name}.toml").write_text(text)
     (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
@@ -251,6 +275,59 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
     assert words in err
     assert "Traceback" not in err
     assert set(os.listdir()) == there
+
+
+@pytest.mark.parametrize(
+    "name", ["spectrum", "overturning", "response", "fragility --synthetic 2", "design --example column"]
+)
+def test_what_cannot_be_written_is_said_before_anything_is_computed(run, tmp_path, monkeypatch, name):
+    (tmp_path / "file").touch()
+    (tmp_path / "taken.nc").mkdir()
+    (tmp_path / "taken.json").mkdir()
+    for verb in ("rocking_spectra", "overturning_spectrum", "simulate", "incremental_dynamic_analysis"):
+        monkeypatch.setattr(rj, verb, None)
+    for output, words in (
+        ("file/below", r"file/below\S+ could not be written: Not a directory"),
+        ("taken", r"taken\.(nc|json) could not be written: it is a folder"),
+    ):
+        code, out, err = run(*name.split(), "-o", output, "-q")
+        assert code == 1
+        assert out == ""
+        assert re.search(words, err)
+    assert sorted(os.listdir()) == ["file", "taken.json", "taken.nc"]
+
+
+def test_a_folder_holds_the_files_and_a_suffix_is_their_format(run, tmp_path):
+    (tmp_path / "frame.toml").write_text(FRAME)
+    (tmp_path / "there").mkdir()
+    for output, files in (
+        ("there", ["there/rockjax-response.nc", "there/rockjax-response.png"]),
+        ("new/", ["new/rockjax-response.nc", "new/rockjax-response.png"]),
+        ("a.pdf", ["a.nc", "a.pdf"]),
+        ("v1.2", ["v1.2.nc", "v1.2.png"]),
+        ("b.nc", ["b.nc", "b.png"]),
+    ):
+        code, out, err = run("response", "frame.toml", "-o", output, "--json")
+        assert code == 0, err
+        assert json.loads(out)["files"] == files
+        assert all(Path(name).is_file() for name in files)
+    assert Path("a.pdf").read_bytes().startswith(b"%PDF")
+    assert attributes("b.nc")["Conventions"] == "CF-1.8"
+    assert run("plot", "b.nc", "-o", "c.svg")[0] == 0
+    assert Path("c-response.svg").is_file()
+
+
+def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
+    """As `| head -1` does; what is left to say goes nowhere, what is left to write is written."""
+    (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
+    command = [sys.executable, "-m", "rockjax", *words("motions record.txt --units g --dt 0.1 -o a")]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        running.stdout.close()
+        said = running.stderr.read().decode()
+        assert running.wait(timeout=300) == 0, said
+    assert "Broken pipe" not in said
+    assert "Traceback" not in said
+    assert (tmp_path / "a.nc").exists()
 
 
 def test_ctrl_c_ends_with_130(run, monkeypatch):
@@ -272,7 +349,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     """The example with fewer records and levels, and then the same records from files."""
     text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
     (tmp_path / "small.toml").write_text(text.replace('["alpha", "gamma"]', "[]"))
-    few = ("--levels", 3, "--intensity", 0.3, 0.9, "--resamples", 50)
+    few = ("--levels", 3, "--intensity", 0.3, 0.9)
     code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
     assert code == 0, err
     said = json.loads(out)
@@ -301,7 +378,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
         assert code == 0, err
         said = json.loads(run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1])
     assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
-    expected = rj.fragility(analysis, resamples=50)["median_sensitivity"].values
+    expected = rj.fragility(analysis)["median_sensitivity"].values
     assert expected[0] == pytest.approx(-2 * expected[1])
     for name, value in zip(("alpha", "gamma"), expected, strict=True):
         assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
@@ -375,7 +452,8 @@ def test_help_teaches(run, name):
         assert parameter.name in ("help", "ctx") or text
     for panel in {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}:
         assert f" {panel} " in out
-    examples = re.findall(rf"^ +rockjax {name}\b(.*)$", out.split("Examples:")[1], re.M)
+    written = re.sub(r"\\\s*\n", " ", out.split("Examples:")[1])  # lines that go on
+    examples = re.findall(rf"^ +rockjax {name}\b(.*)$", written, re.M)
     assert len(examples) >= 2
     for example in examples:
         command.make_context(name, example.split())
@@ -387,6 +465,36 @@ def test_numbers_have_units_in_the_help(run, name):
     assert lines or name == "plot"
     for line in lines:
         assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_survive_80_columns(run, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "80")
+    command = typer.main.get_command(app).commands[name]
+    given = [line.strip() for line in command.help.split("Examples:")[1].splitlines() if line.strip()]
+    shown = [line.strip() for line in run(name, "--help")[1].splitlines()]
+    assert given
+    assert [line for line in given if line not in shown] == []
+
+
+def test_no_colour_means_no_codes():
+    for variables, coded in (({}, True), ({"NO_COLOR": "1"}, False)):
+        environment = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | {"FORCE_COLOR": "1"}
+        done = subprocess.run(
+            [sys.executable, "-m", "rockjax", "--help"], capture_output=True, text=True, env=environment | variables
+        )
+        assert "Rocking podium structures" in done.stdout
+        assert ("\x1b[" in done.stdout) is coded
+
+
+def test_examples_come_with_the_package():
+    from rockjax._cli._given import problem_file
+    from rockjax._cli._options import EXAMPLES
+
+    assert sorted(path.stem for path in PROBLEMS.iterdir()) == sorted(EXAMPLES)
+    assert optimise.load(problem_file(None, "column")).settings == {"starts": 4}
+    assert optimise.__version__ == rj.__version__
+    assert (Path(optimise.__file__).parent / "py.typed").exists()
 
 
 def test_version_and_completion(run, monkeypatch):

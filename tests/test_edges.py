@@ -10,7 +10,7 @@ import pytest
 import rockjax as rj
 
 from . import reference
-from .scenes import ALPHA, PODIUMS, elastic, options, pulse
+from .scenes import ALPHA, PODIUMS, G, elastic, options, pulse
 
 BLOCK = PODIUMS["block"]
 UP = float(BLOCK.uplift_acceleration)
@@ -26,6 +26,20 @@ def test_touching_the_threshold_is_not_uplift(podium):
         assert bool(peak.uplifted) is lifts
         assert math.isnan(float(peak.uplift_time)) is not lifts
     assert float(peak.peak_rotation) < 1e-6
+
+
+def test_a_slow_ground_acceleration_lifts_at_g_tan_alpha():
+    """The spring carries the top mass, whose inertia Eq. (9) counts: the demand is ten times that of the ground."""
+    podium = elastic(0.5)
+    ground = float(podium.uplift_ground_acceleration)
+    assert ground == pytest.approx(G * 0.15, rel=1e-12)
+    assert float(podium.uplift_acceleration) > 10 * ground
+    outputs = rj.Options(outputs=("peak_rotation",))
+    peaks = [rj.peak_response(podium, rj.Ricker(ground * factor, 100.0), options=outputs) for factor in (0.999, 1.003)]
+    assert [bool(peak.uplifted) for peak in peaks] == [False, True]
+    assert float(peaks[0].impacts) == 0  # never lifted, which is certain
+    swaying = rj.peak_response(podium, rj.OneCosine(0.6 * ground, 10.0), options=outputs)  # jumps to it
+    assert swaying.uplifted
 
 
 @pytest.mark.parametrize("podium", [BLOCK, elastic(0.5)])
@@ -45,7 +59,8 @@ def test_a_short_excursion_above_the_threshold_is_found():
         up = float(podium.uplift_acceleration)
         motion = rj.Ricker(up * (1 + 1e-5), 1.0)
         for method in ("tsit5", "dopri8"):
-            peak = rj.peak_response(podium, motion, options=rj.Options(rtol=1e-3, atol=1e-4, method=method))
+            rough = rj.Options(rtol=1e-3, atol=1e-4, method=method, outputs=("peak_rotation", "impacts"))
+            peak = rj.peak_response(podium, motion, options=rough)
             assert bool(peak.uplifted)
             assert int(peak.impacts) >= 1
 
@@ -224,6 +239,37 @@ def test_float32_on_purpose():
         peak = rj.peak_response(podium, pulse(), options=rj.Options(rtol=1e-5, atol=1e-6))
         assert peak.peak_rotation.dtype == jnp.float32
     assert float(peak.peak_rotation) == pytest.approx(0.458271, abs=2e-4)
+
+
+def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
+    """Made with float64 and used without it, or the other way round: all entrances say which and what to do."""
+    switched = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64
+    make = lambda: (rj.Podium(alpha=ALPHA, R=1.5), rj.Ricker(3.0, 1.0), rj.Record(np.sin(np.arange(50)), 0.02))
+    loose = rj.Options(rtol=1e-4, atol=1e-5)
+
+    def entrances(podium, motion):
+        yield lambda: rj.peak_response(podium, motion, options=loose)
+        yield lambda: rj.simulate(podium, motion, options=loose)
+        yield lambda: rj.peak_responses(podium, motion, options=loose)
+        yield lambda: rj.overturning_boundary(podium, motion, max_scale=4.0, options=loose)
+        yield lambda: jax.jit(rj.peak_response)(podium, motion, options=loose)
+        yield lambda: rj.sweep(podium, motion, store=tmp_path / "a.zarr", options=loose, progress=False)
+
+    def refused(podium, motion, words):
+        for call in entrances(podium, motion):
+            with pytest.raises(ValueError, match=words):
+                call()
+
+    podium, ricker, record = make()
+    with switched(False):
+        single = make()
+        refused(podium, single[1], r"podium holds float64 numbers, but jax_enable_x64 is off here.*create the podium")
+        for motion in (ricker, record):
+            refused(single[0], motion, r"excitation holds float64 numbers, but jax_enable_x64 is off here")
+    refused(
+        single[0], ricker, r"podium holds float32 numbers, but jax_enable_x64 is on here, so that all numbers are float64"
+    )
+    refused(podium, single[2], r"excitation holds float32 numbers")
 
 
 def test_reference_is_itself_right():

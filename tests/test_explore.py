@@ -15,10 +15,19 @@ COLUMN = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mas
 PULSE = rj.Ricker(3.2, 1.0)
 
 
+RANGES = {"width": (0.2, 1.5), "period": (0.1, 1.5), "a_p": (0.5, 8.0), "T_p": (0.3, 2.0)}
+
+
 @pytest.fixture(scope="module")
 def study():
-    ranges = {"width": (0.2, 1.5), "period": (0.1, 1.5), "a_p": (0.5, 8.0), "T_p": (0.3, 2.0)}
-    return optimise.explore(COLUMN, PULSE, ranges)
+    return optimise.explore(COLUMN, PULSE, RANGES)
+
+
+def shown_in_a_browser(explorer):
+    """What a browser does on showing sliders: it takes every value to the nearest place from `min` on, and sends it back."""
+    for slider in explorer.sliders.values():
+        place = round((slider.value - slider.min) / slider.step)
+        slider.set_state({"value": slider.min + place * slider.step})
 
 
 def test_sliders_move_the_scene(study):
@@ -35,6 +44,34 @@ def test_sliders_move_the_scene(study):
     assert study._image.value == study.picture
 
 
+def test_what_is_given_is_computed_until_a_slider_is_moved():
+    odd = COLUMN.replace(width=0.45371234567, period=1 / 3)
+    study = optimise.explore(odd, rj.Ricker(3.2001, 0.77), RANGES)
+    given, peak, picture = study.values, float(study.peak.peak_rotation), study.picture
+    assert given == {"width": 0.45371234567, "period": 1 / 3, "a_p": 3.2001, "T_p": 0.77}
+    shown_in_a_browser(study)
+    assert study.values == given
+    assert float(study.podium.width) == pytest.approx(0.45371234567, rel=1e-15)
+    assert (float(study.peak.peak_rotation), study.picture) == (peak, picture)
+    for slider, value in zip(study.sliders.values(), given.values(), strict=True):
+        assert slider.value == pytest.approx(value, rel=1e-5)
+        assert 200 <= (slider.max - slider.min) / slider.step <= 500_000
+    # Moved, and back again.
+    study.sliders["a_p"].set_state({"value": 0.5 + 27 * 0.1})
+    assert study.values["a_p"] == 3.2
+    study.sliders["a_p"].set_state({"value": 3.2001 + 1e-13})
+    assert study.values == given
+
+
+def test_round_numbers_stay_round_numbers(study):
+    for name, value in {"width": 0.45, "period": 0.5, "a_p": 3.2, "T_p": 1.0}.items():
+        slider = study.sliders[name]
+        assert slider.step == pytest.approx(float(f"{slider.step:.0e}"))  # one digit
+        slider.value = 0.5 * (slider.min + slider.max)
+        slider.set_state({"value": slider.min + round((value - slider.min) / slider.step) * slider.step})
+        assert study.values[name] == value  # and not 0.45000000000000007
+
+
 def test_pictures_follow(study):
     study.sliders["a_p"].value = 1.0
     low = study.picture
@@ -43,7 +80,7 @@ def test_pictures_follow(study):
     assert study.peak.overturned
     assert "overturns at" in study._text.value
     low, high = (matplotlib.image.imread(io.BytesIO(png)) for png in (low, study.picture))
-    assert low.shape == high.shape
+    assert low.shape == high.shape == (960, 1280, 4)  # twice the points it takes on the screen
     assert np.any(low != high)
 
 

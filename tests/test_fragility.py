@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
+import xarray
 
 import rockjax as rj
 from rockjax._studies import lognormal as _lognormal
+from rockjax._studies.curve import FEW
 from rockjax._studies.fragility import ENSEMBLE
+from rockjax._studies.intervals import Capacities, of_capacities
 
 from .scenes import PODIUMS, shaking
 
@@ -240,7 +243,7 @@ def test_sensitivities_of_capacities_against_bisection(analysis):
 
 def test_fragility_of_capacities(analysis):
     _, data = analysis
-    curve = rj.fragility(data, resamples=300)
+    curve = rj.fragility(data)
     log = np.log(data["capacity"].values)
     assert np.isfinite(log).all()
     assert float(curve["median_capacity"]) == pytest.approx(np.exp(log.mean()), rel=1e-9)
@@ -249,23 +252,36 @@ def test_fragility_of_capacities(analysis):
     np.testing.assert_allclose(curve["median_sensitivity"], data["sensitivity"].mean("record"), rtol=1e-8)
     exact = scipy.stats.lognorm(log.std(), scale=np.exp(log.mean())).cdf(curve["at"])
     np.testing.assert_allclose(curve["probability"], exact, atol=1e-9)
-    assert np.all((curve["lower"] <= curve["upper"]).values)
-    low, high = curve["interval"].sel(quantity="median_capacity").values
-    assert low < curve["median_capacity"] < high
-    # A bootstrap of a mean of logarithms, on its own.
-    rng = np.random.default_rng(5)
-    means = np.exp(np.log(data["capacity"].values[rng.integers(0, 8, (20_000, 8))]).mean(axis=1))
-    np.testing.assert_allclose([low, high], np.percentile(means, [5, 95]), rtol=0.05)
-    assert curve.equals(rj.fragility(data, resamples=300))
+    assert np.all((curve["lower"] <= curve["probability"]).values)
+    assert np.all((curve["probability"] <= curve["upper"]).values)
+    # Without censored records, Student's and the χ² interval of normal samples.
+    expected = scipy.stats.t(7, log.mean(), scipy.stats.sem(log)).interval(0.9)
+    np.testing.assert_allclose(np.log(curve["interval"].sel(quantity="median_capacity")), expected, rtol=1e-9)
+    expected = np.sqrt(8 * log.var() / scipy.stats.chi2(7).ppf([0.95, 0.05]))
+    np.testing.assert_allclose(curve["interval"].sel(quantity="dispersion"), expected, rtol=1e-9)
+    assert curve["interval"].attrs["records"] == curve["interval"].attrs["overturning_records"] == 8
+    # The band at the median is the interval of the median, seen from the side.
+    at = rj.fragility(data, at=curve["interval"].sel(quantity="median_capacity").values)
+    np.testing.assert_allclose([at["upper"][0], at["lower"][1]], 0.5, atol=1e-9)
+    alone = rj.fragility(data, confidence=None)
+    assert not {"interval", "lower", "upper"} & set(alone.data_vars)
+    xarray.testing.assert_equal(alone, curve[list(alone.data_vars)].drop_vars(["quantity", "bound"], errors="ignore"))
 
 
 def test_fragility_of_stripes_is_the_fit_of_its_counts(analysis):
     _, data = analysis
-    curve = rj.fragility(data, method="stripes", resamples=50)
-    counts = data["overturned"].sum("record").values.astype(float)
-    fit = fit_counts(data["intensity"].values, counts, np.full(counts.size, 8.0))
+    curve = rj.fragility(data, method="stripes")
+    overturned = data["overturned"].values.astype(float)
+    levels, counts = data["intensity"].values, overturned.sum(axis=0)
+    fit = fit_counts(levels, counts, np.full(counts.size, 8.0))
     assert float(curve["median_capacity"]) == pytest.approx(float(fit.median))
     np.testing.assert_allclose(curve["observed"], counts / 8)
+    # The jackknife, record by record.
+    logs = np.log([fit_counts(levels, counts - row, np.full(counts.size, 7.0)).median for row in overturned])
+    middle = 8 * np.log(fit.median) - 7 * logs.mean()
+    half = scipy.stats.t(7).ppf(0.95) * np.sqrt(7 / 8 * np.sum((logs - logs.mean()) ** 2))
+    bounds = curve["interval"].sel(quantity="median_capacity")
+    np.testing.assert_allclose(np.log(bounds), [middle - half, middle + half], rtol=1e-6)
 
 
 def test_records_that_never_overturn_are_censored(analysis):
@@ -273,11 +289,63 @@ def test_records_that_never_overturn_are_censored(analysis):
     levels = np.sort(data["capacity"].values)[[0, 4]] * [1.0, 1.001]
     low = rj.incremental_dynamic_analysis(BLOCK, table, levels, resolution=64)
     known = np.isfinite(low["capacity"].values)
-    assert 2 <= known.sum() < 8
-    curve = rj.fragility(low, resamples=20)
+    assert known.sum() >= FEW
+    assert known.sum() < 8
+    curve = rj.fragility(low)
     assert float(curve["median_capacity"]) > np.exp(np.log(low["capacity"].values[known]).mean())
+    assert curve["interval"].attrs["overturning_records"] == known.sum()
     with pytest.raises(ValueError, match="raise the highest intensity"):
         rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
+
+
+# ------------------------------------------------------------------------------------------------------------- intervals
+def counted(capacity, levels) -> xarray.Dataset:
+    """What `fragility` looks at of an analysis."""
+    capacity = np.asarray(capacity, float)
+    return xarray.Dataset(
+        {
+            "capacity": ("record", np.where(capacity <= levels[-1], capacity, np.nan)),
+            "overturned": (("record", "intensity"), np.asarray(levels) >= capacity[:, None]),
+        },
+        coords={"intensity": ("intensity", levels, {"units": "1"})},
+        attrs={"kind": "incremental-dynamic-analysis", "measure": "scale"},
+    )
+
+
+@pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
+def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
+    """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of .0095."""
+    rng = np.random.default_rng(count)
+    drawn = np.exp(0.4 * rng.normal(size=(1000, count)))
+    drawn = np.where(drawn < limit, drawn, np.inf)
+    fits = jax.jit(jax.vmap(_lognormal.fit_capacities))(drawn, np.full_like(drawn, limit))
+    median, dispersion = (np.asarray(y) for y in fits)
+    good = np.isfinite(median)
+    of = Capacities.of(drawn[good], limit)
+    found = of_capacities(of, median[good], dispersion[good], np.array([[0.6], [1.6]]), 0.9)
+    held = lambda bounds, truth: np.mean((bounds[0] <= truth) & (truth <= bounds[1]), axis=-1)
+    shares = [held(found.log_median, 0), held(found.log_dispersion, np.log(0.4))]
+    shares += list(held(found.probit, np.log([[0.6], [1.6]]) / 0.4))
+    assert good.mean() > 0.99
+    np.testing.assert_allclose(shares, 0.9, atol=0.03)
+
+
+def test_few_records_are_said():
+    with pytest.warns(RuntimeWarning, match="rest on 2 records that overturn"):
+        curve = rj.fragility(counted([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
+    low, high = curve["interval"].sel(quantity="median_capacity").values
+    assert high / low > 10
+    assert curve["interval"].attrs["overturning_records"] == 2
+    with pytest.warns(RuntimeWarning, match="rest on 4 records only"):
+        rj.fragility(counted([0.4, 0.8, 1.2, 1.6], np.linspace(0.1, 2, 20)), method="stripes")
+
+
+def test_an_interval_that_is_none_is_refused():
+    """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
+    few = counted([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
+    with pytest.raises(ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"):
+        rj.fragility(few, method="stripes")
+    assert "interval" not in rj.fragility(few, method="stripes", confidence=None)
 
 
 @pytest.mark.slow
@@ -325,10 +393,11 @@ def test_analyses_that_make_no_sense(change, words):
     [
         ({"method": "probit"}, "'capacities' or 'stripes'"),
         ({"confidence": 90}, "confidence"),
-        ({"resamples": 0}, "resamples"),
+        ({"confidence": "90 %"}, "confidence"),
+        ({"analysis": BLOCK}, "must come from rockjax.incremental_dynamic_analysis, got a Podium"),
         ({"at": [0.0, 1.0]}, "at must be"),
     ],
 )
 def test_curves_that_make_no_sense(analysis, change, words):
     with pytest.raises(ValueError, match=words):
-        rj.fragility(analysis[1], **change)
+        rj.fragility(**{"analysis": analysis[1]} | change)

@@ -2,11 +2,14 @@
 
 import math
 import re
+import warnings
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.linalg
 import scipy.signal
 import xarray
 from typer.testing import CliRunner
@@ -42,8 +45,10 @@ def test_integrals_are_those_of_straight_lines():
     np.testing.assert_allclose(motion.velocity, v[::10000], atol=1e-12)
     np.testing.assert_allclose(motion.displacement, u[::10000], atol=1e-10)
     assert motion.pga == 2.5
-    assert motion.pgv == np.abs(motion.velocity).max()
-    assert motion.pgd == np.abs(motion.displacement).max()
+    # The peaks lie inside of intervals.
+    assert motion.pgv == pytest.approx(np.abs(v).max(), abs=1e-9)
+    assert motion.pgv > np.abs(motion.velocity).max() + 1e-3
+    assert motion.pgd == pytest.approx(np.abs(u).max(), abs=1e-9)
     assert motion.duration == pytest.approx(0.4)
     record = motion.record(scale=2.0)
     np.testing.assert_array_equal(record.acceleration, samples)
@@ -206,6 +211,29 @@ def test_a_slow_oscillator_swings_after_the_end():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize(("period", "finer"), [(0.05, 512), (0.3, 512), (5.0, 64), (12.0, 64)])
+def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, damping):
+    """At samples alone it is up to 4e-4 low at long periods, where ü is ü_g: against samples 64 or 512 times as close,
+    with a parabola through the highest three."""
+    motion = rj.synthetic_motions(1, seed=3, duration=10.0, dt=0.02, omega_g=2.0, omega_f=0.5)[0]
+    h, w = motion.dt / finer, 2 * np.pi / period
+    of_state = [[0, 1, 0, 0], [-w * w, -2 * damping * w, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]  # u, u̇, ü_g, its slope
+    step = scipy.linalg.expm(np.array(of_state) * h)
+    values, vectors = np.linalg.eig(step[:2, :2])
+    samples = np.interp(np.arange((len(motion) - 1) * finer + 1) / finer, np.arange(len(motion)), motion.acceleration)
+    load = np.concatenate([samples, np.zeros(round(period / h))])
+    slopes = np.append(np.diff(samples) / h, np.zeros(round(period / h)))
+    load[len(samples) - 1] = 0  # it ends with a jump
+    inputs = np.linalg.solve(vectors, step[:2, 2:] @ np.stack([load[:-1], slopes]))
+    modes = [scipy.signal.lfilter([1.0], [1.0, -value], row) for value, row in zip(values, inputs, strict=True)]
+    u = w * w * np.abs((vectors @ modes)[0].real)
+    k = 1 + int(np.argmax(u[1:-1]))
+    before, top, after = u[k - 1 : k + 2]
+    exact = top - (before - after) ** 2 / (8 * (before - 2 * top + after))
+    assert spectral_acceleration(motion, period, damping) == pytest.approx(exact, rel=1e-9)
+
+
 def test_spectral_acceleration_against_a_podium_in_full_contact(suite):
     """A slender tower that never lifts: its top is the oscillator."""
     motion = suite[0].scaled(1e-3)
@@ -517,3 +545,64 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     assert "table.txt:3: 'oops' is not a number" in said
     assert "offset.txt: ends with a velocity of" in said
     assert names["suite"].names == ["third", "first"]
+
+
+# ------------------------------------------------------------------------------------------- what takes motions
+def test_what_readers_return_goes_into_everything(suite):
+    podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
+    records = suite.records()
+    whole = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
+    for several in (suite, list(suite), [suite[0], *records[1:]]):
+        np.testing.assert_array_equal(rj.peak_responses(podium, several, options=options).peak_rotation, whole)
+    one = rj.peak_response(podium, suite[1], options=options)
+    assert one.peak_rotation == rj.peak_response(podium, records[1], options=options).peak_rotation
+    assert rj.peak_response(podium, [suite[1]], options=options).peak_rotation == one.peak_rotation
+    for same in (list(suite), records, rj.Records.of(suite), [suite]):
+        data = rj.intensity_measures(same)
+        np.testing.assert_allclose(data["PGA"], rj.intensity_measures(suite)["PGA"], rtol=1e-15)
+    assert isinstance(rj.simulate(podium, suite[1], options=options).excitation, rj.Record)
+    target = optimise.PeakRotation(0.3, suite)
+    assert target.scenes == 3
+    assert optimise.NoOverturning([suite, rj.Ricker(3.0, 1.0)]).scenes == 4
+    with pytest.raises(ValueError, match=r"must be one motion, got 3; .* rockjax.peak_responses"):
+        rj.peak_response(podium, suite)
+    with pytest.raises(ValueError, match=r"got the class Ricker; give it its numbers"):
+        rj.simulate(podium, rj.Ricker)
+    with pytest.raises(ValueError, match=r"the instance Ricker.* give the class rockjax.Ricker"):
+        rj.rocking_spectrum(podium, rj.Ricker(3.0, 1.0), [1.0], [1.0])
+    with pytest.raises(ValueError, match=r"function \(a_p, T_p\).*, got the class Gabor"):
+        rj.overturning_acceleration(podium, rj.Gabor, 1.0)
+
+
+# ---------------------------------------------------------------------------------------------------- plausibility
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rj.Podium.from_dimensions(450, 3000, 1500.0), "450 m by 3000 m has R = 1517 m; .* meant in mm"),
+        (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; .* meant in gal"),
+    ],
+)
+def test_numbers_of_another_system_are_doubted(make, words):
+    with pytest.warns(rj.PlausibilityWarning, match=words) as said:
+        make()
+    assert said[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.PlausibilityWarning)
+        make()
+
+
+def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))
+    with pytest.warns(rj.RecordWarning, match=r"PGA is 0\.45 m/s², 0\.0458 g; a file in g is read with units='g'"):
+        rj.read_motion(path, units="m/s2", dt=0.01)
+    assert rj.read_motion(path, units="g", dt=0.01).pga == pytest.approx(0.45 * G, rel=1e-2)
+
+
+def test_what_engineers_ask_for_is_not_doubted():
+    """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced size."""
+    for width, height in ((6.0, 60.0), (0.05, 0.2)):
+        rj.Podium.from_dimensions(width, height, 100.0)
+    for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):
+        rj.Ricker(a_p, 1.0)
+    jax.jit(lambda height: rj.Podium.from_dimensions(450.0, height, 1.0).R)(3000.0)

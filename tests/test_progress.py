@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from rockjax import _progress
 from rockjax._progress import bar
 
 
@@ -52,6 +53,22 @@ def test_bars_of_notebooks_are_widgets_and_end_full():
         ]
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_clock_goes_on_while_nothing_is_through(monkeypatch):
+    monkeypatch.setattr(_progress, "TICK", 0.05)
+    shown = io.StringIO()
+    with bar(10, "scenes", True, file=shown) as made:
+        time.sleep(0.6)
+        assert shown.getvalue().count("preparing:   0%") >= 4
+        assert "[00:00<?" in shown.getvalue()
+        made.update(1)
+        before = shown.tell()
+        time.sleep(0.6)
+        assert shown.getvalue()[before:].count("10%") >= 4
+    ended = shown.tell()
+    time.sleep(0.2)
+    assert shown.tell() == ended
 
 
 def test_a_bar_that_is_not_wanted_is_silent(capsys):

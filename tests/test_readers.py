@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import optimise._problem as problem
 import rockjax as rj
-from rockjax._motions.readers import read
+from rockjax._motions.files import read
 
 G = 9.80665
 AT2 = """PEER NGA STRONG MOTION DATABASE RECORD
@@ -122,6 +122,63 @@ UP = 0.5 * GALS
 CHANNELS = {"90 Deg": GALS, "Up": UP}
 
 
+def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
+    """SMC: 11 lines of text, 48 integers, 50 reals, comments, values in cm/s² that touch."""
+    texts = [
+        kind, "*", "A020B", "     1989  10  18    0004 Loma Prieta, CA", "Moment Mag=      7.1 Ms=      7.1 Ml=      7.0",
+        "station = APEEL Array #2 - Redwood City  component=   up", "epicentral dist =     63.0       pk     =     84.5",
+        "inst type=SMA-1      data source = USGS", "*", "*", "*",
+    ]  # fmt: skip
+    integers, reals = np.full(48, -32768), np.full(50, 1.7e38)
+    integers[15], integers[16], reals[1] = comments, len(values), rate
+    lines = [f"{text:<80s}" for text in texts]
+    lines += ["".join(f"{y:10d}" for y in row) for row in integers.reshape(6, 8)]
+    lines += ["".join(f"{y:15.7E}" for y in row) for row in reals.reshape(10, 5)]
+    lines += [f"|a remark {k}" for k in range(comments)]
+    words = [f"{y:10.3f}" for y in values]
+    return "\n".join([*lines, *("".join(words[k : k + 8]) for k in range(0, len(words), 8)), ""])
+
+
+def geonet(channels, first="Corrected accelerogram 20180212_211554_WPWS_20 GNS Science"):
+    """Volume 2 of GeoNet: acceleration, velocity, displacement in mm and s, ten a line, for each component."""
+    lines = []
+    for name, values in channels.items():
+        integers = np.zeros(40, int)
+        integers[33:36] = len(values)
+        lines += [
+            first, "Site WPWS      39 56 38S  176 35 04E     Basalt file:  20180212_211557_WPWS", "Waipawa District Council",
+            "Instrument Basalt_2413", "Resolution: 24-bit   Instr Period: 0.0050 s   Damping: 0.700",
+            "Accelerogram 20180212_211554_WPWS_20                 Processed 2018 February 21", "6 km south of Waipukurau",
+            "2018 February 12         21:15:54 UT", "Epicentre  40 03 27S 176 32 45E  Bearing S15W  Dist   13km  M  4.17",
+            f"Number of points  {len(values)}    Duration 115.98 sec", "Instrument corrected data at 0.020 sec intervals",
+            "Band-pass filter transition bands are .10-.25 Hz and 24.50-25.50 Hz",
+            f"Component {name}  Longitudinal Accelerometer Axis",
+            f"Acceleration:  peak {np.abs(values).max():8.1f} mm/s/s at  43.68 sec     rms      2.2 mm/s/s",
+            "Velocity:      peak     1.65 mm/s   at  43.56 sec", "Displacement:  peak    0.131 mm     at  43.66 sec",
+        ]  # fmt: skip
+        lines += ["".join(f"{y:8d}" for y in row) for row in integers.reshape(4, 10)]
+        lines += numbers(np.zeros(60), 10, 8, 2)
+        for block in (values, np.zeros(len(values)), np.zeros(len(values))):
+            lines += numbers(block, 10, 8, 1)
+    return "\n".join([*lines, ""])
+
+
+def afad(columns, peaks=None):
+    """The text that AFAD wrote once: three components beside each other, peaks in gal in the header."""
+    values = np.stack(columns, axis=1)
+    peaks = np.abs(values).max(axis=0) if peaks is None else peaks
+    names = ("N-S", "E-W", "U-D")
+    lines = [
+        "STRONG GROUND MOTION RECORDS OF TURKIYE", "PLACE                   : KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU",
+        "EARTHQUAKE DATE         : 2017/07/20 22:31:09 (GMT)", "STATION ID              : 4304",
+        f"NUMBER OF DATA          : {len(values)}", "SAMPLING INTERVAL (sec) : 0.01",
+        "RAW PGA VALUES (gal)    : " + " ".join(f"({n}) {y:.6f}" for n, y in zip(names, peaks, strict=True)),
+        "Copyright EARTHQUAKE DEPARTMENT", "DISASTER AND EMERGENCY MANAGEMENT PRESIDENCY",
+        "       N-S          E-W          U-D",
+    ]  # fmt: skip
+    return "\n".join([*lines, *("".join(f"{y:13.6f}" for y in row) for row in values), ""])
+
+
 def put(tmp_path, text, name="motion.txt"):
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -226,6 +283,57 @@ def test_knet(tmp_path):
     trace = obspy.read(str(path), format="KNET")[0]
     np.testing.assert_allclose(motion.acceleration, trace.data * trace.stats.calib, rtol=1e-14)
     assert trace.stats.delta == motion.dt
+
+
+def test_smc(tmp_path):
+    motion = rj.read_motion(put(tmp_path, smc(GALS), "a.smc"))
+    np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-5)
+    assert motion.dt == 0.02
+    assert motion.metadata["station"] == "APEEL Array #2 - Redwood City"
+    assert (motion.metadata["component"], motion.metadata["date"]) == ("up", "1989/10/18")
+    assert motion.metadata["event"] == "Loma Prieta, CA"
+
+
+def test_geonet(tmp_path):
+    path = put(tmp_path, geonet({"S16W": 10 * GALS, "N74W": 5 * GALS}), "a.V2A")
+    for component, values in (("S16W", GALS), (2, 0.5 * GALS)):
+        motion = rj.read_motion(path, component=component)
+        np.testing.assert_allclose(motion.acceleration, 0.01 * values, atol=1e-4)
+        assert (motion.dt, motion.metadata["format"]) == (0.02, "GeoNet")
+    assert motion.metadata["station"] == "WPWS Waipawa District Council"
+    assert motion.metadata["high_pass_Hz"] == 0.25
+    with pytest.raises(ValueError, match=r"holds 2 channels: 1 \(S16W\), 2 \(N74W\)"):
+        rj.read_motion(path)
+
+
+def test_afad(tmp_path):
+    """Of today, whose kind is not in capitals; and of once, with three components and no word of the unit."""
+    new = rj.read_motion(put(tmp_path, esm(GALS, DATA_TYPE="Acceleration"), "a.asc"))
+    np.testing.assert_allclose(new.acceleration, 0.01 * GALS, atol=1e-8)
+    path = put(tmp_path, afad([GALS, UP, -UP]).encode("latin-1"), "a.txt")
+    motion = rj.read_motion(path, component="U-D")
+    np.testing.assert_allclose(motion.acceleration, -0.01 * UP, atol=1e-8)
+    assert motion.dt == 0.01
+    assert motion.metadata["station"] == "4304 KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU"
+    with pytest.raises(ValueError, match=r"holds 3 channels: 1 \(N-S\)"):
+        rj.read_motion(path)
+    # Columns whose peaks are not those of the header in gal.
+    other = put(tmp_path, afad([GALS, UP, -UP], peaks=[0.27, 0.13, 0.13]), "b.txt")
+    with pytest.raises(ValueError, match="does not say in what units"):
+        rj.read_motion(other, component=1)
+    assert rj.read_motion(other, component=1, units="gal").pga == pytest.approx(2.6)
+
+
+def test_itaca_with_blanks_in_its_keys(tmp_path):
+    header, _, rest = esm(GALS).partition("USER5")
+    motion = rj.read_motion(put(tmp_path, header.replace("_", " ") + "USER5" + rest, "a.cor.acc"))
+    np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-8)
+
+
+@pytest.mark.parametrize("end", [b"\x1a", b"\x1a\x1a\r\n", b"\r\n\x1a\n"])
+def test_the_end_of_a_file_under_dos(tmp_path, end):
+    motion = rj.read_motion(put(tmp_path, csmip({"Up": GALS}).encode() + end, "a.V2"))
+    np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-7)
 
 
 def test_waveforms(tmp_path, monkeypatch):
@@ -347,6 +455,21 @@ def test_units_in_a_heading(tmp_path):
         ("a.asc", esm(GALS, NDATA="many"), {}, [":9:", "whole number", "'many'"]),
         ("a.asc", esm(GALS, UNITS="cm"), {}, ["gives the unit as 'cm'", "give units (on the command line --units)"]),
         ("a.asc", esm(GALS, DATA_TYPE="VELOCITY"), {}, [":16:", "'VELOCITY'", "not ACCELERATION"]),
+        ("a.V2A", geonet({"S16W": GALS}, "Uncorrected accelerogram X GNS Science"), {}, [":1:", "volume 1 of GeoNet"]),
+        ("a.V2A", "\n".join(geonet({"S16W": GALS}).split("\n")[:30]), {}, [":26:", "is 106", "40 values", "cut short"]),
+        ("a.V2A", geonet({"S16W": GALS}).replace("0.020 sec", "0.000 sec"), {}, [":11:", "must be > 0 s"]),
+        ("a.smc", smc(GALS, "3 VELOCITY"), {}, [":1:", "is SMC and holds 'velocity'"]),
+        ("a.smc", smc(GALS, "1 UNCORRECTED ACCELEROGRAM"), {}, [":1:", "is SMC", "'uncorrected accelerogram'"]),
+        ("a.smc", smc(GALS, rate=-50.0), {}, [":18:", "samples a second", "-50"]),
+        ("a.smc", "\n".join(smc(GALS).split("\n")[:33]), {}, [":29:", "is 106", "32 values", "cut short"]),
+        (
+            "a.txt",
+            afad([GALS, UP, -UP]).replace("-260.000000", "-260.000000 1", 1),
+            {"component": 1},
+            ["columns where three"],
+        ),
+        ("a.txt", afad([GALS, UP, -UP])[:-80], {"component": 1}, [":5:", "NUMBER OF DATA is 106", "lines of values follow"]),
+        ("a.cor.acc", "1 2\n", {}, [":1:", "ITACA before it had headers", "which is not read"]),
         ("a.asc", esm(GALS, SAMPLING_INTERVAL_S="0"), {}, [":8:", "must be > 0 s"]),
         ("a.asc", esm(GALS), {"component": "HNZ"}, ["not component 'HNZ'", "it is 'HNE'"]),
         ("a.EW", knet([1] * 100)[:-30], {}, [":12:", "is 100", "values follow", "cut short"]),

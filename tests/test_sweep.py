@@ -114,15 +114,19 @@ def test_several_motions_are_an_axis():
     assert grid.shape == (3, 2, 2)
     assert list(grid.coords["motion"]) == motions.names
     assert grid.excitations.which.shape == (3, 1, 1)
+    for same in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
+        np.testing.assert_array_equal(rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table)
+    chosen = rj.grid(podium, rj.Records.of(motions).pick([2, 0]).scaled(2.0), alpha=[0.1]).excitations
+    np.testing.assert_allclose(chosen.table, 2 * grid.excitations.table[np.array([2, 0])])
+    assert rj.grid(podium, motions[0], alpha=[0.1]).shape == (1,)
     pulses = rj.grid(podium, [rj.Ricker(1.0, 0.5), rj.Ricker(2.0, 0.7)], alpha=[0.1, 0.2, 0.3])
     np.testing.assert_array_equal(np.ravel(pulses.excitations.T_p), [0.5, 0.7])
     assert pulses.shape == (2, 3)
     for bad, words in (
         ([rj.Ricker(1.0, 0.5), rj.OneSine(1.0, 0.5)], "one kind, got OneSine, Ricker"),
-        ([], "at least one record"),
+        ([], "holds no motion: at least one is needed"),
         (rj.Ricker([1.0, 2.0], 0.5), "a_p is an array"),
-        ("file.csv", "must be a motion or several"),
-        (rj.Records.of([rj.Record([0.0, 1.0, 0.0], 0.1)]).scaled(2.0), "unscaled"),
+        ("file.csv", r"must be a rockjax motion .* got 'file.csv'; rockjax.read_motion\(path\) reads"),
     ):
         with pytest.raises(ValueError, match=words):
             rj.grid(podium, bad, alpha=[0.1])
@@ -248,7 +252,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
         ({"grid": (*GRID[:2], "abc")}, "one text"),
         ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must hold 4 labels"),
         ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
-        ({"grid": (GRID.structures, 3.0, None)}, "must be a rockjax AbstractExcitation"),
+        ({"grid": (GRID.structures, 3.0, None)}, "excitations must be a rockjax motion"),
     ],
 )
 def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
@@ -304,6 +308,62 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     with pytest.raises(RuntimeError, match="another sweep has taken the place of this one"):
         sweep(store)
     same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
+
+
+def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(tmp_path, batch, counted, monkeypatch):
+    """Both find nothing; while the second prepares its own store, the first one's appears."""
+    store = tmp_path / "a.zarr"
+    create = Store.create
+
+    def late(*args):
+        monkeypatch.setattr(Store, "create", create)
+        sweep(store, chunk=CHUNK)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", late)
+    # Chunks are sized by what was measured: the second may have wanted others.
+    monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk", lambda *_: 2 * CHUNK)
+    same(sweep(store, chunk=None), batch)
+    assert sorted(counted) == [0, 1, 2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+    # It is refused where it is another sweep.
+    other = tmp_path / "b.zarr"
+
+    def another(*args):
+        monkeypatch.setattr(Store, "create", create)
+        shutil.copytree(store, other)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", another)
+    with pytest.raises(ValueError, match=r"b\.zarr: is of another sweep: structures.gamma has other values"):
+        sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
+
+
+@pytest.mark.parametrize("name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"])
+@pytest.mark.parametrize("content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"])
+def test_damaged_metadata_are_named(tmp_path, small_store, name, content):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / name).write_bytes(content)
+    with pytest.raises(ValueError, match=rf"a\.zarr: .*{name} is damaged.*move the store away") as caught:
+        sweep(store)
+    assert not isinstance(caught.value, json.JSONDecodeError)
+
+
+@pytest.fixture(scope="module")
+def small_store(tmp_path_factory):
+    store = tmp_path_factory.mktemp("small") / "a.zarr"
+    sweep(store)
+    return store
+
+
+def test_metadata_of_something_else_are_named(tmp_path, small_store):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": 3}')
+    with pytest.raises(ValueError, match=r"a\.zarr: .*move the store away"):
+        sweep(store)
 
 
 def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):

@@ -16,8 +16,10 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
+from rockjax._batch.memory import BYTES, require_memory
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
@@ -43,7 +45,7 @@ _REPORTING = threading.Lock()  # batches side by side may share one progress bar
 
 def peak_responses(
     podiums: Podium,
-    excitations: AbstractExcitation,
+    excitations: AnyMotions,
     *,
     initial: State = REST,
     t_end=None,
@@ -55,7 +57,8 @@ def peak_responses(
     """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
     Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast to the shape
-    of the batch (a `Record`'s samples along the last axis are one record). Returns a [`rockjax.Peak`][] of NumPy arrays of
+    of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists of records or of pulses of
+    one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy arrays of
     that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts them: one scene never
     costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that holds the answers
     so far, as soon as the present chunks of scenes are through.
@@ -67,6 +70,7 @@ def peak_responses(
 
     Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
     """
+    excitations = as_batch("peak_responses", excitations)
     peaks = responses(podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads)
     warn_of_failures(peaks, stacklevel=3)
     return peaks
@@ -94,7 +98,7 @@ def responses(
     threads: int | None = None,
 ) -> Peak:
     """[`peak_responses`][rockjax.peak_responses] that another thread can stop, and that warns of nothing."""
-    check_types("peak_responses", podiums, excitations, options)
+    check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
         raise ValueError(
@@ -102,6 +106,7 @@ def responses(
             "segments engine"
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
+    require_memory("peak_responses", scenes.total, (2 if "errors" in options.outputs else 1) * BYTES)
     who = crew("peak_responses", devices, threads)
     solutions = [drive(scenes, options, progress, stop, who)[:2]]
     if "errors" in options.outputs and not stop.is_set():
@@ -119,8 +124,8 @@ def responses(
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
-        raise Interrupted(message, Peak(**peak_fields(floats, integers), errors=doubt))
-    return Peak(**peak_fields(floats, integers), errors=doubt)
+        raise Interrupted(message, Peak(**peak_fields(floats, integers, options), errors=doubt))
+    return Peak(**peak_fields(floats, integers, options), errors=doubt)
 
 
 class Tally(NamedTuple):

@@ -6,7 +6,7 @@ import abc
 import contextlib
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import jax
 import numpy as np
@@ -14,6 +14,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 
 from .lanes import Done, Lanes, Layout, advance, idle
 from .scenes import Scenes
@@ -91,7 +92,7 @@ class Devices(AbstractCrew):
         return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
 
 
-_on_one = jax.jit(advance, static_argnames="layout", donate_argnums=0, compiler_options=_COMPILER["cpu"])
+_on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 
 
 @functools.cache
@@ -124,6 +125,8 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
     if devices is None:
         platform = "cpu" if threads else _platform()
         return Threads(threads or workers()) if platform == "cpu" else Devices(jax.local_devices(backend=platform))
+    if isinstance(devices, str) or not isinstance(devices, Iterable):
+        raise ValueError(f"{owner}: devices must be JAX devices, as from jax.local_devices(), got {devices!r}")
     devices = list(devices)
     if threads is not None:
         raise ValueError(f"{owner}: one thread drives all devices; give devices or threads, not both")

@@ -22,6 +22,7 @@ from rockjax._engine.scene import Lane, Plan, Scene, plan, prepare
 from rockjax._engine.solve import answers
 from rockjax._engine.step import leap, trial
 from rockjax._options import Options
+from rockjax._programs.program import remembered
 from rockjax._types import Flag
 
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
@@ -246,13 +247,19 @@ def idle(leaves, options: Options, layout: Layout, devices: int) -> Lanes:
     """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one chunk."""
     shapes = tuple((y.shape, y.dtype) for y in leaves)
     numbers, how = jax.tree.flatten(options)
-    blank = _shapes_of_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), how, layout)
+    blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), how, layout)
     none: Lanes = jax.tree.map(lambda y: np.zeros((devices * y.shape[0], *y.shape[1:]), y.dtype), blank)
     code = np.full_like(none.lane.code, results.END_OF_TIME)
     return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
 
 
 @functools.lru_cache(maxsize=256)
+def _blank_lanes(*how) -> Lanes:
+    """Lanes of one device, as zeros; finding their shapes needs tracing, so they are kept like programs."""
+    shapes = functools.partial(_shapes_of_lanes, *how)
+    return remembered("lanes", how, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes()))
+
+
 def _shapes_of_lanes(shapes, option_types, option_structure, layout: Layout):
     def hold(leaves, numbers):
         chunk = _prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import as_float
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
@@ -54,7 +54,7 @@ def broadcast(
 
     Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
     """
-    arguments = podiums, excitations, jax.tree.map(as_float, initial), None if t_end is None else as_float(t_end)
+    arguments = podiums, excitations, as_start(owner, initial), as_end(owner, t_end)
     leaves, structure = jax.tree.flatten(arguments)
     outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
     if not any(outer):

@@ -11,6 +11,7 @@ from rockjax._options import Options
 from .boundary import PAST
 from .branches import Branch, Slopes, trace
 from .crossings import Crossings, Plane, margins, scan
+from .verdict import NARROWEST
 
 
 class Boundaries(NamedTuple):
@@ -19,6 +20,7 @@ class Boundaries(NamedTuple):
     crossings: Crossings
     survives_at_once: np.ndarray  # at the lower end of each line
     dip: np.ndarray  # see `Scan`; 1 where no scan has looked
+    certain: np.ndarray  # see `Scan`; NaN where no scan has looked
     cost: dict[str, int]
     branches: list[Branch]  # none from scans
 
@@ -32,12 +34,13 @@ def boundaries(
     resolution: int,
     options: Options,
     progress: Any = False,
+    width: float | None = NARROWEST,
 ) -> Boundaries:
     """Every change between survival and overturning along the lines x, from one end of `y_range` to the other."""
     if method == "trace":
-        return _by_tracing(plane, x, y_range, scans, resolution, options, progress)
-    found = scan(plane, x, y_range, resolution, options, progress)
-    return Boundaries(found.crossings, found.survives_at_once, found.dip, {"scenes": found.scenes}, [])
+        return _by_tracing(plane, x, y_range, scans, resolution, options, progress, width)
+    found = scan(plane, x, y_range, resolution, options, progress, width=width)
+    return Boundaries(found.crossings, found.survives_at_once, found.dip, found.certain, {"scenes": found.scenes}, [])
 
 
 class _Guesses(NamedTuple):
@@ -45,7 +48,7 @@ class _Guesses(NamedTuple):
     y: np.ndarray
 
 
-def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: Options, progress) -> Boundaries:
+def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: Options, progress, width) -> Boundaries:
     """From branches; lines are scanned where these do not add up to survival, overturning, survival …"""
     bottom, top = y_range
     traced = trace(plane, (x[0], x[-1]), y_range, scans=scans, resolution=resolution, options=options, progress=progress)
@@ -74,12 +77,12 @@ def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: 
     again = np.flatnonzero(wrong)
     keep = ~wrong[line]
     parts = [Crossings(line[keep], y[keep], overturns[keep], impacts[keep])]
-    dip = np.ones(x.size)
+    dip, certain = np.ones(x.size), np.full(x.size, np.nan)
     scenes = traced.scenes + line.size + 2 * x.size
     if again.size:
-        found = scan(plane, x[again], y_range, resolution, options, progress)
+        found = scan(plane, x[again], y_range, resolution, options, progress, width=width)
         parts.append(found.crossings._replace(line=again[found.crossings.line]))
-        dip[again] = found.dip
+        dip[again], certain[again] = found.dip, found.certain
         scenes += found.scenes
     whole = [np.concatenate(pair) for pair in zip(*parts, strict=True)]
     order = np.lexsort((whole[1], whole[0]))
@@ -88,7 +91,7 @@ def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: 
         "scenes_with_derivatives": traced.scenes_with_derivatives + slopes.scenes,
         "frequencies_scanned": traced.scanned.size + again.size,
     }
-    return Boundaries(Crossings(*(part[order] for part in whole)), ends[0], dip, cost, traced.branches)
+    return Boundaries(Crossings(*(part[order] for part in whole)), ends[0], dip, certain, cost, traced.branches)
 
 
 def _guesses(branches: list[Branch], x: np.ndarray) -> _Guesses:

@@ -19,8 +19,8 @@ from rockjax._engine.solve import solve
 from rockjax._options import Options
 from rockjax._results import REST
 
-from .boundary import margin_options
 from .crossings import Plane, scan
+from .verdict import margin_options
 
 INSIDE = 1e-9  # ε, in units of the margin
 CORRECTIONS = 5
@@ -133,7 +133,7 @@ def trace(
         return value, np.stack(gradient, axis=1) * size
 
     lines = np.linspace(0, 1, scans)
-    found = scan(plane, x_range[0] + lines * size[0], y_range, resolution, options, progress)
+    found = scan(plane, x_range[0] + lines * size[0], y_range, resolution, options, progress, width=None)
     starts = np.stack([lines[found.crossings.line], (found.crossings.y - origin[1]) / size[1]], axis=1)
     branches = [line.branch(origin, size) for line in _follow(starts, look)]
     branches.sort(key=lambda branch: (branch.x.min(), branch.y.min()))

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rockjax._batch.batch import peak_responses
+from rockjax import _results as results
+from rockjax._batch.batch import LANES, peak_responses
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._progress import bar
 from rockjax._structures import Podium
 
-from .boundary import CLOSE, divisions, doubt, has_margin, judge, margin_options
+from .first import CLOSE, DIPS, NARROW, ZOOMS, divisions
+from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-DOUBT = 0.1  # of 1, to be on the safe side
-DIVES = 8  # closer looks where the margin is not resolved …
+DOUBTFUL = 0.1  # of 1, to be on the safe side
+REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
-NARROW = 12  # divisions of a bracket at most
 SHARE = 12  # scenes to divide a bracket
+SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
+ROUND = 2048  # scenes of all lines that go up side by side …
+LEAST = 64  # … of one line at least
+GRAZING = 1e-3  # a margin as low as this is worked out at the full accuracy
 
 
 class Crossings(NamedTuple):
@@ -47,6 +54,7 @@ class Scan(NamedTuple):
     crossings: Crossings
     survives_at_once: np.ndarray  # at the lower end of each line
     dip: np.ndarray  # least dip of the margin among the survivors below the first crossing of each line, at most 1
+    certain: np.ndarray  # of each line: below its first crossing no wider interval overturns
     scenes: int
 
 
@@ -55,13 +63,44 @@ class _Known(NamedTuple):
 
     line: np.ndarray
     y: np.ndarray
-    margin: np.ndarray
+    margin: np.ndarray  # NaN where a scene has ended without an answer
     impacts: np.ndarray
+    sharp: np.ndarray  # at the full accuracy
 
     def and_also(self, more: _Known) -> _Known:
         both = [np.concatenate(pair) for pair in zip(self, more, strict=True)]
         order = np.lexsort((both[1], both[0]))
         return _Known(*(y[order] for y in both))
+
+    def answered(self) -> _Known:
+        return _Known(*(y[~np.isnan(self.margin)] for y in self))
+
+    def changes(self) -> np.ndarray:
+        """Where the next one of the same line has another verdict."""
+        over = self.margin <= 0
+        return np.flatnonzero((over[:-1] != over[1:]) & (self.line[:-1] == self.line[1:]))
+
+    def first_changes(self) -> np.ndarray:
+        at = self.changes()
+        return at[np.unique(self.line[at], return_index=True)[1]]
+
+    def below(self) -> list[slice]:
+        """Of every line: from the last place where the columns never lift up to the first that overturns.
+
+        Columns at rest feel the motion in proportion: below a scale that does not lift them none does.
+        """
+        parts = []
+        for start, end in itertools.pairwise([0, *(np.flatnonzero(np.diff(self.line)) + 1), self.line.size]):
+            margin = self.margin[start:end]
+            over = np.flatnonzero(margin <= 0)
+            stop = over[0] + 1 if over.size else end - start
+            still = np.flatnonzero(margin[:stop] == 1)
+            parts.append(slice(start + (still[-1] if still.size else 0), start + stop))
+        return parts
+
+
+# (line, y, at the full accuracy?) → what is known there
+Look = Callable[[np.ndarray, np.ndarray, bool], _Known]
 
 
 def scan(
@@ -71,76 +110,186 @@ def scan(
     resolution: int,
     options: Options,
     progress: Any = False,
-    look_closer: Literal["everywhere", "below"] = "everywhere",
-    finest: float = FINEST,
+    look_closer: Literal["everywhere", "below", "first"] = "everywhere",
+    width: float | None = NARROWEST,
 ) -> Scan:
-    """Every change along the lines x = const, y from one end of `y_range` to the other.
+    """Changes along the lines x = const, y from one end of `y_range` to the other.
 
-    Each line is looked at in `resolution` + 1 places first, and closer where the margin bends so much between neighbours
-    that it may cross zero unseen: everywhere, or only below the first change found; down to the part `finest` of a line.
-    Changes are then narrowed down to a relative width of 1e-12.
+    Each line is looked at in `resolution` + 1 places first. `"everywhere"` looks closer where the margin bends so much
+    between neighbours that it may cross zero unseen. Below the first change, places are then so close that no interval
+    wider than `width` times the range is missed (a motion must be proportional to y there); None leaves that out. All
+    changes found, or the `"first"` of each line only, are narrowed down to a relative width of 1e-12.
     """
     x = np.asarray(x, float)
     scenes = 0
+    y_range = min(y_range), max(y_range)
+    size = y_range[1] - y_range[0]
+    loose = looking(options, NARROWEST if width is None else width, np)
 
-    def look(line: np.ndarray, y: np.ndarray) -> _Known:
-        nonlocal scenes
-        scenes += line.size
-        margin, impacts = margins(plane, x[line], y, options, progress)
-        return _Known(line, y, margin, impacts)
+    with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-    lines = np.arange(x.size)
-    grid = np.linspace(*y_range, resolution + 1)
-    known = look(np.repeat(lines, grid.size), np.tile(grid, x.size))
-    for _ in range(DIVES):
-        line, y = _closer(known, finest * abs(y_range[1] - y_range[0]), look_closer == "below")
-        if line.size == 0:
-            break
-        known = known.and_also(look(line, y))
-    starts = known.margin[np.searchsorted(known.line, lines)] > 0
-    crossings = _narrowed(known, look)
-    return Scan(crossings, starts, _dip(known, crossings, x.size), scenes)
+        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> _Known:
+            nonlocal scenes
+            scenes += line.size
+            # What fills up a small batch is at rest and costs nothing, while small batches are a program of their own.
+            rest = 0 if width is None else max(0, 2 * LANES + 1 - line.size)
+            x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
+            margin, impacts = margins(plane, x_all, y_all, options if sharp else loose, counter)
+            margin, impacts = margin[: line.size], impacts[: line.size]
+            return _Known(line, y, margin, impacts, np.full(line.size, sharp))
+
+        lines = np.arange(x.size)
+        grid = np.linspace(*y_range, resolution + 1)
+        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
+        if look_closer == "everywhere":
+            known = _refined(known, look, FINEST * size)
+        spacing = np.inf if width is None else SPACING * width * size
+        known = _certain(known, look, spacing, look_closer == "first")
+        for _ in range(ZOOMS):
+            known = known.and_also(look(*_around_dips(known), True))
+        known = _certain(known, look, spacing, look_closer == "first")
+        answered = known.answered()
+        if np.unique(answered.line).size < x.size:
+            raise RuntimeError("no scene of a line has ended with an answer; raise options.max_steps or loosen rtol")
+        starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
+        changes = answered.first_changes() if look_closer == "first" else answered.changes()
+        crossings = _narrowed(answered, changes, look)
+    return Scan(crossings, starts, _dip(answered), _gaps(answered, y_range[1]), scenes)
 
 
 def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False):
-    """Overturning margins (or what stands for them, see `judge`) and impacts of scenes (x, y), on all cores."""
+    """Overturning margins (or what stands for them, see `signed_margin`), NaN without an answer, and impacts of scenes
+    (x, y), on all cores."""
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int)
     margin = has_margin(options)
     peaks = peak_responses(*plane(x, y), options=margin_options(options, margin), progress=progress)
     floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
-    value = judge(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
+    value = signed_margin(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
+    value = np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, value)
     return np.broadcast_to(value, x.shape), np.broadcast_to(np.asarray(peaks.impacts), x.shape)
 
 
-def _closer(known: _Known, finest: float, below: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Places inside every interval between neighbours in which the margin may do what they do not show."""
-    line, y, margin = known.line, known.y, known.margin
+def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
+    """How far the margin may bend away between neighbours, over what is between it and zero: (n−1,) for n places.
+
+    Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more than once), as
+    far as second differences tell. `together` says which neighbours belong to one line.
+    """
+    h = np.where(together, y[1:] - y[:-1], 1.0)
+    h = np.where(h > 0, h, 1.0)
+    slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
+    inner = together[1:] & together[:-1]
     # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
-    doubtful = doubt(y, margin, line[1:] == line[:-1], np) > DOUBT
-    if below:  # up to the first change of each line
-        changes = np.cumsum(np.r_[False, ((margin[1:] > 0) != (margin[:-1] > 0)) & (line[1:] == line[:-1])])
-        doubtful &= changes[1:] == changes[np.searchsorted(line, line[1:])]
-    at = np.flatnonzero(doubtful & (np.diff(y) > finest))
+    bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)  # half the second derivative
+    bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
+    left, right = margin[:-1], margin[1:]
+    apart = (left > 0) != (right > 0)
+    spare = np.where(apart, np.abs(left - right), 2 * np.minimum(np.abs(left), np.abs(right)))
+    return np.where(together & (h > 0), bend * h**2 / np.maximum(spare, 1e-300), 0.0)
+
+
+def _refined(known: _Known, look: Look, finest: float) -> _Known:
+    """And places inside every interval between neighbours in which the margin may do what they do not show."""
     part = np.arange(1, PARTS) / PARTS
-    return np.repeat(line[at], part.size), (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
+    for _ in range(REFINEMENT_ROUNDS):
+        line, y, margin = known.line, known.y, np.nan_to_num(known.margin, nan=1.0)
+        doubtful = curvature_indicator(y, margin, line[1:] == line[:-1]) > DOUBTFUL
+        at = np.flatnonzero(doubtful & (np.diff(y) > finest))
+        if at.size == 0:
+            break
+        places = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
+        known = known.and_also(look(np.repeat(line[at], part.size), places, False))
+    return known
 
 
-def _dip(known: _Known, crossings: Crossings, lines: int) -> np.ndarray:
-    first = np.full(lines, np.inf)
-    np.minimum.at(first, crossings.line, crossings.y)
-    line, margin = known.line, known.margin
-    here = margin[1:-1]
-    dips = (line[:-2] == line[2:]) & (here > 0) & (here <= margin[:-2]) & (here < margin[2:])
-    dips &= known.y[2:] < first[line[1:-1]]
-    lowest = np.ones(lines)
-    np.minimum.at(lowest, line[1:-1][dips], here[dips])
+def _certain(known: _Known, look: Look, spacing: float, first_only: bool) -> _Known:
+    """Until below the first change no step is wider than `spacing`, and the changes stand at the full accuracy."""
+    while True:
+        line, y = _missing(known, spacing)
+        if line.size:
+            known = known.and_also(look(line, y, False))
+            continue
+        at = _unsure(known, first_only)
+        if at.size == 0:
+            return known
+        again = look(known.line[at], known.y[at], True)
+        for old, new in zip(known, again, strict=True):
+            old[at] = new
+
+
+def _missing(known: _Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """The next places of each line that are to be looked at, from below."""
+    parts = known.below()
+    wide = [part for part in parts if np.any(np.diff(known.y[part]) > spacing)]
+    lines, places = [], []
+    for part in wide:
+        y = known.y[part]
+        more: list[np.ndarray] = []
+        share = max(LEAST, ROUND // len(wide))
+        for k in np.flatnonzero(np.diff(y) > spacing):
+            steps = int(np.ceil((y[k + 1] - y[k]) / spacing))
+            more.append(y[k] + (y[k + 1] - y[k]) * np.arange(1, min(steps, share + 1)) / steps)
+            share -= more[-1].size
+            if share <= 0:
+                break
+        places.append(np.concatenate(more))
+        lines.append(np.full(places[-1].size, known.line[part.start]))
+    if not wide:
+        return np.zeros(0, int), np.zeros(0)
+    return np.concatenate(lines), np.concatenate(places)
+
+
+def _unsure(known: _Known, first_only: bool) -> np.ndarray:
+    """What a change or a low dip rests on, and is known at the looser accuracy only."""
+    changes = known.first_changes() if first_only else known.changes()
+    at = np.union1d(changes, changes + 1)
+    low = [part.start + np.flatnonzero(known.margin[part] < GRAZING) for part in known.below()]
+    at = np.union1d(at, np.concatenate(low)).astype(int)
+    return at[~known.sharp[at]]
+
+
+def _lowest(known: _Known) -> np.ndarray:
+    """The middles of the dips among the survivors below the first change of each line."""
+    here, margin = np.zeros(0, int), known.margin
+    for part in known.below():
+        k = np.arange(part.start + 1, part.stop - 1)
+        survives = (margin[k - 1] > 0) & (margin[k] > 0) & (margin[k + 1] > 0)
+        here = np.append(here, k[survives & (margin[k] <= margin[k - 1]) & (margin[k] < margin[k + 1])])
+    return here
+
+
+def _around_dips(known: _Known) -> tuple[np.ndarray, np.ndarray]:
+    """Places on both sides of the dips of each line that may be the lowest."""
+    here, margin = _lowest(known), known.margin
+    # Straight lines on either side, prolonged, would meet there.
+    depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
+    order = np.lexsort((depth, known.line[here]))
+    line = known.line[here[order]]
+    here = here[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
+    sides = np.concatenate([known.y[here - 1] + known.y[here], known.y[here] + known.y[here + 1]])
+    return np.tile(known.line[here], 2), 0.5 * sides
+
+
+def _dip(known: _Known) -> np.ndarray:
+    here = _lowest(known)
+    lowest = np.ones(known.line[-1] + 1)
+    np.minimum.at(lowest, known.line[here], known.margin[here])
     return lowest
 
 
-def _narrowed(known: _Known, look: Callable[[np.ndarray, np.ndarray], _Known]) -> Crossings:
+def _gaps(known: _Known, top: float) -> np.ndarray:
+    """The widest step between neighbours below the first change of each line."""
+    widest = []
+    for part in known.below():
+        y = known.y[part]
+        end = top if known.margin[part.stop - 1] > 0 else y[-1]
+        widest.append(np.max(np.diff(np.append(y, end))))
+    return np.array(widest)
+
+
+def _narrowed(known: _Known, at: np.ndarray, look: Look) -> Crossings:
     over = known.margin <= 0
-    at = np.flatnonzero((over[:-1] != over[1:]) & (known.line[:-1] == known.line[1:]))
     line, overturns = known.line[at], ~over[at]
     safe, fallen = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
     # The end that survives, the end that does not, and what is known there.
@@ -155,8 +304,9 @@ def _narrowed(known: _Known, look: Callable[[np.ndarray, np.ndarray], _Known]) -
         # From the surviving end to the other one.
         places = np.sort(places, axis=1)
         places = np.where((y[0] < y[1])[wide, None], places, places[:, ::-1])
-        found = look(np.repeat(line[wide], SHARE), places.ravel())
-        value, hits = found.margin.reshape(places.shape), found.impacts.reshape(places.shape)
+        found = look(np.repeat(line[wide], SHARE), places.ravel(), True)
+        value = np.nan_to_num(found.margin, nan=1.0).reshape(places.shape)
+        hits = found.impacts.reshape(places.shape)
         pad = lambda first, middle, last: np.concatenate([first[:, None], middle, last[:, None]], axis=1)
         places = pad(y[0, wide], places, y[1, wide])
         value = pad(margin[0, wide], value, margin[1, wide])

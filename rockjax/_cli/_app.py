@@ -9,6 +9,7 @@ import typer
 import typer.core
 
 from ._run import COMMAND, INTERRUPTED, NO_ANSWER, WRONG_INPUT, flowing
+from ._terminal import terminal
 
 
 class _Commands(typer.core.TyperGroup):
@@ -56,14 +57,15 @@ app.callback(help=flowing(about))(about)
 
 
 def main() -> None:
-    try:
-        app()
-    except KeyboardInterrupt:
-        typer.echo("\nrockjax: stopped", err=True)
-        raise SystemExit(INTERRUPTED) from None
-    except ValueError as error:
-        typer.echo(f"rockjax: {error}", err=True)
-        raise SystemExit(WRONG_INPUT) from None
-    except (OSError, RuntimeError, ImportError) as error:
-        typer.echo(f"rockjax: {error}", err=True)
-        raise SystemExit(NO_ANSWER) from None
+    with terminal():
+        try:
+            app()
+        except KeyboardInterrupt:
+            typer.echo("\nrockjax: stopped", err=True)
+            raise SystemExit(INTERRUPTED) from None
+        except ValueError as error:
+            typer.echo(f"rockjax: {error}", err=True)
+            raise SystemExit(WRONG_INPUT) from None
+        except (OSError, RuntimeError, ImportError) as error:
+            typer.echo(f"rockjax: {error}", err=True)
+            raise SystemExit(NO_ANSWER) from None

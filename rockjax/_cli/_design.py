@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from ._given import Given
-from ._options import ACCURACY, Changes, Output
-from ._run import INTERRUPTED, Flags, Report, argument, option, prepare
+from ._given import Given, problem_file
+from ._options import ACCURACY, Changes, Example, Output, ProblemFile
+from ._outputs import outputs
+from ._run import INTERRUPTED, Flags, Report, option, prepare
 
 
 @dataclass
@@ -25,11 +25,12 @@ class Search(Flags):
 
 
 def design(
-    problem: Annotated[Path, argument("Problem file (TOML): structure, motions, options, variables, targets.")],
     structure: Changes,
     search: Search,
     report: Report,
-    output: Output = Path("rockjax-design"),
+    problem: ProblemFile = None,
+    example: Example = None,
+    output: Output = "rockjax-design",
 ) -> None:
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to minimise.
 
@@ -39,21 +40,25 @@ def design(
 
     \b
     Examples:
-      rockjax design docs/problems/column.toml
-      rockjax design docs/problems/column.toml --top-mass 400e3 --starts 8 -o heavier
+      rockjax design --example column
+      rockjax design problem.toml --top-mass 400e3 --starts 8 -o heavier
     """
     prepare(report)
     from optimise._cli import account, design_command
     from optimise._problem import problem_of
 
-    given = Given("design", problem, structure, search)
+    chosen = problem_file(problem, example)
+    if chosen is None:
+        raise ValueError("design: needs a problem file (TOML), or --example column")
+    to = outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
+    given = Given("design", chosen, structure, search)
     table = given.table
     if structure.given and "structure" in table:
         table = table | {"structure": given.structure_table(structure)}
     if search.rtol is not None:
         table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
-    asked = problem_of(table, problem, given.where)
-    found, written, stopped = design_command(asked, output, search.starts, search.seed, report.quiet)
+    asked = problem_of(table, chosen, given.where)
+    found, written, stopped = design_command(asked, to.prefix, search.starts, search.seed, report.quiet, to.format)
     report.say(str(found))
     for path in written:
         report.wrote(path)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ._given import Given, flag, names
+from ._given import Given, flag, names, problem_file
 from ._motions import Pattern, read
-from ._options import ACCURACY, GRID, MOTION, Component, Output, Rtol, SamplingInterval, Structure, Units
+from ._options import ACCURACY, GRID, MOTION, Component, Example, Output, Rtol, SamplingInterval, Structure, Units
+from ._outputs import Outputs, outputs
 from ._run import Flags, Report, argument, option, prepare
 
 if TYPE_CHECKING:
@@ -81,12 +82,7 @@ class Statistics(Flags):
     confidence: Annotated[
         float, option("--confidence", panel=STATISTICS, help="Of the intervals and bands, in 0…1 [–].")
     ] = 0.9
-    resamples: Annotated[
-        int, option("--resamples", panel=STATISTICS, min=1, help="Resamples of the records, for the intervals.")
-    ] = 1000
-    seed: Annotated[
-        int, option("--seed", panel=STATISTICS, min=0, help="Seed of the resampling, and of synthetic motions.")
-    ] = 0
+    seed: Annotated[int, option("--seed", panel=STATISTICS, min=0, help="Seed of synthetic motions.")] = 0
     sensitivities: Annotated[
         str, option("--sensitivities", panel=STATISTICS, help="Parameters y of d ln(median)/d ln y, separated by commas.")
     ] = ""
@@ -109,21 +105,24 @@ def fragility(
         list[Path] | None,
         argument("Records: files, folders, tables (suite.csv). And, or, a problem file (.toml).", show_default=False),
     ] = None,
-    output: Output = Path("rockjax-fragility"),
+    example: Example = None,
+    output: Output = "rockjax-fragility",
 ) -> None:
     """A fragility curve: the probability that a suite of records overturns the structure, over their intensity.
 
     Every record is scaled to all levels, and the least intensity that overturns is found for each (incremental dynamic
-    analysis); a lognormal curve is fitted, with intervals by bootstrap over the records. Prints median, dispersion and
+    analysis); a lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group), OUTPUT-fragility.png and
     OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then less.
 
     \b
     Examples:
       rockjax fragility --synthetic 20 --seed 1
-      rockjax fragility suite/ --tan-alpha 0.2 --R 2 --measure PGV --sensitivities alpha,gamma -o podium
-      rockjax fragility suite/ --eta 0 --measure Sa --measure-period 1 --intensity 0.5 12 --method stripes
-      rockjax fragility docs/problems/fragility.toml --levels 40
+      rockjax fragility suite/ --tan-alpha 0.2 --R 2 --measure PGV \\
+        --sensitivities alpha,gamma -o podium
+      rockjax fragility suite/ --eta 0 --measure Sa --measure-period 1 \\
+        --intensity 0.5 12 --method stripes
+      rockjax fragility --example fragility --levels 40
     """
     prepare(report)
     import numpy as np
@@ -135,7 +134,9 @@ def fragility(
     paths = [path for path in inputs or [] if path not in problems]
     if len(problems) > 1:
         raise ValueError(f"{problems[1]}: is a second problem file; give one")
-    given = Given("fragility", problems[0] if problems else None, structure, suite, levels, statistics, accuracy)
+    to = outputs(output, "rockjax-fragility").check(("fragility", "ida"))
+    problem = problem_file(problems[0] if problems else None, example)
+    given = Given("fragility", problem, structure, suite, levels, statistics, accuracy)
     podium = given.podium(structure)
     suite, levels, statistics = given.settings(suite), given.settings(levels), given.settings(statistics)
     found = _suite(given, suite, statistics.seed, paths)
@@ -168,13 +169,12 @@ def fragility(
             options=options,
             progress=bar,
         )
-    _finish(report, output, analysis, statistics)
+    _finish(report, to, analysis, statistics)
 
 
-def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: Statistics) -> None:
+def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: Statistics) -> None:
     import numpy as np
 
-    import rockjax as rj
     from rockjax import plots
     from rockjax._repr import units
 
@@ -188,37 +188,25 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
         f"{analysis.attrs['scenes']} scenes, {reached} of the records overturn"
     )
     report.facts |= {"records": count, "overturning_records": reached, "scenes": analysis.attrs["scenes"], "measure": name}
-    try:
-        curve = rj.fragility(
-            analysis,
-            method=statistics.values()["method"],
-            confidence=statistics.confidence,
-            resamples=statistics.resamples,
-            seed=statistics.seed,
-        )
-    except ValueError as error:
+    curve = _curve(report, analysis, statistics)
+    if curve is None:
         # The analysis has cost something, and says where to go on.
-        report.write(f"{output}.nc", analysis)
-        report.draw(f"{output}-ida.png", plots.incremental_dynamic_analysis(analysis).figure)
-        report.complain(f"no curve: {error}")
+        report.write(to.data(), analysis)
+        report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
         return
-    report.write(f"{output}.nc", curve, {"analysis": analysis})
-    report.draw(f"{output}-fragility.png", plots.fragility(curve).figure)
-    report.draw(f"{output}-ida.png", plots.incremental_dynamic_analysis(analysis).figure)
+    report.write(to.data(), curve, {"analysis": analysis})
+    report.draw(to.picture("fragility"), plots.fragility(curve).figure)
+    report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
-    intervals = np.asarray(curve["interval"].transpose("quantity", "bound"))
-    share = f"{statistics.confidence:.0%} interval"
-    (a, b), (c, d) = intervals
-    report.say(f"median overturning {name}: {median:.4g}{in_units}, {share} {a:.4g} to {b:.4g}")
-    report.say(f"dispersion: {dispersion:.3f}, {share} {c:.3f} to {d:.3f}")
-    report.facts |= {
-        "units": of or "1",
-        "median": median,
-        "median_interval": [a, b],
-        "dispersion": dispersion,
-        "dispersion_interval": [c, d],
-        "confidence": statistics.confidence,
-    }
+    of_median = of_dispersion = ""
+    report.facts |= {"units": of or "1", "median": median, "dispersion": dispersion}
+    if "interval" in curve:
+        (a, b), (c, d) = np.asarray(curve["interval"].transpose("quantity", "bound"))
+        share = f", {statistics.confidence:.0%} interval"
+        of_median, of_dispersion = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
+        report.facts |= {"median_interval": [a, b], "dispersion_interval": [c, d], "confidence": statistics.confidence}
+    report.say(f"median overturning {name}: {median:.4g}{in_units}{of_median}")
+    report.say(f"dispersion: {dispersion:.3f}{of_dispersion}")
     if "median_sensitivity" in curve:
         prices = dict(zip(curve["parameter"].values.tolist(), curve["median_sensitivity"].values.tolist(), strict=True))
         for parameter, value in prices.items():
@@ -226,6 +214,23 @@ def _finish(report: Report, output: Path, analysis: xarray.Dataset, statistics: 
         report.facts["median_sensitivity"] = prices
     if failed:
         report.complain(f"{failed} scenes ended without an answer")
+
+
+def _curve(report: Report, analysis: xarray.Dataset, statistics: Statistics) -> xarray.Dataset | None:
+    """The curve with its intervals; without them, or nothing, where the records do not say more."""
+    import rockjax as rj
+
+    method = statistics.values()["method"]
+    try:
+        return rj.fragility(analysis, method=method, confidence=statistics.confidence)
+    except ValueError as error:
+        try:
+            curve = rj.fragility(analysis, method=method, confidence=None)
+        except ValueError:
+            report.complain(f"no curve: {error}")
+            return None
+        report.complain(str(error))
+        return curve
 
 
 def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:

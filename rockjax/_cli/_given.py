@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import typer
 
-from ._options import Accuracy, Column, Motion, Panels
+from ._options import EXAMPLES, Accuracy, Column, Motion, Panels
 from ._run import Flags
 
 if TYPE_CHECKING:
@@ -38,6 +39,16 @@ def numbers(name: str, value: str | list) -> list[float]:
         raise typer.BadParameter(f"{flag(name)}: expected numbers separated by commas, got {value!r}") from None
 
 
+def ascending(option: str, ends: tuple[float, float], least: float = 0.0, open_below: bool = True) -> tuple[float, float]:
+    """The ends of a range, the lowest first. Raises `ValueError` that names the option."""
+    low, high = ends
+    above = low > least if open_below else low >= least
+    if not (above and low < high and math.isfinite(high)):
+        sign = "<" if open_below else "<="
+        raise ValueError(f"{option}: must have {least:g} {sign} lowest < highest, got {low:g} and {high:g}")
+    return low, high
+
+
 def names(value: str | list) -> list[str]:
     """Names from an option, or from a file."""
     return value if isinstance(value, list) else [name.strip() for name in value.split(",") if name.strip()]
@@ -45,6 +56,17 @@ def names(value: str | list) -> list[str]:
 
 def component(value: str | None) -> int | str | None:
     return int(value) if value is not None and value.isdecimal() else value
+
+
+def problem_file(problem: Path | None, example: str | None) -> Path | None:
+    """The problem file that is meant: one of the user's, or one that comes with rockjax. Raises `ValueError` for both."""
+    if example is None:
+        return problem
+    if problem is not None:
+        raise ValueError(f"--example: stands for a problem file; {problem} is one already")
+    if example not in EXAMPLES:
+        raise ValueError(f"--example: must be one of {', '.join(EXAMPLES)}, got {example!r}")
+    return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
 class Given:

@@ -10,6 +10,7 @@ import typer
 from ._given import component as channel
 from ._given import numbers
 from ._options import GRID, MOTION, OUTPUT, STRUCTURE, Component, SamplingInterval, Units
+from ._outputs import outputs, require_writable
 from ._run import Report, argument, option
 
 if TYPE_CHECKING:
@@ -36,7 +37,10 @@ def motions(
         float | None, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m]; with --tan-alpha.")
     ] = None,
     output: Annotated[
-        Path | None, option("--output", "-o", panel=OUTPUT, help="Prefix of the netCDF file to write.")
+        str | None,
+        option(
+            "--output", "-o", metavar="PATH", panel=OUTPUT, help="Prefix of the netCDF file to write, or a folder for it."
+        ),
     ] = None,
 ) -> None:
     """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
@@ -46,16 +50,20 @@ def motions(
     \b
     Examples:
       rockjax motions suite/ more/RSN1.AT2
-      rockjax motions record.txt --units g --dt 0.01 --tan-alpha 0.15 --R 1.5 -o measures
+      rockjax motions record.txt --units g --dt 0.01 --tan-alpha 0.15 \\
+        --R 1.5 -o measures
     """
     import math
 
+    to = None if output is None else outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
     from rockjax._structures import STANDARD_GRAVITY, Podium
     from rockjax._tables import lines
 
     if (tan_alpha is None) != (R is None):
         raise typer.BadParameter("--tan-alpha and --R go together")
+    if tan_alpha is not None and not (tan_alpha > 0 and math.isfinite(tan_alpha)):
+        raise ValueError(f"--tan-alpha: must be finite and > 0, got {tan_alpha:g}")
     podium = None if tan_alpha is None or R is None else Podium(math.atan(tan_alpha), R)
     wanted = numbers("periods", periods)
     found = read(paths, units and units.value, dt, component, pattern)
@@ -84,8 +92,8 @@ def motions(
     report.facts["motions"] = [
         {"name": name} | {key: values[k] for key, values in columns} for k, name in enumerate(found.names)
     ]
-    if output is not None:
-        report.write(f"{output}.nc", data)
+    if to is not None:
+        report.write(to.data(), data)
 
 
 def read(paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None) -> Motions:
@@ -141,6 +149,7 @@ def synthetic(
     from rockjax._files import write_whole
     from rockjax._motions.synthetic import synthetic_motions
 
+    require_writable(output / "suite.csv")
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
     made = synthetic_motions(
         count, seed=seed, dt=dt, duration=duration, pga=pga, pulse=wavelet, omega_g=omega_g, zeta_g=zeta_g

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from ._run import Flags, argument, option
 
+EXAMPLES = ("column", "fragility", "response", "risk", "spectrum", "sweep")
 STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
 
 
@@ -39,7 +40,26 @@ ProblemFile = Annotated[
     Path | None,
     argument("Problem file (TOML) with structure, motions and options; options given here override it.", show_default=False),
 ]
-Output = Annotated[Path, option("--output", "-o", panel=OUTPUT, help="Prefix of the files to write.")]
+Example = Annotated[
+    str | None,
+    option(
+        "--example",
+        metavar="NAME",
+        panel=OUTPUT,
+        help=f"A problem file that comes with rockjax, instead of one of yours: {', '.join(EXAMPLES)}.",
+        autocompletion=lambda: list(EXAMPLES),
+    ),
+]
+Output = Annotated[
+    str,  # a slash at its end says something
+    option(
+        "--output",
+        "-o",
+        metavar="PATH",
+        panel=OUTPUT,
+        help="Prefix of the files to write; or a folder for them; or a name with the format of the pictures, as x.pdf.",
+    ),
+]
 Resume = Annotated[bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")]
 Pulse = Annotated[PulseName, option("--pulse", panel=MOTION, help="Kind of the pulse.")]
 Rtol = Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")]

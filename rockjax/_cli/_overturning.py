@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from ._given import Given, names
-from ._options import GRID, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume, Rtol
+from ._given import Given, ascending, names, problem_file
+from ._options import GRID, Example, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume, Rtol
+from ._outputs import outputs
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 
@@ -37,7 +38,8 @@ def overturning(
     accuracy: Tolerance,
     report: Report,
     problem: ProblemFile = None,
-    output: Output = Path("rockjax-overturning"),
+    example: Example = None,
+    output: Output = "rockjax-overturning",
     resume: Resume = False,
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
@@ -48,8 +50,10 @@ def overturning(
 
     \b
     Examples:
-      rockjax overturning --T-s 0,0.5 --eta-over-gamma 5 --points 41 -o boundaries
-      rockjax overturning --gamma 0 --eta 0 --T-s 0 --pulse one-sine --sensitivities alpha,R
+      rockjax overturning --T-s 0,0.5 --eta-over-gamma 5 --points 41
+      rockjax overturning --gamma 0 --eta 0 --T-s 0 --pulse one-sine \\
+        --sensitivities alpha,R -o block
+      rockjax overturning --example spectrum --points 21
       rockjax overturning problem.toml --frequency 2 6
     """
     prepare(report)
@@ -61,13 +65,17 @@ def overturning(
     from rockjax._excitations.pulses import PULSES
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
-    given = Given("overturning", problem, structure, search, accuracy)
+    given = Given("overturning", problem_file(problem, example), structure, search, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)
     search = given.settings(search)
     parameters, end = names(search.sensitivities), search.max_acceleration_ratio
-    x, pulse = np.linspace(*search.frequency_ratio, search.points), PULSES[search.pulse]
+    drawn = ("boundaries", "sensitivity") if parameters else ("boundaries",)
+    to = outputs(output, "rockjax-overturning").check(drawn)
+    x, pulse = np.linspace(*ascending("--frequency", search.frequency_ratio), search.points), PULSES[search.pulse]
+    if not (end > 0 and math.isfinite(end)):
+        raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")
     options = given.options(accuracy)
-    found: list = _partial.load(_partial.path_of(output), len(podiums)) if resume else [None] * len(podiums)
+    found: list = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
@@ -79,19 +87,19 @@ def overturning(
                         podium, pulse, x, max_acceleration_ratio=end, sensitivities=parameters, options=options
                     )
                 except KeyboardInterrupt:
-                    raise interrupted(output, found, f"stopped with {k} of {len(podiums)} podiums done") from None
+                    raise interrupted(to.prefix, found, f"stopped with {k} of {len(podiums)} podiums done") from None
                 report.note(f"podium {k + 1}: {found[k].attrs['scenes']} scenes")
             bar.update()
     from rockjax import plots
 
     panels = joined(found, ratios, periods, zeta)
-    report.write(f"{output}.nc", panels)
+    report.write(to.data(), panels)
     pictures = {"boundaries": plots.overturning_boundaries(panels)}
     if parameters:
         pictures["sensitivity"] = plots.sensitivities(panels)
     for suffix, figure in pictures.items():
-        report.draw(f"{output}-{suffix}.png", figure)
-    _partial.path_of(output).unlink(missing_ok=True)
+        report.draw(to.picture(suffix), figure)
+    _partial.path_of(to.prefix).unlink(missing_ok=True)
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in found))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from ._given import names
 from ._options import OUTPUT
+from ._outputs import Outputs, outputs, require_writable
 from ._run import Report, argument, option, prepare
 
 
@@ -14,8 +15,14 @@ def plot(
     file: Annotated[Path, argument("A netCDF file that rockjax has written.")],
     report: Report,
     output: Annotated[
-        Path | None,
-        option("--output", "-o", panel=OUTPUT, help="Prefix of the pictures; by default the file without its ending."),
+        str | None,
+        option(
+            "--output",
+            "-o",
+            metavar="PATH",
+            panel=OUTPUT,
+            help="Prefix of the pictures, or a folder for them; by default the file without its ending.",
+        ),
     ] = None,
     kind: Annotated[
         str, option("--kind", panel=OUTPUT, help="Pictures, separated by commas; by default those that the command drew.")
@@ -35,5 +42,7 @@ def plot(
     prepare(report)
     from rockjax._redraw import redraw
 
-    for path in redraw(file, output, names(kind)):
+    to = Outputs(file.with_suffix("")) if output is None else outputs(output, file.stem)
+    require_writable(to.picture())
+    for path in redraw(file, to.prefix, names(kind), to.format):
         report.wrote(path)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from ._given import Given
-from ._options import GRID, Accuracy, Motion, Output, ProblemFile, Structure
+from ._given import Given, problem_file
+from ._options import GRID, Accuracy, Example, Motion, Output, ProblemFile, Structure
+from ._outputs import outputs
 from ._run import Flags, Report, option, prepare
 
 
@@ -26,7 +26,8 @@ def response(
     accuracy: Accuracy,
     report: Report,
     problem: ProblemFile = None,
-    output: Output = Path("rockjax-response"),
+    example: Example = None,
+    output: Output = "rockjax-response",
 ) -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
@@ -35,23 +36,26 @@ def response(
     \b
     Examples:
       rockjax response --acceleration-ratio 2.5 --T-p 1.0 --T-s 0.5
-      rockjax response --width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --a-p 3.7
+      rockjax response --width 0.45 --height 3 --column-mass 1500 \\
+        --beam-mass 30e3 --a-p 3.7
       rockjax response --record suite/RSN1.AT2 --scale 2 --eta 0
       rockjax response problem.toml --motion pulses --number 2
+      rockjax response --example response -o response.pdf
     """
     prepare(report)
     import rockjax as rj
     from rockjax import plots
 
-    given = Given("response", problem, structure, motion, span, accuracy)
+    to = outputs(output, "rockjax-response").check(("",))
+    given = Given("response", problem_file(problem, example), structure, motion, span, accuracy)
     podium = given.podium(structure)
     excitation = given.excitation(motion, podium)
     options = given.options(accuracy)
     history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
-    report.write(f"{output}.nc", data)
-    report.draw(f"{output}.png", plots.response(data))
+    report.write(to.data(), data)
+    report.draw(to.picture(), plots.response(data))
     from rockjax import _results as results
     from rockjax._responses.peak import VARIABLES
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from ._given import Given
-from ._options import OUTPUT, Output
+from ._given import Given, problem_file
+from ._options import OUTPUT, Example, Output
+from ._outputs import outputs
 from ._run import Flags, Report, argument, option, prepare
 
 CURVE, HAZARD = "Fragility", "Hazard"
@@ -62,7 +63,8 @@ def risk(
     site: Site,
     report: Report,
     problem: Annotated[Path | None, argument("Problem file (.toml) with a table [risk].", show_default=False)] = None,
-    output: Output = Path("rockjax-risk"),
+    example: Example = None,
+    output: Output = "rockjax-risk",
 ) -> None:
     """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
@@ -72,12 +74,14 @@ def risk(
     \b
     Examples:
       rockjax risk --fragility rockjax-fragility.nc --hazard site.csv
-      rockjax risk --median 3.5 --dispersion 0.4 --hazard hazard_curve-mean.csv --site 0
-      rockjax risk docs/problems/risk.toml --years 100
+      rockjax risk --median 3.5 --dispersion 0.4 \\
+        --hazard hazard_curve-mean.csv --site 0
+      rockjax risk --example risk --years 100
     """
-    given = Given("risk", problem, curve, site)
-    curve, site = given.settings(curve), given.settings(site)
     prepare(report)
+    to = outputs(output, "rockjax-risk").check(("risk",))
+    given = Given("risk", problem_file(problem, example), curve, site)
+    curve, site = given.settings(curve), given.settings(site)
     import rockjax as rj
     from rockjax import plots
     from rockjax._risk.annual import OUTSIDE
@@ -108,8 +112,8 @@ def risk(
         "extrapolated": share,
         "sensitivities": slopes,
     }
-    report.write(f"{output}.nc", contributions)
-    report.draw(f"{output}-risk.png", plots.risk(contributions))
+    report.write(to.data(), contributions)
+    report.draw(to.picture("risk"), plots.risk(contributions))
 
 
 def _path(given: Given, name: str) -> Path:

@@ -144,7 +144,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**values):
-        from rockjax._motions.motion import RecordWarning
+        from rockjax._plausibility import PlausibilityWarning
 
         ctx = values.pop("ctx")
         given = frozenset(name for name in values if _is_given(ctx, name))
@@ -153,7 +153,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         report = next((group for group in made.values() if isinstance(group, Report)), Report())
         with warnings.catch_warnings():
             warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
-            warnings.filterwarnings("always", category=RecordWarning)
+            warnings.filterwarnings("always", category=PlausibilityWarning)
             warnings.showwarning = _speak
             try:
                 function(**own, **made)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from ._given import Given
-from ._options import GRID, Accuracy, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
+from ._given import Given, ascending, problem_file
+from ._options import GRID, Accuracy, Example, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
+from ._outputs import outputs
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 
@@ -28,7 +28,8 @@ def spectrum(
     accuracy: Accuracy,
     report: Report,
     problem: ProblemFile = None,
-    output: Output = Path("rockjax-spectrum"),
+    example: Example = None,
+    output: Output = "rockjax-spectrum",
     resume: Resume = False,
 ) -> None:
     """Rocking spectra: peak rotation over pulse frequency and acceleration, and what overturns on the grid.
@@ -40,7 +41,9 @@ def spectrum(
     Examples:
       rockjax spectrum
       rockjax spectrum --points 40 --eta-over-gamma 5 --T-s 0,0.5 -o study
-      rockjax spectrum --width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --points 40
+      rockjax spectrum --width 0.45 --height 3 --column-mass 1500 \\
+        --beam-mass 30e3 --points 40
+      rockjax spectrum --example spectrum --points 20
       rockjax spectrum problem.toml --points 200
     """
     prepare(report)
@@ -49,30 +52,34 @@ def spectrum(
 
     import rockjax as rj
     from rockjax import _partial
+    from rockjax._batch.memory import require_memory
     from rockjax._excitations.pulses import PULSES
 
-    given = Given("spectrum", problem, structure, grid, accuracy)
+    to = outputs(output, "rockjax-spectrum").check(("rotation", "overturning"))
+    given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)
     grid = given.settings(grid)
     options = given.options(accuracy, outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
-    x, y = np.linspace(*grid.frequency_ratio, grid.points), np.linspace(*grid.acceleration_ratio, grid.points)
+    x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
+    y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
+    require_memory("rockjax spectrum", total)
     report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
-    known = _partial.load(_partial.path_of(output), len(podiums)) if resume else None
+    known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
     try:
         with report.progress(total, "scenes") as bar:
             spectra = rj.rocking_spectra(podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known)
     except rj.Interrupted as stopped:
-        raise interrupted(output, stopped.partial, str(stopped)) from None
+        raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     from rockjax import plots
 
     panels = joined(spectra, ratios, periods, zeta)
-    report.write(f"{output}.nc", panels)
+    report.write(to.data(), panels)
     for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
-        report.draw(f"{output}-{suffix}.png", draw(panels))
-    _partial.path_of(output).unlink(missing_ok=True)
+        report.draw(to.picture(suffix), draw(panels))
+    _partial.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
     report.say(f"{total} scenes: {overturned:.1%} overturned, {failed} without an answer")

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._given import Given, flag, names
-from ._options import GRID, OUTPUT, Accuracy, Motion, ProblemFile, Structure
+from ._given import Given, flag, names, problem_file
+from ._options import GRID, OUTPUT, Accuracy, Example, Motion, ProblemFile, Structure
+from ._outputs import store_place
 from ._run import INTERRUPTED, Flags, Report, option, prepare
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def sweep(
     accuracy: Accuracy,
     report: Report,
     problem: ProblemFile = None,
+    example: Example = None,
     store: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="The zarr store to write.")] = Path(
         "rockjax-sweep.zarr"
     ),
@@ -80,17 +82,19 @@ def sweep(
 
     \b
     Examples:
-      rockjax sweep --axis tan_alpha=0.1:0.3:21 --axis frequency_ratio=1:8:141 --axis acceleration_ratio=1:12:111
-      rockjax sweep docs/problems/sweep.toml --dry-run
-      rockjax sweep docs/problems/sweep.toml --workers 2 -o study.zarr
-      rockjax sweep docs/problems/sweep.toml --scheduler tcp://10.0.0.1:8786 -o /shared/study.zarr
+      rockjax sweep --axis tan_alpha=0.1:0.3:21 --axis frequency_ratio=1:8:141
+      rockjax sweep --example sweep --dry-run
+      rockjax sweep problem.toml --workers 2 -o study.zarr
+      rockjax sweep problem.toml --scheduler tcp://10.0.0.1:8786 \\
+        -o /shared/study.zarr
     """
     prepare(report, pictures=False)
     import rockjax as rj
     from rockjax._sweep.store import require_zarr
 
     require_zarr()
-    given = Given("sweep", problem, structure, motion, grid, machines, accuracy)
+    store = store_place(store)
+    given = Given("sweep", problem_file(problem, example), structure, motion, grid, machines, accuracy)
     if machines.workers is not None and machines.scheduler is not None:
         raise ValueError("--workers and --scheduler: give one of them")
     podium = given.podium(structure)

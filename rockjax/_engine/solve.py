@@ -7,26 +7,27 @@ record) the loop itself is differentiated, by a form of it that reverse mode can
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
+from .derivatives import differentiable, known
 from .flat import Nodes, rehearse, replay, run, run_with_history
 from .scene import Lane, Plan, Scene, plan, prepare
 
 
-@functools.partial(jax.jit, static_argnames=("history",))
 def solve(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -37,8 +38,24 @@ def solve(
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     """((floats, nodes), (integers and flags, rest of the nodes)) of one scene.
 
-    `history` is the number of steps to keep, None keeps none.
+    `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted or not, the
+    programs are those that are kept between processes.
     """
+    arguments = podium, excitation, initial, t_end, options
+    leaves, structure = jax.tree.flatten(arguments)
+    if options.engine == "flat" and any(isinstance(y, Tracer) for y in leaves) and all(map(known, leaves)):
+        return differentiable(PROGRAM, structure, history)(*leaves)
+    return PROGRAM(*arguments, history=history)
+
+
+def _solve(
+    podium: Podium,
+    excitation: AbstractExcitation,
+    initial: State,
+    t_end: Array | None,
+    options: Options,
+    history: int | None = None,
+) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     how = plan(podium, options, history is not None)
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
 
@@ -69,6 +86,9 @@ def solve(
         return _with_nodes((floats, integers), nodes)
 
     return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
+
+
+PROGRAM = KeptProgram(_solve)
 
 
 def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -14,11 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive
+from rockjax._plausibility import doubt
+from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractOutlook
 
+LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in gal that is read as m/s² does
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
@@ -90,8 +93,8 @@ class AbstractPulse(AbstractExcitation):
     - `T_p`: period, > 0 [s]; ω_p = 2π/T_p
     """
 
-    a_p: Number = eqx.field(converter=as_float)
-    T_p: Number = eqx.field(converter=as_float)
+    a_p: Number = eqx.field(converter=as_number("a_p"))
+    T_p: Number = eqx.field(converter=as_number("T_p"))
 
     span: ClassVar[tuple[float, float]]  # support, in units of T_p
     compact: ClassVar[bool]  # exactly zero outside the span, with breakpoints at its ends
@@ -101,6 +104,10 @@ class AbstractPulse(AbstractExcitation):
     def __check_init__(self):
         finite(type(self).__name__, a_p=self.a_p)
         positive(type(self).__name__, T_p=self.T_p)
+        size = concrete(self.a_p)
+        if size is not None and size.ndim == 0 and abs(size) > LARGEST:
+            in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
+            doubt(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
 
     @staticmethod
     @abc.abstractmethod

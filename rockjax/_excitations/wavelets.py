@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, finite, positive, require
+from rockjax._checks import as_number, finite, positive, require
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractOutlook
@@ -89,10 +89,10 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     - `gamma`: number of oscillations γ, > 1 [–]; `nu`: phase ν [rad]
     """
 
-    A: Number = eqx.field(converter=as_float)
-    f_p: Number = eqx.field(converter=as_float)
-    gamma: Number = eqx.field(converter=as_float, default=2.0)
-    nu: Number = eqx.field(converter=as_float, default=0.0)
+    A: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: A"))
+    f_p: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: f_p"))
+    gamma: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: gamma"), default=2.0)
+    nu: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: nu"), default=0.0)
 
     def __check_init__(self):
         finite("MavroeidisPapageorgiou", A=self.A, nu=self.nu)
@@ -141,10 +141,10 @@ class Gabor(AbstractExcitation):
     - `gamma`: number of oscillations γ, > 0 [–]; `phi`: phase φ [rad]
     """
 
-    a_p: Number = eqx.field(converter=as_float)
-    T_p: Number = eqx.field(converter=as_float)
-    gamma: Number = eqx.field(converter=as_float, default=2.0)
-    phi: Number = eqx.field(converter=as_float, default=0.0)
+    a_p: Number = eqx.field(converter=as_number("Gabor: a_p"))
+    T_p: Number = eqx.field(converter=as_number("Gabor: T_p"))
+    gamma: Number = eqx.field(converter=as_number("Gabor: gamma"), default=2.0)
+    phi: Number = eqx.field(converter=as_number("Gabor: phi"), default=0.0)
 
     def __check_init__(self):
         finite("Gabor", a_p=self.a_p, phi=self.phi)

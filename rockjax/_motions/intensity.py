@@ -1,40 +1,39 @@
 """Intensity measures of ground motions, exact for motions that are linear between samples.
 
 Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy; pyRotd imports
-`pkg_resources`, which is gone from setuptools. SciPy has what is needed: the exact discretisation of an oscillator under a
-load that is linear between samples (`cont2discrete` with a first-order hold, the recursion of Nigam & Jennings 1969).
+`pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too, read Sa off at samples.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockjax._checks import as_float, of_kind, single
+from rockjax._files import CONVENTIONS
 from rockjax._structures import STANDARD_GRAVITY, Podium
+
+from .accelerogram import Accelerogram
 
 if TYPE_CHECKING:
     import xarray
 
-    from .motion import Motion, Motions
 
-_PER_PERIOD = 100  # samples per period of an oscillator: a peak between two of them is missed by 0.05 % at most
-
-
-def energy(motion: Motion) -> np.ndarray:
+def energy(motion: Accelerogram) -> np.ndarray:
     """∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
     a, b = motion.acceleration[:-1], motion.acceleration[1:]
     return np.concatenate([[0.0], np.cumsum(motion.dt / 3 * (a * a + a * b + b * b))])
 
 
-def arias_intensity(motion: Motion) -> float:
+def arias_intensity(motion: Accelerogram) -> float:
     """π/(2g) ∫ü_g² dt (Arias 1970) [m/s]."""
     return float(math.pi / (2 * STANDARD_GRAVITY) * energy(motion)[-1])
 
 
-def cumulative_absolute_velocity(motion: Motion) -> float:
+def cumulative_absolute_velocity(motion: Accelerogram) -> float:
     """∫|ü_g| dt [m/s]."""
     a, b = np.abs(motion.acceleration[:-1]), np.abs(motion.acceleration[1:])
     both = np.where(a + b > 0, a + b, 1.0)
@@ -42,7 +41,7 @@ def cumulative_absolute_velocity(motion: Motion) -> float:
     return float(0.5 * motion.dt * np.sum(np.where(crosses, (a * a + b * b) / both, a + b)))
 
 
-def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
+def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
     """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975) [s]."""
     spent = energy(motion)
     if spent[-1] == 0:
@@ -51,12 +50,13 @@ def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95)
     return float(t[1] - t[0])
 
 
-def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) -> float:
+def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
     """Pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator at rest at first [m/s²].
 
     - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The motion is followed by a period of rest, in which the peak of a slow oscillator may lie.
+    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for inside of the
+    intervals and in the free vibration that follows, in which the peak of a slow oscillator may lie.
     """
     if not (math.isfinite(period) and period >= 0):
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
@@ -64,20 +64,12 @@ def spectral_acceleration(motion: Motion, period: float, damping: float = 0.05) 
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     if period == 0:
         return motion.pga
-    from scipy.signal import cont2discrete, lfilter
+    from .oscillator import largest_displacement  # SciPy takes long to import
 
-    finer = max(1, math.ceil(_PER_PERIOD * motion.dt / period))
-    dt = motion.dt / finer
-    rest = np.zeros(math.ceil(period / motion.dt) + 1)
-    coarse = np.concatenate([motion.acceleration, rest])
-    load = np.interp(np.arange((len(coarse) - 1) * finer + 1) / finer, np.arange(len(coarse)), coarse)
-    w = 2 * math.pi / period
-    # ω² u as the output, so that its size is that of the load.
-    filtering: Any = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), dt, method="foh")
-    return float(np.abs(np.asarray(lfilter(np.ravel(filtering[0]), filtering[1], load))).max())
+    return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
 
-def measured(motion: Motion, measure: str, period: float | None, damping: float) -> tuple[float, int]:
+def measured(motion: Accelerogram, measure: str, period: float | None, damping: float) -> tuple[float, int]:
     """One measure of a motion by its name, and with which power of the motion it grows."""
     simple = {
         "PGA": (lambda: motion.pga, 1),
@@ -99,32 +91,21 @@ def measured(motion: Motion, measure: str, period: float | None, damping: float)
 
 
 def intensity_measures(
-    motion: Motion | Motions,
+    motion: Accelerogram | Sequence[Accelerogram],
     *,
     periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
-
-    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][]) the dim `motion`
-    - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
-    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
-      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
-
-    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
-    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and
-    pseudo-acceleration `Sa` [m/s²] along `period`.
-
-    Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
-    """
+    """[`rockjax.intensity_measures`][] of what is a motion, or a sequence of motions, already."""
     import xarray
 
-    from .motion import Motions
-
-    several = isinstance(motion, Motions)
+    several = not isinstance(motion, Accelerogram)
     motions = list(motion) if several else [motion]
-    T = np.atleast_1d(np.asarray(tuple(periods) if isinstance(periods, Iterable) else periods, float))
+    owner = "intensity_measures"
+    given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
+    T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
+    single(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
         "duration": ("s", "duration", [m.duration for m in motions]),
@@ -139,6 +120,7 @@ def intensity_measures(
     }
     attrs: dict[str, float] = {"damping_ratio": damping}
     if podium is not None:
+        of_kind(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
         g, tan_alpha, p = float(podium.g), math.tan(float(podium.alpha)), float(podium.p)
@@ -150,7 +132,7 @@ def intensity_measures(
     data = xarray.Dataset(
         {name: (dims, put(values), {"units": unit, "long_name": words}) for name, (unit, words, values) in columns.items()},
         coords={"motion": (dims, put([m.name for m in motions])), "period": ("period", T, {"units": "s"})},
-        attrs={"title": "Intensity measures", **attrs},
+        attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )
     spectra = [[spectral_acceleration(m, float(period), damping) for period in T] for m in motions]
     shape = (len(motions), len(T)) if several else (len(T),)

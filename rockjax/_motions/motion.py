@@ -6,38 +6,32 @@ Between samples a motion is linear, as it is in a [`rockjax.Record`][]; all inte
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Self, overload
 
 import numpy as np
 
 from rockjax import _tables
+from rockjax._checks import shown, single
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
+from .accelerogram import Accelerogram
+from .intensity import energy, intensity_measures, measured
 from .record import Record
 
 if TYPE_CHECKING:
     import xarray
 
-HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
-LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 _RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
 
 
-class RecordWarning(UserWarning):
-    """A ground motion can be read, but its units or its baseline look wrong."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(Accelerogram):
     """A ground motion (host), linear between samples and zero outside.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; kept as a copy that cannot be written to
@@ -48,75 +42,13 @@ class Motion:
     Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
     """
 
-    acceleration: np.ndarray
-    dt: float
-    name: str = "motion"
-    source: Path | None = None
-    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self):
-        samples = np.array(self.acceleration, float)
-        if samples.ndim != 1 or len(samples) < 2:
-            raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
-        if not np.isfinite(samples).all():
-            k = int(np.argmin(np.isfinite(samples)))
-            raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
-        if not (math.isfinite(self.dt) and self.dt > 0):
-            raise ValueError(f"Motion: dt must be finite and > 0 s, got dt = {self.dt!r}")
-        samples.flags.writeable = False
-        for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
-            object.__setattr__(self, name, value)
-
-    def __len__(self) -> int:
-        return len(self.acceleration)
-
-    @property
-    def duration(self) -> float:
-        """From the first to the last sample [s]."""
-        return (len(self) - 1) * self.dt
-
-    @property
-    def time(self) -> np.ndarray:
-        """Times of the samples, from 0, shape (n,) [s]."""
-        return np.arange(len(self)) * self.dt
-
-    @functools.cached_property
-    def velocity(self) -> np.ndarray:
-        """Ground velocity at the samples, from rest, shape (n,) [m/s]: trapezoids, exact for the motion."""
-        steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-    @functools.cached_property
-    def displacement(self) -> np.ndarray:
-        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with their end
-        correction (Euler–Maclaurin), exact for the motion."""
-        steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
-        trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
-        return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
-
-    @property
-    def pga(self) -> float:
-        """Peak ground acceleration max|ü_g| [m/s²]."""
-        return float(np.abs(self.acceleration).max())
-
-    @property
-    def pgv(self) -> float:
-        """Peak ground velocity, at a sample [m/s]."""
-        return float(np.abs(self.velocity).max())
-
-    @property
-    def pgd(self) -> float:
-        """Peak ground displacement, at a sample [m]."""
-        return float(np.abs(self.displacement).max())
-
     def record(self, scale: float = 1.0) -> Record:
         """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]."""
         return Record(self.acceleration, self.dt, scale)
 
     def scaled(self, factor: float) -> Self:
         """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
-        if not math.isfinite(factor):
-            raise ValueError(f"scaled: factor must be finite, got {factor!r}")
+        factor = single("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         return self._changed(factor * self.acceleration, **note)
 
@@ -135,8 +67,7 @@ class Motion:
         Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two intervals are not
         in a ratio of whole numbers up to 1000.
         """
-        if not (math.isfinite(dt) and dt > 0):
-            raise ValueError(f"resampled: dt must be finite and > 0 s, got dt = {dt!r}")
+        dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
             raise ValueError(f"resampled: dt = {dt:g} s leaves fewer than two samples of {self.duration:g} s")
         ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
@@ -178,10 +109,10 @@ class Motion:
         A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises `ValueError` unless
         0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
         """
-        if not 0 <= lower < upper <= 1:
+        for name, value in (("lower", lower), ("upper", upper)):
+            single("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
+        if not lower < upper:
             raise ValueError(f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}")
-        from .intensity import energy
-
         spent = energy(self)
         if spent[-1] == 0:
             raise ValueError(f"trimmed: {self.name} is zero throughout")
@@ -236,22 +167,6 @@ class Motion:
         return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
 
 
-def check(motion: Motion, where: str, stacklevel: int) -> None:
-    """Warn where units or baseline look wrong; `where` names the file."""
-    if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
-        warnings.warn(
-            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
-        )
-    left = abs(float(motion.velocity[-1]))
-    if left > DRIFT * motion.pgv:
-        warnings.warn(
-            f"{where}: ends with a velocity of {left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
-            "it is cut; Motion.baseline_corrected() takes it out",
-            RecordWarning,
-            stacklevel,
-        )
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motions(Sequence[Motion]):
     """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
@@ -262,10 +177,12 @@ class Motions(Sequence[Motion]):
     motions: tuple[Motion, ...]
 
     def __post_init__(self):
+        if isinstance(self.motions, Motion) or not isinstance(self.motions, Iterable):
+            raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(self.motions)}")
         motions = tuple(self.motions)
         for motion in motions:
             if not isinstance(motion, Motion):
-                raise ValueError(f"Motions: must hold rockjax.Motion, got {type(motion).__name__}")
+                raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(motion)}")
         object.__setattr__(self, "motions", motions)
 
     @overload
@@ -303,10 +220,8 @@ class Motions(Sequence[Motion]):
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
         """
-        from .intensity import measured
-
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"scaled_to: value must be finite and > 0, got value = {value!r}")
+        single("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
+        single("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
             present, power = measured(motion, measure, period, damping)
@@ -320,8 +235,6 @@ class Motions(Sequence[Motion]):
         self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Podium | None = None
     ) -> xarray.Dataset:
         """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
-        from .intensity import intensity_measures
-
         return intensity_measures(self, periods=periods, damping=damping, podium=podium)
 
     def _rows(self) -> list[tuple[str, ...]]:

@@ -7,54 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .formats import EVEN, UNITS, parse
-from .motion import Motion, Motions, check
+from rockjax._checks import of_kind, single
+
+from .accelerogram import check
+from .files import check_reading, read
+from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # what a folder may hold to say what is in it
 _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
-
-
-def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Motion:
-    """The ground motion in a file, without a look at whether it makes sense.
-
-    Raises `ValueError` that names the file, the line and the cause.
-    """
-    path = Path(path)
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {units!r}")
-    if dt is not None and not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"{path}: dt must be finite and > 0 s, got {dt!r}")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL in the name
-        raise ValueError(f"{path}: cannot be read: {error}") from None
-    if not content.strip():
-        raise ValueError(f"{path}: is empty")
-    found = parse(path, content, component)
-    own = found.units
-    if own is None and units is None:
-        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
-        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
-        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
-    if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
-    values = found.values
-    if len(values) < 2:
-        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
-    if found.dt is None and dt is None:
-        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
-    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
-        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
-    unit = units or own
-    assert unit is not None
-    with np.errstate(over="ignore"):
-        values = UNITS[unit] * values
-    if not np.isfinite(values).all():
-        raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
-    step = found.dt if found.dt is not None else float(dt or 0)
-    return Motion(values, step, path.stem, path, found.metadata | {"units": unit})
 
 
 def read_motion(
@@ -62,10 +22,10 @@ def read_motion(
 ) -> Motion:
     """The ground motion in a file (host), with what its header says.
 
-    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP and of COSMOS (`.V2`, `.V2c`); ESM, ITACA and
-    AFAD (`KEY: value`); K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time,
-    acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's
-    `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
+    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …);
+    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks,
+    commas or semicolons between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
     - `dt`: sampling interval [s], where the file has neither it nor times
@@ -73,11 +33,11 @@ def read_motion(
 
     Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
     lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
-    1e-4 g, and where more than a fifth of PGV is left at the end.
+    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a fifth of PGV is left at the end.
     """
     motion = read(path, units, dt, component)
-    check(motion, str(path), stacklevel=3)
-    return motion
+    check(motion, str(path), stacklevel=3, unsaid=units is not None)
+    return Motion(motion.acceleration, motion.dt, motion.name, motion.source, motion.metadata)
 
 
 def read_suite(
@@ -100,9 +60,11 @@ def read_suite(
 
     Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
     """
+    of_kind("read_suite", "path", path, str | Path, "the path of a folder or table")
+    of_kind("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
-    if not np.isfinite(scale):
-        raise ValueError(f"{path}: scale must be finite, got {scale!r}")
+    check_reading(path, units, dt, component)
+    scale = single(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():
             path = path / TABLE
@@ -184,7 +146,7 @@ def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: f
         except ValueError as error:
             problems.append(str(error))
             continue
-        check(motion, row["file"], stacklevel=4)
+        check(motion, row["file"], stacklevel=4, unsaid=row.get("units", units) is not None)
         more = {key: value for key, value in row.items() if key not in _COLUMNS}
         motion = Motion(
             motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)

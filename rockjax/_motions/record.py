@@ -11,9 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive, single
 from rockjax._excitations.sampled import AbstractSampled, Sampling
 from rockjax._types import Index, Value
+
+from .accelerogram import check
+from .files import read
 
 
 class Record(AbstractSampled):
@@ -26,10 +29,10 @@ class Record(AbstractSampled):
     Raises `ValueError` for empty or non-finite records.
     """
 
-    acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_float)
-    dt: Float[Array, "*batch"] = eqx.field(converter=as_float)
-    scale: Float[Array, "*batch"] = eqx.field(converter=as_float, default=1.0)
-    t_start: Float[Array, "*batch"] = eqx.field(converter=as_float, default=0.0)
+    acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
+    dt: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: dt"))
+    scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: scale"), default=1.0)
+    t_start: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: t_start"), default=0.0)
 
     def __check_init__(self):
         positive("Record", dt=self.dt)
@@ -61,11 +64,9 @@ class Record(AbstractSampled):
 
         Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
         """
-        from .motion import check  # which knows this module
-        from .readers import read
-
+        scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
-        check(motion, str(path), stacklevel=3)
+        check(motion, str(path), stacklevel=3, unsaid=units is not None)
         return cls(motion.acceleration, motion.dt, scale)
 
     @property

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import as_float, concrete
+from rockjax._checks import as_number, concrete, shown
 from rockjax._excitations.sampled import AbstractSampled, Sampling
 from rockjax._types import Index, Value
 
+from .motion import Motion
 from .record import Record
 
 
@@ -35,17 +37,19 @@ class Records(AbstractSampled):
     intervals: Float[Array, " k"]
     starts: Float[Array, " k"]
     which: Int[Array, "*batch"] = eqx.field(converter=jnp.asarray)
-    scale: Float[Array, "*batch"] = eqx.field(converter=as_float, default=1.0)
+    scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     @classmethod
-    def of(cls, records: Sequence[Record]) -> Self:
+    def of(cls, records: Sequence[Record | Motion]) -> Self:
         """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches among them."""
-        records = list(records)
+        if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
+            raise ValueError(f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}")
+        records = [record.record() if isinstance(record, Motion) else record for record in records]
         if not records:
             raise ValueError("Records: at least one record is needed, got none")
         for j, record in enumerate(records):
             if not isinstance(record, Record):
-                raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {record!r}")
+                raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {shown(record)}")
             if record.acceleration.ndim != 1 or any(jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)):
                 raise ValueError(f"Records: entry {j} must be a single record, got a batch; give a list of records")
         counts = np.array([record.acceleration.size for record in records], np.int32)
@@ -61,10 +65,10 @@ class Records(AbstractSampled):
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
         """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is concrete."""
-        chosen = concrete(which)
-        whole = jnp.issubdtype(jnp.result_type(which), jnp.integer)
+        which = which if isinstance(which, jax.Array) else np.asarray(which)
+        chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
-            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {which!r}")
+            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {shown(which)}")
         return dataclasses.replace(self, which=which, scale=1.0)
 
     def __len__(self) -> int:

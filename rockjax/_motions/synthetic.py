@@ -17,6 +17,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from rockjax._checks import of_kind, shown, single, whole
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._structures import STANDARD_GRAVITY
 
@@ -119,19 +120,21 @@ def synthetic_motions(
     """
     numbers = {"dt": dt, "duration": duration, "pga": pga}
     numbers |= {"omega_g": omega_g, "zeta_g": zeta_g, "omega_f": omega_f, "zeta_f": zeta_f}
+    owner = "synthetic_motions"
     for name, value in numbers.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"synthetic_motions: {name} must be finite and > 0, got {name} = {value!r}")
+        single(owner, name, value, lambda v: v > 0, "finite and > 0")
     for name, value in {"envelope_peak": envelope_peak, "envelope_end": envelope_end}.items():
-        if not 0 < value < 1:
-            raise ValueError(f"synthetic_motions: {name} must be > 0 and < 1, got {name} = {value!r}")
-    for name, value, least in (("count", count, 1), ("seed", seed, 0)):
-        if not isinstance(value, int | np.integer) or value < least:
-            raise ValueError(f"synthetic_motions: {name} must be a whole number >= {least}, got {name} = {value!r}")
+        single(owner, name, value, lambda v: 0 < v < 1, "> 0 and < 1")
+    count, seed = whole(owner, "count", count, 1), whole(owner, "seed", seed, 0)
     samples = round(duration / dt) + 1
     if samples < 50:
         raise ValueError(f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s")
-    pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else list(pulse)
+    pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
+    if isinstance(pulses, str) or not isinstance(pulses, Iterable):
+        raise ValueError(f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {shown(pulse)}")
+    pulses = list(pulses)
+    for one in pulses:
+        of_kind(owner, "pulse", one, MavroeidisPapageorgiou | None, "a rockjax.MavroeidisPapageorgiou or several")
     if len(pulses) != count:
         raise ValueError(f"synthetic_motions: pulse must be one, or one for each of {count} motions, got {len(pulses)}")
     soil = Soil(omega_g, zeta_g, omega_f, zeta_f)

@@ -9,7 +9,7 @@ import pickle
 import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -18,6 +18,8 @@ from jax.core import Tracer
 from . import folder, kind
 
 _LOG = logging.getLogger("rockjax")
+_ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
+_NUMBERS = _ARRAYS | bool | int | float
 _PATIENCE = 2.0  # s of compiling, after which it is said
 _WAITING = (
     "compiling a program for this kind of scene; it is kept, and the next time it is only loaded "
@@ -25,59 +27,97 @@ _WAITING = (
 )
 
 
-class Program:
-    """A compiled function of pytrees of arrays and numbers; `fixed` names arguments that it is compiled for.
+class _Fixed(NamedTuple):
+    """What a program is compiled for besides the shapes and types of its arrays."""
 
-    Concrete arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs neither
+    structure: Any
+    leaves: tuple[Any, ...]  # those that are not passed: functions, texts, …; None where one is
+    named: tuple[tuple[str, Any], ...]
+
+
+class KeptProgram:
+    """A compiled function of pytrees of arrays and numbers; what else is in them, and `fixed` arguments, is compiled in.
+
+    Known arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs neither
     tracing nor compiling, and it gives the same answers to the last bit. Everything else, traced arguments above all, goes
-    through `traced`, which is `jax.jit` of the function.
+    through `jax.jit` as ever. With `arrays_only`, numbers of Python are compiled in as well.
     """
 
     def __init__(
         self,
         function: Callable,
-        fixed: Sequence[str] = (),
+        *,
         donate: Sequence[int] = (),
+        arrays_only: bool = False,
         compiler_options: dict[str, Any] | None = None,
+        name: str | None = None,
     ):
         functools.update_wrapper(self, function)
-        self.name = f"{function.__module__}.{function.__qualname__}"
+        self.name = name or f"{function.__module__}.{function.__qualname__}"
         self._how = f"donated {tuple(donate)}, compiler options {compiler_options}"
         self._function, self._donate, self._options = function, tuple(donate), compiler_options
-        self.traced = jax.jit(
-            function, static_argnames=tuple(fixed), donate_argnums=self._donate, compiler_options=compiler_options
-        )
+        self._passed = _ARRAYS if arrays_only else _NUMBERS
+        self._traced: dict[_Fixed, Any] = {}
         self._ready: dict[Hashable, Callable] = {}
         self._making: dict[Hashable, threading.Lock] = {}
         self._lock = threading.Lock()
         _ALL.append(self)
 
-    def __call__(self, *arguments: Any, **fixed: Any) -> Any:
-        leaves, structure = jax.tree.flatten(arguments)
-        if not all(map(_is_here, leaves)) or not _usual():
-            return self.traced(*arguments, **fixed)
-        key = structure, tuple(map(jax.typeof, leaves)), tuple(sorted(fixed.items())), _present_settings()
-        ready = self._ready.get(key) or self._make(key, arguments, fixed)
-        return ready(*leaves)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        passed, fixed = self._split(arguments, named)
+        if not all(map(_is_here, passed)) or not _usual():
+            return self._jitted(fixed)(*passed)
+        key = fixed, tuple(map(_type, passed)), _present_settings()
+        ready = self._ready.get(key) or self._make(key, passed, fixed)
+        return ready(*passed)
 
-    def _make(self, key: Hashable, arguments: tuple, fixed: dict[str, Any]) -> Callable:
+    def traced(self, *arguments: Any, **named: Any) -> Any:
+        """The same through `jax.jit`, for those who trace."""
+        passed, fixed = self._split(arguments, named)
+        return self._jitted(fixed)(*passed)
+
+    def _split(self, arguments: tuple, named: dict[str, Any]) -> tuple[list, _Fixed]:
+        leaves, structure = jax.tree.flatten(arguments)
+        kept = tuple(None if isinstance(y, self._passed) else y for y in leaves)
+        passed = [y for y, other in zip(leaves, kept, strict=True) if other is None]
+        return passed, _Fixed(structure, kept, tuple(sorted(named.items())))
+
+    def _jitted(self, fixed: _Fixed) -> Any:
+        """The function of what is passed alone."""
+        with self._lock:
+            if fixed not in self._traced:
+                self._traced[fixed] = self._of_passed(fixed)
+            return self._traced[fixed]
+
+    def _of_passed(self, fixed: _Fixed) -> Any:
+        def function(*passed):
+            rest = iter(passed)
+            leaves = [next(rest) if y is None else y for y in fixed.leaves]
+            return self._function(*jax.tree.unflatten(fixed.structure, leaves), **dict(fixed.named))
+
+        function.__name__ = self._function.__name__
+        argument = [k for k, part in enumerate(fixed.structure.children()) for _ in range(part.num_leaves)]
+        passed = [k for k, y in zip(argument, fixed.leaves, strict=True) if y is None]
+        donated = [i for i, k in enumerate(passed) if k in self._donate]
+        return jax.jit(function, donate_argnums=donated, compiler_options=self._options)
+
+    def _make(self, key: Hashable, passed: list, fixed: _Fixed) -> Callable:
         with self._lock:
             lock = self._making.setdefault(key, threading.Lock())
         with lock:  # one thread compiles, the others wait for it
             if key not in self._ready:
-                self._ready[key] = self._kept(arguments, fixed)
+                self._ready[key] = self._kept(passed, fixed)
             return self._ready[key]
 
-    def _kept(self, arguments: tuple, fixed: dict[str, Any]) -> Callable:
-        """The program of the leaves of its arguments, from the folder; compiled, and kept there, where there is none."""
+    def _kept(self, passed: list, fixed: _Fixed) -> Callable:
+        """The program from the folder; compiled, and kept there, where there is none."""
         place = store()
-        leaves, structure = jax.tree.flatten(arguments)
-        text = self._text(structure, leaves, fixed) if place else None
+        text = self._text(passed, fixed) if place else None
         found = _load(place, text) if place and text else None
         if found is not None:
             return found
         with _said():
-            lowered = self._of_leaves(structure, fixed).lower(*leaves)
+            lowered = self._jitted(fixed).lower(*passed)
             if place and not text:  # with classes of the user's own: known by what tracing has made of them
                 text = f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
                 found = _load(place, text)
@@ -86,18 +126,9 @@ class Program:
             _keep(place, text, compiled)
         return compiled
 
-    def _of_leaves(self, structure: Any, fixed: dict[str, Any]) -> Any:
-        def function(*leaves):
-            return self._function(*jax.tree.unflatten(structure, leaves), **fixed)
-
-        function.__name__ = self._function.__name__
-        sizes = [part.num_leaves for part in structure.children()]
-        donated = [sum(sizes[:k]) + i for k in self._donate for i in range(sizes[k])]
-        return jax.jit(function, donate_argnums=donated, compiler_options=self._options)
-
-    def _text(self, structure: Any, leaves: list, fixed: dict[str, Any]) -> str | None:
+    def _text(self, passed: list, fixed: _Fixed) -> str | None:
         try:
-            what = f"{kind.describe(structure)}\n{kind.numbers(leaves)}\n{kind.describe(fixed)}"
+            what = f"{kind.describe(tuple(fixed))}\n{kind.numbers(passed)}"
             return f"{self.name}\n{self._how}\n{kind.source()}\n{kind.machine()}\n{what}"
         except kind.Unknown as unknown:
             _LOG.debug("%s is traced in every process: no name in all of them has %s", self.name, unknown)
@@ -106,11 +137,12 @@ class Program:
     def forget(self) -> None:
         """Let go of what this process holds."""
         with self._lock:
+            self._traced.clear()
             self._ready.clear()
             self._making.clear()
 
 
-_ALL: list[Program] = []
+_ALL: list[KeptProgram] = []
 
 
 def forget() -> None:
@@ -119,24 +151,51 @@ def forget() -> None:
         program.forget()
 
 
+def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
+    """What `make()` gives for a fixed argument, kept like a program: trees of NumPy arrays, lists and named tuples."""
+    place = store()
+    try:
+        text = f"{name}\n{kind.source()}\n{kind.machine()}\n{kind.describe(what)}" if place else None
+    except kind.Unknown:
+        text = None
+    if not place or not text:
+        return make()
+    content = _content(place, text)
+    if content is not None:
+        try:
+            return pickle.loads(content)
+        except Exception as error:  # a class that is no longer there
+            _LOG.debug("what is kept of %s cannot be loaded: %r", name, error)
+    value = make()
+    try:
+        folder.write(place, text, pickle.dumps(value))
+    except OSError as error:
+        _LOG.debug("nothing can be kept: %s", error)
+    return value
+
+
 def store() -> Path | None:
     """The folder of kept programs; None where none are kept."""
     return folder.path() / "programs" if folder.enabled() else None
+
+
+def _content(place: Path, text: str) -> bytes | None:
+    """What is kept under a text, if it can be trusted."""
+    try:
+        return folder.read(place, text)
+    except folder.Damaged as damaged:
+        _LOG.debug("%s", damaged)
+        folder.discard(place, text)
+    except OSError as error:
+        _LOG.debug("no kept programs are read: %s", error)
+    return None
 
 
 def _load(place: Path, text: str) -> Callable | None:
     """A kept program. Whatever is wrong with it, it is compiled again."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
-    try:
-        content = folder.read(place, text)
-    except folder.Damaged as damaged:
-        _LOG.debug("%s", damaged)
-        folder.discard(place, text)
-        return None
-    except OSError as error:
-        _LOG.debug("no kept programs are read: %s", error)
-        return None
+    content = _content(place, text)
     if content is None:
         return None
     try:
@@ -172,7 +231,14 @@ def _is_here(leaf: Any) -> bool:
     """Whether it is a number or array on the CPU that programs are kept for."""
     if isinstance(leaf, jax.Array):
         return not isinstance(leaf, Tracer) and leaf.sharding == _sharding()
-    return isinstance(leaf, np.ndarray | np.generic | bool | int | float)
+    return True  # of NumPy or Python
+
+
+def _type(leaf: Any) -> Hashable:
+    """What a program is compiled for of a number or an array: arrays of NumPy and of JAX are the same."""
+    if isinstance(leaf, np.ndarray | np.generic | jax.Array):
+        return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
+    return type(leaf)
 
 
 def _usual() -> bool:

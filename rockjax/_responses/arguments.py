@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
-import numpy as np
+import functools
 
-from rockjax._checks import concrete, require
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._results import State
 from rockjax._structures import Podium
 
 
-def check_types(owner: str, podium, excitation, options) -> None:
-    for name, value, kind in (
-        ("podium", podium, Podium),
-        ("excitation", excitation, AbstractExcitation),
-        ("options", options, Options),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(f"{owner}: {name} must be a rockjax {kind.__name__}, got {value!r}")
+def check_types(owner: str, podium, options, name: str = "podium") -> None:
+    of_kind(owner, name, podium, Podium, "a rockjax.Podium")
+    of_kind(owner, "options", options, Options, "rockjax.Options")
+    for part, value in ((name, podium), ("options", options)):
+        check_dtype(owner, part, value)
     options.check_precision()
+
+
+def as_start(owner: str, initial) -> State:
+    """The initial state as arrays."""
+    of_kind(owner, "initial", initial, State, "a rockjax.State")
+    return jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+
+
+def as_end(owner: str, t_end) -> Array | None:
+    return None if t_end is None else as_float(t_end, f"{owner}: t_end")
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
     """What can be said of concrete numbers together."""
+    check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())

@@ -8,21 +8,22 @@ from importlib.metadata import version
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._files import CONVENTIONS
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
 
 
-@jax.jit
+@KeptProgram
 def _derive(podium: Podium) -> dict[str, Any]:
     return {
         "restitution_factor": podium.restitution_factor,
         "p_rad_s": podium.p,
         "uplift_acceleration_m_s2": podium.uplift_acceleration,
-        "g_tan_alpha": podium.g * jnp.tan(podium.alpha),
+        "uplift_ground_acceleration_m_s2": podium.uplift_ground_acceleration,
     }
 
 
@@ -51,7 +52,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
         "lambda": float(podium.lam),
         "restitution": float(law.e) if isinstance(law, GivenRestitution) else repr(law).strip("'"),
         "g_m_s2": float(podium.g),
-        **{name: derived[name] for name in ("restitution_factor", "p_rad_s", "uplift_acceleration_m_s2")},
+        **derived,
     }
 
 
@@ -90,6 +91,7 @@ def describe_options(options: Options) -> dict[str, Any]:
         "atol": float(options.atol),
         "overturn_ratio": float(options.overturn_ratio),
         **describe_versions(),
+        "Conventions": CONVENTIONS,
     }
 
 

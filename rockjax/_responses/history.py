@@ -24,6 +24,8 @@ from rockjax._engine.model import (
 )
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import solver_of
+from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
 from rockjax._types import Value, Vector
 
@@ -124,7 +126,7 @@ def padded(nodes: Nodes) -> Nodes:
     )
 
 
-def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, solver, k: Int[Array, ""], t: Value) -> _Sample:
+def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value) -> _Sample:
     """One step of the method from node k to the time t."""
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
@@ -136,7 +138,7 @@ def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, solve
         return acceleration(c, sigma, ground(t), x, v)
 
     x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
-    trial = step(tableau(solver), field, start, t - start, x, v, field(start, x, v))
+    trial = step(tableau(solver_of(method)), field, start, t - start, x, v, field(start, x, v))
     return _Sample(sigma, ground(t), trial.x, trial.v)
 
 
@@ -146,13 +148,13 @@ def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
     return jnp.clip(passed - 1, 0, nodes.used - 1)
 
 
-@eqx.filter_jit
+@KeptProgram
 def along(scene: Solved, t, left, quantity):
-    podium, excitation, nodes, end, solver = scene
+    podium, excitation, nodes, end, method = scene
     c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
 
     def at(s, left):
-        here = _sample(c, excitation, nodes, solver, _before(nodes, s, left), s)
+        here = _sample(c, excitation, nodes, method, _before(nodes, s, left), s)
         inside = (s >= nodes.t[0]) & (s <= end)
         x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
         return quantity(c, here.sigma, here.ground, x, v)
@@ -160,10 +162,10 @@ def along(scene: Solved, t, left, quantity):
     return jax.vmap(at)(t, left)
 
 
-@eqx.filter_jit
+@KeptProgram
 def balance(scene: Solved, t, left):
     """All samples, the energies (mechanical, input, impacts, damping) at times t, and the first of them at the start."""
-    podium, excitation, nodes, end, solver = scene
+    podium, excitation, nodes, end, method = scene
     c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
     # All steps to their ends, and from the nodes before t to t. Padding has no length.
@@ -175,7 +177,7 @@ def balance(scene: Solved, t, left):
 
     def advance(z, k, stop):
         """State, powers and energy at the part z of a step."""
-        here = _sample(c, excitation, nodes, solver, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k])))
+        here = _sample(c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k])))
         return here, (*power(c, *here), mechanical_energy(c, *here))
 
     # One program of the step for all of them: compiling it is what takes time.

@@ -7,13 +7,15 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
 from rockjax import _tables
 from rockjax._checks import concrete
-from rockjax._options import OUTPUTS
+from rockjax._files import CONVENTIONS
+from rockjax._options import OUTPUTS, Options
 from rockjax._results import RESULTS, Errors, Stats
 
 from .datasets import describe_versions
@@ -30,7 +32,7 @@ VARIABLES = {
     "overturn_time": ("s", "time of overturning", None),
     "uplifted": ("1", "columns left full contact", None),
     "uplift_time": ("s", "time of the first uplift", None),
-    "impacts": ("1", "impacts until the scene ended", None),
+    "impacts": ("1", "impacts until rest, overturning or t_end, NaN where not counted to the end", None),
     "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
     "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
     "margin": ("1", "overturning margin", "margin"),
@@ -44,7 +46,8 @@ class AbstractPeak(eqx.Module):
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
     - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until the scene ended
+    - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that, because what was
+      wanted stood (ask for the output `"impacts"`, or for a history)
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
     - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
@@ -62,7 +65,7 @@ class AbstractPeak(eqx.Module):
     overturn_time: Float[Array, "*batch"]
     uplifted: Bool[Array, "*batch"]
     uplift_time: Float[Array, "*batch"]
-    impacts: Int[Array, "*batch"]
+    impacts: Float[Array, "*batch"]
     peak_deformation: Float[Array, "*batch"]
     peak_shear: Float[Array, "*batch"]
     margin: Float[Array, "*batch"]
@@ -87,11 +90,11 @@ class Peak(AbstractPeak):
 
         dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
         data = xarray.Dataset({name: (dims, values, attrs) for name, values, attrs in peak_variables(self, OUTPUTS)})
-        data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions()}
+        data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions(), "Conventions": CONVENTIONS}
         return data
 
 
-def peak_fields(floats, integers, throw: bool = False) -> dict:
+def peak_fields(floats, integers, options: Options, *, throw: bool = False, history: bool = False) -> dict:
     """The fields of a `Peak` from the answers of its lanes."""
     code = integers["code"]
     if throw:
@@ -107,13 +110,30 @@ def peak_fields(floats, integers, throw: bool = False) -> dict:
         "margin",
         "smallest_impact_speed",
     )
-    flags = ("exceeded_alpha", "overturned", "uplifted", "impacts")
+    flags = ("exceeded_alpha", "overturned", "uplifted")
     return {
         **{name: floats[name] for name in names},
         **{name: integers[name] for name in flags},
+        "impacts": _impacts(floats, integers, options, history),
         "result": results.named(code),
         "stats": stats,
     }
+
+
+def _impacts(floats, integers, options: Options, history: bool):
+    """The number of impacts, NaN where the scene ended before it stood.
+
+    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a history goes
+    on to rest, or where the columns never lift: they cannot any more without a change of rotation and margin.
+    """
+    code, count = integers["code"], integers["impacts"]
+    stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
+    if history or "impacts" in options.outputs:
+        stands |= code == results.SETTLED
+    elif {"peak_rotation", "margin"} & set(options.outputs):
+        stands |= (code == results.SETTLED) & ~integers["uplifted"]
+    numpy = np if isinstance(count, np.ndarray) else jnp
+    return numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
 
 
 def raise_without_answer(code: Array) -> None:
@@ -177,7 +197,8 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     if peak.overturned:
         rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
     rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
-    rows.append(("impacts", f"{int(peak.impacts)}"))
+    uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
+    rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
     rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))

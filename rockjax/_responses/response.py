@@ -149,7 +149,7 @@ class Response(AbstractPeak):
 
     def _scene(self) -> history.Solved:
         # The segments engine may have any solver; its nodes are bridged by an explicit one.
-        explicit = (self.options if self.options.engine == "flat" else Options(method="dopri8")).solver
+        explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not isinstance(self.podium.superstructure, Elastic))
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
         return self.podium, self.excitation, history.padded(self.nodes), end, explicit

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Array
 
 from rockjax import _results as results
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import concrete, require
 from rockjax._engine.solve import solve
-from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._options import Options
 from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 
-from .arguments import check_range, check_types
+from .arguments import as_end, as_start, check_range, check_types
 from .estimate import companion, errors
 from .peak import Peak, peak_fields
 from .response import Response
@@ -23,7 +23,7 @@ from .response import Response
 
 def peak_response(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     initial: State = REST,
     t_end: float | Array | None = None,
@@ -34,6 +34,7 @@ def peak_response(
     Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`, `excitation`, `initial`
     and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
+    - `excitation`: a pulse, a wavelet, a record, a `Motion`; or any other [`rockjax.AbstractExcitation`][]
     - `initial`: the state at the start of the excitation's support
     - `t_end`: when to stop at the latest [s]; by default the end of the support plus 30/p, or 10 T_s if that is longer
 
@@ -42,12 +43,12 @@ def peak_response(
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**peak_fields(floats, integers, options.throw), errors=_errors(arguments, floats, integers))
+    return Peak(**peak_fields(floats, integers, options, throw=options.throw), errors=_errors(arguments, floats, integers))
 
 
 def simulate(
     podium: Podium,
-    excitation: AbstractExcitation,
+    excitation: AnyMotion,
     *,
     initial: State = REST,
     t_end: float | Array | None = None,
@@ -74,11 +75,11 @@ def simulate(
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         impact_times = impact_times[: int(integers["impacts"])]
     return Response(
-        **peak_fields(floats, integers, options.throw),
+        **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
         impact_times=impact_times,
         podium=podium,
-        excitation=excitation,
+        excitation=arguments[1],
         nodes=nodes,
         options=options,
     )
@@ -102,9 +103,9 @@ def _errors(arguments, floats, integers) -> Errors | None:
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
     """The arguments as arrays, checked where they are concrete."""
-    check_types(owner, podium, excitation, options)
-    initial = jax.tree.map(as_float, initial)
-    t_end = None if t_end is None else as_float(t_end)
+    check_types(owner, podium, options)
+    excitation = as_excitation(owner, excitation)
+    initial, t_end = as_start(owner, initial), as_end(owner, t_end)
     for name, tree in (("podium", podium), ("initial", initial), ("t_end", t_end)):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:

@@ -11,14 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._boundaries.boundaries import boundaries
-from rockjax._boundaries.boundary import BOUNDARY, GRAZES, PAST, WIDTH, footing, has_margin, margin_options, positive_limit
+from rockjax._boundaries.boundaries import Boundaries, boundaries
+from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, PAST, check_search, positive_limit
 from rockjax._boundaries.branches import LANES
-from rockjax._boundaries.crossings import Crossings
-from rockjax._checks import require
+from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
+from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -40,6 +42,7 @@ def overturning_spectrum(
     method: Literal["scan", "trace"] = "scan",
     scans: int = 9,
     resolution: int = 128,
+    width: float = NARROWEST,
     options: Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
@@ -53,41 +56,46 @@ def overturning_spectrum(
     - `method`: `"scan"` scans the amplitudes at every frequency, at `resolution` places and closer where it matters;
       `"trace"` scans at `scans` frequencies and follows the branches from there, and scans again only where what it has
       followed cannot be all
+    - `width`: `"scan"` finds every interval of overturning amplitudes below the minimum that is wider than this share of
+      `max_acceleration_ratio`, in (0, 0.1]; above it, and with `"trace"`, no such statement can be made
     - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
     Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing overturns),
     `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive …), `impacts` before
     overturning at each boundary (−1 where there is none), `one_sided` where the minimum is about to jump to another
-    branch, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about 1e-10.
+    branch, `certain_width`, the widest interval that may overturn unseen below the minimum (NaN where none was looked for),
+    and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about 1e-10.
 
     Raises `ValueError` for inputs that make no sense.
     """
     owner = "overturning_spectrum"
-    x = np.asarray(frequency_ratio, float)
+    check_types(owner, podium, options)
+    pulse = as_pulse(owner, pulse)
+    x = np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio"))
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
     require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
-    if not isinstance(resolution, int) or resolution < WIDTH:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+    check_search(owner, width, resolution)
     if method not in ("scan", "trace"):
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
     if method == "trace" and not has_margin(options):
         raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
+    whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
-    unit, p = derived["g_tan_alpha"], derived["p_rad_s"]
+    unit, p = derived["uplift_ground_acceleration_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
         return podium, pulse(y * unit, 2 * math.pi / (x * p))
 
     top = float(max_acceleration_ratio)
-    found = boundaries(plane, x, (0.0, top), method, scans, resolution, options, progress)
-    data = _dataset(podium, pulse, x, found.crossings, found.dip, derived, options)
+    found = boundaries(plane, x, (0.0, top), method, scans, resolution, options, progress, width)
+    data = _dataset(podium, pulse, x, found, derived, options)
     data.attrs |= {"method_of_search": method, "max_acceleration_ratio": top, **found.cost}
     if sensitivities:
         a_p, T_p = data["minimum"].values * unit, data["T_p"].values
@@ -122,10 +130,10 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     return {"title": "Overturning spectrum", "kind": "overturning-spectrum", **describe(podium, pulse, options)}
 
 
-def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, options: Options) -> xarray.Dataset:
+def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Options) -> xarray.Dataset:
     import xarray
 
-    places, impacts = crossings.table(x.size)
+    places, impacts = found.crossings.table(x.size)
     T_p = 2 * math.pi / (x * derived["p_rad_s"])
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
@@ -135,8 +143,13 @@ def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, optio
             "impacts": (("frequency_ratio", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
             "one_sided": (
                 "frequency_ratio",
-                dip < GRAZES,
+                found.dip < ONE_SIDED_BELOW,
                 {"units": "1", "long_name": "the minimum is about to jump to another branch"},
+            ),
+            "certain_width": (
+                "frequency_ratio",
+                found.certain,
+                {"units": "1", "long_name": "no wider interval overturns below the minimum"},
             ),
         },
         coords={
@@ -145,7 +158,7 @@ def _dataset(podium: Podium, pulse, x, crossings: Crossings, dip, derived, optio
             "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
             "minimum_a_p": (
                 "frequency_ratio",
-                places[:, 0] * derived["g_tan_alpha"],
+                places[:, 0] * derived["uplift_ground_acceleration_m_s2"],
                 {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
             ),
         },
@@ -177,7 +190,7 @@ def _along(podium: Podium, a_p, T_p, options: Options, pulse, names: tuple[str, 
             structure = varied(podium, [names[k] for k in own], factor[1 + np.array(own, int)])
             motion = pulse(a_p * (1 + PAST) * factor[0], period)
             (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
-            return footing(floats, margin)
+            return boundary_residual(floats, margin)
 
         return a_p * along_boundary(past, len(names), a_p.dtype)
 

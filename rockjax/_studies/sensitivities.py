@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from rockjax._checks import texts
 from rockjax._structures import Elastic, GivenRestitution, Podium
 
 PARAMETERS = {
@@ -30,7 +31,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
     known += ["eta"] if podium.superstructure is not None else []
     known += ["T_s", "zeta"] if isinstance(podium.superstructure, Elastic) else []
     known += ["restitution"] if isinstance(podium.restitution, GivenRestitution) else []
-    for name in names:
+    for name in texts(owner, "sensitivities", names):
         if name not in known:
             raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -14,9 +14,12 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import require
+from rockjax._batch.memory import require_memory
+from rockjax._checks import as_float, of_kind, require, shown
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._responses.peak import Peak, peak_variables
 from rockjax._results import REST, Interrupted
@@ -78,9 +81,14 @@ def rocking_spectra(
     - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not solved again.
       Raises `ValueError` where they belong to other podiums, axes, options or versions
     """
+    owner = "rocking_spectrum"
+    of_kind(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
+    for podium in podiums:
+        check_types(owner, podium, options)
+    pulse = as_pulse(owner, pulse)
     axes = {
-        "frequency_ratio": np.asarray(frequency_ratio, float),
-        "acceleration_ratio": np.asarray(acceleration_ratio, float),
+        "frequency_ratio": np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio")),
+        "acceleration_ratio": np.asarray(as_float(acceleration_ratio, f"{owner}: acceleration_ratio")),
     }
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
@@ -89,11 +97,14 @@ def rocking_spectra(
     require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
     if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
         raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
+    require_memory("rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size)
     kinds: dict[Any, list[int]] = {}
     for k, podium in enumerate(podiums):
         kinds.setdefault(jax.tree.structure(podium), []).append(k)
     derived = [derived_numbers(podium) for podium in podiums]
 
+    if isinstance(resume, str) or not isinstance(resume, Iterable | None):
+        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
     known = list(resume) if resume is not None else [None] * len(podiums)
     if len(known) != len(podiums):
         raise ValueError(
@@ -107,7 +118,7 @@ def rocking_spectra(
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
         group = [podiums[k] for k in members]
         T_p = np.stack([2 * math.pi / (axes["frequency_ratio"] * derived[k]["p_rad_s"]) for k in members])
-        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha"] for k in members])
+        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["uplift_ground_acceleration_m_s2"] for k in members])
         # One number where it is common to all, else one per podium.
         stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
         together = jax.tree.map(stack, *group)
@@ -183,6 +194,8 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
 
 def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
     """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
+    if not hasattr(known, "coords"):
+        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
     for name, values in axes.items():
         if name not in known.coords or not np.array_equal(known[name].values, values):
             raise ValueError(f"{owner}: the spectrum to resume has another axis {name}")
@@ -219,6 +232,8 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
     """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
+    if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
+        raise ValueError(f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}")
     ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
     least = ratio.min("acceleration_ratio")
     least.attrs = {"units": "1", "long_name": "minimum overturning a_p/(g tan α), read off the grid"}

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._checks import positive
+from rockjax._checks import as_float, of_kind, positive
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
-from rockjax._motions.motion import Motions, distinct
-from rockjax._motions.record import Record
+from rockjax._motions.convert import AnyMotions, as_records, several, together
+from rockjax._motions.motion import Motion
 from rockjax._motions.records import Records
 from rockjax._structures import Elastic, GivenRestitution, Podium
 
@@ -54,9 +54,7 @@ def _span(labels: np.ndarray) -> str:
     return f"{len(labels)} × {ends[0]}" if len(labels) == 1 else f"{len(labels)} from {ends[0]} to {ends[1]}"
 
 
-def grid(
-    structure: Podium, excitation: AbstractExcitation | Motions | Sequence[Any], **axes: Float[ArrayLike, " n"]
-) -> Grid:
+def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " n"]) -> Grid:
     """A grid of scenes over named axes, in the order of their names (host).
 
     - `structure`: the podium that the others are variants of
@@ -73,15 +71,14 @@ def grid(
     Raises `ValueError` for a podium that holds arrays already, for names that mean nothing here or contradict each other,
     and for values that are not one-dimensional or that make no podium or motion.
     """
-    if not isinstance(structure, Podium):
-        raise ValueError(f"grid: structure must be a rockjax.Podium, got {structure!r}")
+    of_kind("grid", "structure", structure, Podium, "a rockjax.Podium")
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes")
     motion, labels = _motions(excitation)
     coords: Coords = {} if labels is None else {"motion": labels}
     for name, values in axes.items():
-        values = np.asarray(values, float)
+        values = np.asarray(as_float(values, f"grid: {name}"))
         if values.ndim != 1 or not len(values):
             raise ValueError(f"grid: {name} must be one-dimensional with a value or more, got the shape {values.shape}")
         coords[name] = values
@@ -102,38 +99,14 @@ def grid(
 
 def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
     """The motion, and what its batch is called along `motion`, None where it is one."""
-    if isinstance(excitation, Motions):
-        if not len(excitation):
-            raise ValueError("grid: excitation holds no motion")
-        return Records.of(excitation.records()), np.array(distinct(excitation.names))
-    if isinstance(excitation, Records):
-        if excitation.which.ndim != 1:
-            raise ValueError(
-                f"grid: excitation must be a suite of shape (k,), got Records of shape {excitation.which.shape}"
-            )
-        whole = np.asarray(excitation.which)
-        if not (np.array_equal(whole, np.arange(len(excitation))) and np.all(np.asarray(excitation.scale) == 1)):
-            raise ValueError("grid: excitation must be a whole suite, unscaled; choose motions before Records.of")
-        return excitation, np.arange(len(whole))
-    if isinstance(excitation, AbstractExcitation):
-        fields = [field.name for field in dataclasses.fields(excitation) if field.name not in excitation.own_dimensions]
-        arrays = [name for name in fields if jnp.ndim(getattr(excitation, name))]
-        if arrays:
-            raise ValueError(f"grid: excitation must be a single motion, but {arrays[0]} is an array; give it as an axis")
-        return excitation, None
-    if isinstance(excitation, Sequence) and not isinstance(excitation, str):
-        return _together(list(excitation)), np.arange(len(excitation))
-    raise ValueError(f"grid: excitation must be a motion or several, got {excitation!r}")
-
-
-def _together(motions: list[Any]) -> AbstractExcitation:
-    """Records in one table; pulses of one kind as one with arrays."""
-    if not motions or isinstance(motions[0], Record):
-        return Records.of(motions)
-    kinds = sorted({type(motion).__name__ for motion in motions})
-    if len(kinds) > 1 or not isinstance(motions[0], AbstractExcitation):
-        raise ValueError(f"grid: excitation must be a list of motions of one kind, got {', '.join(kinds)}")
-    return jax.tree.map(lambda *each: jnp.stack(each), *motions)
+    if isinstance(excitation, Records) and excitation.which.ndim:
+        records, _ = as_records("grid", excitation, "excitation")
+        return records, np.arange(len(records))
+    if isinstance(excitation, AbstractExcitation | Motion):
+        members, _ = several("grid", excitation, "excitation")
+        return members[0], None
+    members, names = several("grid", excitation, "excitation")
+    return together("grid", members, "excitation"), np.arange(len(members)) if names is None else np.array(names)
 
 
 _ANGLES = ("alpha", "tan_alpha")
@@ -176,6 +149,7 @@ def _name(field: str) -> str:
 def _podium(base: Podium, along: dict[str, np.ndarray]) -> Podium:
     changes: dict[str, Any] = {name: along[name] for name in ("alpha", *_OWN, "restitution") if name in along}
     if "tan_alpha" in along:
+        positive("grid", tan_alpha=along["tan_alpha"])
         changes["alpha"] = np.arctan(along["tan_alpha"])
     if any(name in along for name in _SIDES):
         width, height = along.get("width", float(base.width)), along.get("height", float(base.height))

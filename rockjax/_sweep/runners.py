@@ -128,6 +128,8 @@ class Bar:
     def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
         from tqdm import tqdm
 
+        from rockjax._progress import ticking
+
         self.expected, self.sizes = found.expected, found.layout.sizes()
         self.done, self.count = len(done), found.layout.number
         self.bar = tqdm(
@@ -136,11 +138,13 @@ class Bar:
             bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
         self._show()
+        self.ended = ticking(self.bar)
 
     def __enter__(self) -> Bar:
         return self
 
     def __exit__(self, *_) -> None:
+        self.ended.set()
         self.bar.close()
 
     def _show(self) -> None:

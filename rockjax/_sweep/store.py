@@ -36,6 +36,10 @@ _ABOUT = "sweep"  # attribute with everything that tells one sweep from another
 _LONG = 1_000_000  # an axis longer than this is kept in chunks
 
 
+class TakenError(Exception):
+    """Another process was the first to make a store at a path."""
+
+
 class Row(NamedTuple):
     """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an answer."""
 
@@ -144,22 +148,26 @@ class Store:
 
     @classmethod
     def open(cls, path: str | Path) -> Store | None:
-        """The store at a path, None where there is nothing. Raises `ValueError` where there is something else."""
+        """The store at a path, None where there is nothing.
+
+        Raises `ValueError` where there is something else, and where the metadata of the store cannot be read.
+        """
         path = located(path)
         if is_local(path) and not Path(path).exists():
             return None
         foreign = ValueError(f"{path}: exists and is no store of a sweep; give another path, or remove it")
         if is_local(path) and not Path(path).is_dir():
             raise foreign
-        try:
-            group = _zarr().open_group(path, mode="r+")
-        except FileNotFoundError:
-            if is_local(path) and any(Path(path).iterdir()):
-                raise foreign from None
-            return None
-        if not _about(group):
-            raise ValueError(f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it")
-        return cls(path, group)
+        with _readable(path):
+            try:
+                group = _zarr().open_group(path, mode="r+")
+            except FileNotFoundError:
+                if is_local(path) and any(Path(path).iterdir()):
+                    raise foreign from None
+                return None
+            if _about(group):
+                return cls(path, group)
+        raise ValueError(f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it")
 
     @classmethod
     def create(
@@ -173,7 +181,10 @@ class Store:
         expected: np.ndarray,
         attrs: Mapping[str, Any],
     ) -> Store:
-        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as a guess."""
+        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as a guess.
+
+        Raises `TakenError` where another process was faster; its store is left as it is.
+        """
         path = located(path)
         zarr = _zarr()
         layout = Layout(tuple(about["shape"]), tuple(about["chunk"]))
@@ -247,7 +258,9 @@ class Store:
 
         Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
         """
-        if _about(_zarr().open_group(self.path, mode="r")) != self.about:
+        with _readable(self.path):
+            about = _about(_zarr().open_group(self.path, mode="r"))
+        if about != self.about:
             raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
         box = self.layout.box(k)
         parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
@@ -306,7 +319,7 @@ def _in_one_move(path: str) -> Iterator[str]:
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(place, 0o777 & ~umask)
-        os.rename(place, target)
+        _rename(place, target)
     except BaseException as error:
         for _ in range(20):  # other threads of zarr may still be writing into it
             shutil.rmtree(place, ignore_errors=True)
@@ -316,6 +329,43 @@ def _in_one_move(path: str) -> Iterator[str]:
         if isinstance(error, OSError):
             raise OSError(f"{path} could not be written: {error.strerror or error}") from error
         raise
+
+
+def _rename(place: str, target: Path) -> None:
+    """Raises `TakenError` where the target has come into being meanwhile."""
+    try:
+        os.rename(place, target)
+    except OSError as error:
+        # Linux says that the folder is not empty, other systems that it exists, or that they will not.
+        if target.is_dir() and any(target.iterdir()):
+            raise TakenError(target) from error
+        raise
+
+
+@contextlib.contextmanager
+def _readable(path: str) -> Iterator[None]:
+    """Says of metadata that zarr cannot read whose they are, which file it is, and what can be done."""
+    try:
+        yield
+    except (ValueError, KeyError, TypeError) as error:
+        damaged = _damaged(path) if is_local(path) else None
+        if damaged is None and str(error).startswith(path):
+            raise  # says it already
+        what = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
+        raise ValueError(
+            f"{path}: {what}, so that this sweep cannot be gone on with; put the file back from a copy, or move "
+            "the store away: the same call then begins a new one"
+        ) from error
+
+
+def _damaged(path: str) -> Path | None:
+    """The first file of metadata that is not JSON."""
+    for file in sorted(Path(path).rglob("zarr.json")):
+        try:
+            json.loads(file.read_bytes())
+        except ValueError:
+            return file
+    return None
 
 
 def _codecs() -> list[Any]:

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import as_float
+from rockjax._checks import of_kind, texts
+from rockjax._motions.convert import as_batch
 from rockjax._options import Options
-from rockjax._responses.arguments import check_range, check_types
+from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
 
 from .numbers import Numbers
@@ -60,13 +61,14 @@ def _plain(y: Any) -> Any:
 
 
 def study_of(structures, excitations, coords, initial, t_end, options: Options, outputs) -> Study:
-    options = options if outputs is None else options.replace(outputs=tuple(outputs))
-    check_types("sweep", structures, excitations, options)
+    of_kind("sweep", "options", options, Options, "rockjax.Options")
+    options = options if outputs is None else options.replace(outputs=outputs)
+    check_types("sweep", structures, options, "structures")
+    excitations = as_batch("sweep", excitations)
     check_range("sweep", structures, excitations, None, options)
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
-    initial = jax.tree.map(as_float, initial)
-    t_end = None if t_end is None else as_float(t_end)
+    initial, t_end = as_start("sweep", initial), as_end("sweep", t_end)
     numbers = Numbers.of("sweep", structures, excitations, initial, t_end)
     dims, labels = _axes(coords, numbers.shape)
     return Study(numbers, dims, labels, options, bool(jax.config.jax_enable_x64))  # pyright: ignore[reportAttributeAccessIssue]
@@ -77,7 +79,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
         return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
     if isinstance(coords, str):
         raise ValueError(f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]")
-    dims = tuple(coords)
+    dims = texts("sweep", "coords", coords)
     if len(dims) != len(shape):
         raise ValueError(f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}")
     if len(set(dims)) < len(dims):

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._excitations.base import AbstractExcitation
+from rockjax._batch.memory import readable_bytes
+from rockjax._checks import of_kind
+from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
 from rockjax._results import REST, Interrupted, State
@@ -24,7 +26,7 @@ from rockjax._structures import Podium
 from .chunks import Devices, Job
 from .pilot import Pilot
 from .runners import Bar, Here, There
-from .store import Layout, Row, Store, located, require_zarr
+from .store import Layout, Row, Store, TakenError, located, require_zarr
 from .study import Study, check_same, coords_of, study_of
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ BYTES = 300  # of memory that a scene of a chunk takes while it is solved, besid
 
 def sweep(
     structures: Podium,
-    excitations: AbstractExcitation,
+    excitations: AnyMotions,
     coords: Mapping[str, Any] | Sequence[str] | None = None,
     *,
     store: str | Path,
@@ -78,6 +80,9 @@ def sweep(
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
     _check_chunk(chunk)
+    of_kind("sweep", "store", store, str | Path, "a folder or a URL")
+    if devices is not None and devices != "all" and (isinstance(devices, str) or not isinstance(devices, Sequence)):
+        raise ValueError(f"sweep: devices must be 'all', some of jax.local_devices() or None, got {devices!r}")
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
@@ -88,7 +93,7 @@ def sweep(
         layout = Layout.of(study.shape, size) if found is None else found.layout
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
-        found = _created(store, study, layout, pilot)
+        found = _created(store, study, layout, pilot, chunk)
     job = Job(found.path, found.about["fingerprint"], study.numbers.skeleton, study.options, study.precision)
     todo, solved = _todo(found, progress)
     with Bar(found, todo, solved, progress) as bar:
@@ -111,15 +116,21 @@ def _check_chunk(chunk) -> None:
         raise ValueError(f"sweep: chunk must be a whole number of scenes ≥ 1, got chunk = {chunk!r}")
 
 
-def _created(path, study: Study, layout: Layout, pilot: Pilot) -> Store:
+def _created(path, study: Study, layout: Layout, pilot: Pilot, chunk: int | None) -> Store:
+    """A new store; or, where another client was the first to start this very sweep, that one."""
     import xarray
 
     coords = xarray.Dataset(coords=dict(coords_of(study)))
     fixed = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
     attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **describe_options(study.options)}
-    return Store.create(
-        path, study.about(layout), study.dims, coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
-    )
+    parts = coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
+    try:
+        return Store.create(path, study.about(layout), study.dims, *parts)
+    except TakenError:
+        found = Store.open(path)
+        assert found is not None
+        check_same(found, study, chunk)
+        return found
 
 
 def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -171,8 +182,8 @@ class SweepPlan:
             ("chunks", f"{self.chunks}, each {of_chunk}"),
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
             ("time", f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)"),
-            ("memory", f"{_bytes(self.memory)} in each process"),
-            ("disk", f"up to {_bytes(self.disk)} in {self.store}"),
+            ("memory", f"{readable_bytes(self.memory)} in each process"),
+            ("disk", f"up to {readable_bytes(self.disk)} in {self.store}"),
         ]
         return "\n".join(["SweepPlan", *(f"  {label:<8} {value}" for label, value in rows)])
 
@@ -182,13 +193,6 @@ def _duration(seconds: float) -> str:
         if seconds >= 2 * length:
             return f"{seconds / length:.3g} {unit}"
     return f"{seconds:.3g} s"
-
-
-def _bytes(number: float) -> str:
-    for unit, size in (("GiB", 2**30), ("MiB", 2**20)):
-        if number >= size:
-            return f"{number / size:.3g} {unit}"
-    return f"{number / 2**10:.3g} KiB"
 
 
 def _plan(study: Study, layout: Layout, pilot: Pilot, found: Store | None, where: Here | There, path: str) -> SweepPlan:

@@ -65,7 +65,8 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
     in_units = f"{median:.3g} {units(dataset['at'].attrs['units'])}".rstrip()
     fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
-    ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0)
+    if "lower" in dataset:
+        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0)
     ax.plot(x, dataset["probability"], color=colour, label=fit if label is None else f"{label}: {fit}")
     capacity = np.sort(dataset["capacity"].values[np.isfinite(dataset["capacity"].values)])
     total = dataset["capacity"].size

@@ -1,0 +1,105 @@
+"""Windows of overturning below the boundary that is reported: `python -m benchmarks.boundaries [records] [structure …]`.
+
+For each structure and each motion the boundary is searched as users do, certain to `WIDTH` of the range. Then every scale
+below it is tried at a quarter of that width, by plain responses; each window of overturning that this shows is measured.
+None may be wider than what the search is certain to. Half of the motions have a velocity pulse; some are pulses alone.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+
+import jax
+import numpy as np
+
+import rockjax as rj
+
+from .measure import RESULTS, keep, show
+
+WIDTH = 1e-4  # of the range
+RANGE = 10.0  # scales up to so many g tan α over PGA
+TRIALS = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("margin",))
+SLENDER, STOCKY = math.atan(0.15), 0.25
+STRUCTURES = {
+    "solitary column": rj.Podium(0.2, 1.0),
+    "large column": rj.Podium(STOCKY, 4.0),
+    "rocking frame": rj.Podium(SLENDER, 1.5, 4.0),
+    "podium, rigid": rj.Podium(SLENDER, 1.5, 10.0, rj.Rigid(50.0)),
+    "podium, T_s = 0.2 s": rj.Podium(SLENDER, 1.5, 10.0, rj.Elastic(50.0, 0.2, 0.05)),
+    "podium, T_s = 0.8 s": rj.Podium(0.2, 2.0, 10.0, rj.Elastic(100.0, 0.8, 0.05)),
+}
+SHAPES = [(f_p, gamma, nu) for f_p in (0.5, 1.0, 1.6) for gamma, nu in ((1.2, 0.0), (2.0, math.pi / 2), (3.0, 1.0))]
+
+
+def motions(count: int) -> rj.Records:
+    """Noise, noise with a pulse, and a pulse alone in every fifth place; 10 s at 0.02 s, PGA 1 m/s² of the noise."""
+    pulses = [rj.MavroeidisPapageorgiou(0.15, *SHAPES[k % len(SHAPES)]) for k in range(count)]
+    plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0).records()
+    mixed = rj.synthetic_motions(count, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulses).records()
+    alone = rj.synthetic_motions(count, seed=13, duration=10.0, dt=0.02, pga=1e-6, pulse=pulses).records()
+    return rj.Records.of([(alone if k % 5 == 4 else mixed if k % 2 else plain)[k] for k in range(count)])
+
+
+def windows(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
+    """(n, 2): beginnings and ends of the windows that overturn among ascending scales of one record."""
+
+    def over(scales):
+        motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
+        return np.asarray(rj.peak_responses(podium, motion, options=TRIALS).overturned)
+
+    found = np.flatnonzero(np.diff(np.concatenate([[False], over(scales), [False]]).astype(int)))
+    edges = []
+    for change in found:
+        lo, hi = scales[max(change - 1, 0)], scales[min(change, scales.size - 1)]
+        finer = np.linspace(lo, hi, 200)
+        at = np.flatnonzero(np.diff(over(finer).astype(int)))
+        edges.append(finer[at[0]] if at.size else lo)
+    return np.reshape(edges, (-1, 2))
+
+
+def measured(name: str, records: rj.Records) -> dict:
+    podium = STRUCTURES[name]
+    pga = np.asarray(records.sizes()).max(axis=1)
+    limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / pga
+    rows: dict = {"structure": name, "motions": len(records), "overturned": 0, "scenes_tried": 0, "windows": []}
+    began = time.process_time()
+
+    def search(which, limit):
+        return rj.overturning_boundary(podium, records.pick(which), max_scale=limit, width=WIDTH)
+
+    found = jax.vmap(search)(np.arange(len(records), dtype=np.int32), limits)
+    rows["cpu_s_search"] = time.process_time() - began
+    scale, certain = np.asarray(found.scale), np.asarray(found.certain_width)
+    rows["certain_to"] = float(np.max(certain / limits))
+    began = time.process_time()
+    for j in range(len(records)):
+        end = scale[j] * (1 - 1e-9) if np.isfinite(scale[j]) else limits[j]
+        rows["overturned"] += bool(np.isfinite(scale[j]))
+        scales = np.arange(0.0, end, 0.25 * WIDTH * limits[j])
+        rows["scenes_tried"] += scales.size
+        for lo, hi in windows(podium, records, j, scales):
+            window = {"motion": j, "from": float(lo), "width": float((hi - lo) / limits[j])}
+            rows["windows"].append(window | {"boundary": float(scale[j])})
+    rows["cpu_s_trials"] = time.process_time() - began
+    rows["narrower"] = sum(w["width"] <= rows["certain_to"] for w in rows["windows"])
+    rows["missed"] = len(rows["windows"]) - rows["narrower"]
+    return rows
+
+
+def main(count: int = 40, names: tuple[str, ...] = tuple(STRUCTURES)) -> None:
+    records = motions(count)
+    path = RESULTS / "boundaries.json"
+    rows = json.loads(path.read_text())["rows"] if path.exists() else []
+    for name in names:
+        rows = [row for row in rows if row["structure"] != name] + [measured(name, records)]
+        keep("boundaries", rows)
+    columns = {"structure": "", "motions": "d", "overturned": "d", "certain_to": ".1e", "scenes_tried": ",d"}
+    show(rows, columns | {"narrower": "d", "missed": "d", "cpu_s_search": ".1f", "cpu_s_trials": ".0f"})
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[1:]
+    main(int(arguments[0]) if arguments else 40, tuple(arguments[1:]) or tuple(STRUCTURES))

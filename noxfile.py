@@ -1,0 +1,68 @@
+#!/usr/bin/env -S uv run --script
+# /// script
+# dependencies = ["nox>=2025.2.9"]
+# ///
+"""Tasks of contributors: `nox -l` lists them, `nox -s fast` runs one, arguments after `--` are handed on."""
+
+import nox
+
+nox.needs_version = ">=2025.2.9"
+nox.options.default_venv_backend = "uv|virtualenv"
+
+
+@nox.session(default=False)
+def tests(session: nox.Session) -> None:
+    """All tests, on all cores."""
+    session.install("-e", ".[test]")
+    session.run("pytest", *session.posargs)
+
+
+@nox.session(default=True)
+def fast(session: nox.Session) -> None:
+    """The tests that take no more than a few seconds each."""
+    session.install("-e", ".[test]")
+    session.run("pytest", "-m", "not slow", *session.posargs)
+
+
+@nox.session(default=True)
+def lint(session: nox.Session) -> None:
+    """Style and formatting."""
+    session.install("ruff>=0.14")
+    session.run("ruff", "check", ".", *session.posargs)
+    session.run("ruff", "format", "--check", ".")
+
+
+@nox.session(default=True)
+def types(session: nox.Session) -> None:
+    """Static types."""
+    session.install("-e", ".[dev]")
+    session.run("pyright", *session.posargs)
+
+
+@nox.session(default=False)
+def docs(session: nox.Session) -> None:
+    """The site, into `site/`; `-- serve` shows it and follows changes."""
+    session.install("-e", ".[docs]")
+    command = session.posargs or ["build", "--strict", "--site-dir", "site"]
+    session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
+
+
+@nox.session(default=False)
+def benchmarks(session: nox.Session) -> None:
+    """One benchmark, for instance `-- compare`; leave the machine alone while it runs."""
+    if not session.posargs:
+        session.error("which one? A module of benchmarks/, for instance: nox -s benchmarks -- compare")
+    session.install("-e", ".[bench]")
+    name, *arguments = session.posargs
+    session.run("python", "-m", f"benchmarks.{name}", *arguments)
+
+
+@nox.session(default=False)
+def notebooks(session: nox.Session) -> None:
+    """All notebooks, on small grids, as the tests run them."""
+    session.install("-e", ".[test,notebook]")
+    session.run("pytest", "tests/test_notebooks.py", *session.posargs)
+
+
+if __name__ == "__main__":
+    nox.main()

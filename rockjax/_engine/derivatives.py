@@ -1,0 +1,102 @@
+"""Derivatives of one scene whose numbers are known: one program, kept between processes, serves whichever are asked for.
+
+It finds the answers and their derivatives with respect to every number of the podium and the excitation, in one pass. What
+`jax.grad`, `jacfwd` or `jvp` then ask for is a combination of these.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.custom_derivatives import SymbolicZero
+
+from rockjax._programs.program import KeptProgram
+
+
+def known(leaf: Any) -> bool:
+    """Whether the value of a leaf is known, though derivatives with respect to it may be wanted."""
+    if not isinstance(leaf, Tracer):
+        return True
+    value = getattr(leaf, "to_concrete_value", None)  # of a tracer for derivatives, the value that it is taken at
+    return value is not None and value() is not None
+
+
+@functools.cache
+def differentiable(program: KeptProgram, structure: Any, history: int | None):
+    """The answers of a scene from its leaves, with the derivative rule of this module."""
+
+    @jax.custom_jvp
+    def evaluate(*leaves):
+        return program(*jax.tree.unflatten(structure, leaves), history=history)
+
+    def rule(primals, tangents):
+        live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
+        numbers = _numbers(structure, primals)
+        if not set(live) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
+            return _traced(program, structure, history, primals, tangents, live)
+        answer, slopes = _slopes(program)(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
+        directions = {numbers.index(i): tangents[i] for i in live}
+        _, integers = answer
+        floats_dot = jax.tree.map(lambda slope: _along(np.asarray(slope), directions), slopes)
+        return answer, (floats_dot, jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers))
+
+    evaluate.defjvp(rule, symbolic_zeros=True)
+    return evaluate
+
+
+def _numbers(structure: Any, leaves) -> tuple[int, ...]:
+    """Which leaves are numbers of the podium and the excitation."""
+    podium, excitation, *_ = structure.children()
+    own = range(podium.num_leaves + excitation.num_leaves)
+    return tuple(i for i in own if np.ndim(leaves[i]) == 0 and jnp.issubdtype(jnp.result_type(leaves[i]), jnp.floating))
+
+
+@functools.cache
+def _slopes(program: KeptProgram) -> KeptProgram:
+    """The answers, and the derivatives of their floats with respect to the numbers, in rows."""
+
+    def slopes(podium, excitation, initial, t_end, options, numbers: tuple[int, ...], history: int | None):
+        leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
+
+        def of_numbers(*values):
+            changed = list(leaves)
+            for i, value in zip(numbers, values, strict=True):
+                changed[i] = value
+            return program.traced(*jax.tree.unflatten(structure, changed), history=history)
+
+        point = [leaves[i] for i in numbers]
+        units = [jnp.eye(len(numbers), dtype=y.dtype)[k] for k, y in enumerate(point)]
+
+        def along(*unit):
+            answer, (floats_dot, _) = jax.jvp(of_numbers, point, list(unit))
+            return answer, floats_dot
+
+        return jax.vmap(along, out_axes=(None, 0))(*units)
+
+    return KeptProgram(slopes, name=f"derivatives of {program.name}")
+
+
+def _along(slope: np.ndarray, directions: dict[int, Any]):
+    """The derivative of one answer along directions: as few and as small operations as can be, each of them is compiled."""
+    terms = []
+    for k, direction in directions.items():
+        each = jax.lax.broadcast(direction, slope.shape[1:]) if slope.ndim > 1 else direction
+        terms.append(jax.lax.mul(each, slope[k]))
+    return functools.reduce(jax.lax.add, terms)
+
+
+def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, live):
+    """The rule where it has to be traced: with respect to samples, initial states, or inside another transformation."""
+
+    def of_live(*values):
+        leaves = list(primals)
+        for i, value in zip(live, values, strict=True):
+            leaves[i] = value
+        return program.traced(*jax.tree.unflatten(structure, leaves), history=history)
+
+    return jax.jvp(of_live, [primals[i] for i in live], [tangents[i] for i in live])

@@ -1,0 +1,128 @@
+"""Samples of a ground motion and what follows from them, and whether they make sense.
+
+Between samples a motion is linear; all integrals here are exact for that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockjax._checks import as_float, single
+from rockjax._plausibility import PlausibilityWarning
+from rockjax._structures import STANDARD_GRAVITY
+
+HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
+LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
+UNSAID_PGA = 0.05 * STANDARD_GRAVITY  # of a file in m/s² by the word of the user alone; numbers in g look like that
+DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
+
+
+class RecordWarning(PlausibilityWarning):
+    """A ground motion can be read, but its units or its baseline look wrong."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Accelerogram:
+    """Samples with a name, a source and what the header of the file said; see [`rockjax.Motion`][], which adds to it."""
+
+    acceleration: np.ndarray
+    dt: float
+    name: str = "motion"
+    source: Path | None = None
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        samples = np.array(as_float(self.acceleration, "Motion: acceleration"), float)
+        if samples.ndim != 1 or len(samples) < 2:
+            raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
+        if not np.isfinite(samples).all():
+            k = int(np.argmin(np.isfinite(samples)))
+            raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
+        single("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
+        samples.flags.writeable = False
+        for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.acceleration)
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (len(self) - 1) * self.dt
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the samples, from 0, shape (n,) [s]."""
+        return np.arange(len(self)) * self.dt
+
+    @functools.cached_property
+    def velocity(self) -> np.ndarray:
+        """Ground velocity at the samples, from rest, shape (n,) [m/s]: trapezoids, exact for the motion."""
+        steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @functools.cached_property
+    def displacement(self) -> np.ndarray:
+        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with their end
+        correction (Euler–Maclaurin), exact for the motion."""
+        steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
+        trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
+        return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
+
+    @property
+    def pga(self) -> float:
+        """Peak ground acceleration max|ü_g| [m/s²]."""
+        return float(np.abs(self.acceleration).max())
+
+    @property
+    def pgv(self) -> float:
+        """Peak ground velocity [m/s], inside of an interval too, where ü_g crosses zero."""
+        start, end, after = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
+        turns = start * end < 0
+        inside = after[turns] + 0.5 * self.dt * start[turns] ** 2 / (start[turns] - end[turns])
+        return float(np.abs(np.concatenate([self.velocity, inside])).max())
+
+    @property
+    def pgd(self) -> float:
+        """Peak ground displacement [m], inside of an interval too, where the velocity crosses zero."""
+        a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
+        slope = np.diff(self.acceleration) / dt
+        # v + aτ + ½ slope τ² = 0, in the form that does not cancel.
+        root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
+        sum_ = -(a + np.copysign(root, a))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.stack([2 * v / sum_, sum_ / slope])
+        times = np.where((times > 0) & (times < dt), times, 0.0)
+        inside = u + times * (v + times * (a / 2 + times * slope / 6))
+        return float(np.abs(np.append(inside, self.displacement[-1])).max())
+
+
+def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
+    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say its unit."""
+    if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
+        warnings.warn(
+            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
+        )
+    elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
+        warnings.warn(
+            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is read with "
+            "units='g'",
+            RecordWarning,
+            stacklevel,
+        )
+    left = abs(float(motion.velocity[-1]))
+    if left > DRIFT * motion.pgv:
+        warnings.warn(
+            f"{where}: ends with a velocity of {left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
+            "it is cut; Motion.baseline_corrected() takes it out",
+            RecordWarning,
+            stacklevel,
+        )

@@ -1,0 +1,210 @@
+"""Ground motions in whatever form they are given, as what is simulated: everything that takes some asks here.
+
+A `Motion`, as readers return it, becomes a `Record`; `Motions`, and lists of either, become a table of `Records`, or a batch
+of pulses of one kind. What is no ground motion is a `ValueError` that names the argument and the call that makes one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._checks import concrete, of_kind, shown
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.pulses import AbstractPulse
+
+from .motion import Motion, Motions, distinct
+from .record import Record
+from .records import Records
+
+# What functions of a single motion take, and those of several.
+AnyMotion = AbstractExcitation | Motion | Motions
+AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
+
+
+class Several(NamedTuple):
+    """Single motions, and what they are called: None where one of them has no name."""
+
+    members: Sequence[AbstractExcitation]
+    names: list[str] | None
+
+
+def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
+    """One motion to simulate with, or a batch that is one excitation already; of several only where there is one."""
+    if isinstance(value, AbstractExcitation):
+        return value
+    members = several(owner, value, name).members
+    if len(members) != 1:
+        raise ValueError(
+            f"{owner}: {name} must be one motion, got {len(members)}; give one of them, or all to rockjax.peak_responses"
+        )
+    return members[0]
+
+
+def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
+    """A batch of motions in one excitation: records in one table, motions of one other kind as one with arrays."""
+    if isinstance(value, Motion):
+        return value.record()
+    return value if isinstance(value, AbstractExcitation) else together(owner, several(owner, value, name).members, name)
+
+
+def as_records(owner: str, value, name: str = "records") -> tuple[Records, list[str] | None]:
+    """A table of all records, and their names where they have some."""
+    if isinstance(value, Records):
+        which, scale = concrete(value.which), concrete(value.scale)
+        traced = which is None or scale is None
+        whole = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
+        return (value if whole else Records.of(_rows(owner, value, name))), None
+    members, names = several(owner, value, name)
+    for k, member in enumerate(members):
+        if not isinstance(member, Record):
+            raise ValueError(
+                f"{owner}: {name} must be records, but entry {k} is {shown(member)}; "
+                "rockjax.Record(motion(t), dt) samples a motion at times t"
+            )
+    return Records.of([member for member in members if isinstance(member, Record)]), names
+
+
+def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
+    """Motions with their integrals, on the host, of one or of several; records become motions."""
+    if isinstance(value, Motion):
+        return [value]
+    if isinstance(value, Motions):
+        return list(value)
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes | AbstractExcitation | np.ndarray | jax.Array):
+        found = [motion for entry in value for motion in as_motions(owner, entry, name)]
+        if not found:
+            raise ValueError(f"{owner}: {name} holds no motion")
+        return found
+    found = []
+    for k, member in enumerate(several(owner, value, name).members):
+        samples = concrete(member.acceleration) if isinstance(member, Record) else None
+        if samples is None or not isinstance(member, Record):
+            raise ValueError(
+                f"{owner}: {name} must be rockjax.Motion, Motions or records, got {shown(member)}; "
+                "rockjax.Motion(motion(t), dt) samples a motion at times t"
+            )
+        found.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k + 1}"))
+    return found
+
+
+def several(owner: str, value, name: str) -> Several:
+    """All single motions in what is given: one, several, or a list of any of these."""
+    if isinstance(value, Motion):
+        return Several([value.record()], [value.name])
+    if isinstance(value, Motions):
+        if not len(value):
+            raise ValueError(f"{owner}: {name} holds no motion")
+        return Several(list(value.records()), distinct(value.names))
+    if isinstance(value, Records):
+        return Several(_rows(owner, value, name), None)
+    if isinstance(value, AbstractExcitation):
+        return Several([_single(owner, value, name)], None)
+    if isinstance(value, list | tuple) or (isinstance(value, Iterable) and not _is_other(value)):
+        parts = [several(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
+        members = [member for part in parts for member in part.members]
+        if not members:
+            raise ValueError(f"{owner}: {name} holds no motion: at least one is needed")
+        named = [part.names for part in parts if part.names is not None]
+        return Several(members, distinct([y for names in named for y in names]) if len(named) == len(parts) else None)
+    raise ValueError(f"{owner}: {name} must be {WANTED}, got {shown(value)}{_advice(value)}")
+
+
+WANTED = "a rockjax motion (Record, Motion, a pulse …), Motions, Records or a list of them"
+
+
+def _is_other(value) -> bool:
+    return isinstance(value, str | bytes | Path | np.ndarray | jax.Array | dict | type)
+
+
+def _advice(value) -> str:
+    """How to make a motion of what is none."""
+    if isinstance(value, type) and issubclass(value, AbstractPulse):
+        return f"; give it its numbers: rockjax.{value.__name__}(a_p, T_p)"
+    if isinstance(value, str | bytes | Path):
+        return "; rockjax.read_motion(path) reads a file, rockjax.read_suite(path) a folder"
+    if isinstance(value, np.ndarray | jax.Array | float | int):
+        return "; rockjax.Record(acceleration, dt) makes a motion of samples"
+    return ""
+
+
+def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
+    for field in dataclasses.fields(motion):
+        value = getattr(motion, field.name)
+        if isinstance(value, jax.Array | np.ndarray) and value.ndim > motion.own_dimensions.get(field.name, 0):
+            raise ValueError(
+                f"{owner}: {name} must be a single motion, but its {field.name} is an array, shape {value.shape}; "
+                "give a list of motions, or the array as an axis of rockjax.grid"
+            )
+    return motion
+
+
+def _rows(owner: str, records: Records, name: str) -> list[Record]:
+    """The records that are meant in a table, each by itself."""
+    which, counts = concrete(records.which), concrete(records.counts)
+    if which is None or counts is None:
+        raise ValueError(f"{owner}: {name} is being traced; give a list of records")
+    if which.ndim > 1:
+        raise ValueError(f"{owner}: {name} must be Records of shape (k,), got shape {which.shape}")
+    scales = np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
+    if scales is None:
+        raise ValueError(f"{owner}: the scale of {name} is being traced; give a list of records")
+    rows = zip(np.atleast_1d(which).astype(int), np.atleast_1d(scales), strict=True)
+    samples = [records.acceleration[j, : int(count)] for j, count in enumerate(counts)]
+    return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
+
+
+def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
+    """Records in one table; motions of one other kind as one with arrays."""
+    if all(isinstance(member, Record) for member in members):
+        return Records.of(members)
+    kinds = sorted({type(member).__name__ for member in members})
+    if len({jax.tree.structure(member) for member in members}) > 1:
+        raise ValueError(f"{owner}: {name} must be motions of one kind, got {', '.join(kinds)}")
+    return jax.tree.map(lambda *each: jnp.stack(each), *members)
+
+
+def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
+    """A pulse class, or a function (a_p, T_p) → excitation, whose answers are looked at."""
+    if isinstance(value, type) and issubclass(value, AbstractPulse):
+        return value
+    if isinstance(value, AbstractPulse):
+        kind = type(value).__name__
+        raise ValueError(f"{owner}: {name} must be {PULSE}, got the instance {shown(value)}; give the class rockjax.{kind}")
+    if isinstance(value, AbstractExcitation | Motion | Motions | type) or not callable(value):
+        raise ValueError(f"{owner}: {name} must be {PULSE}, got {shown(value)}")
+    return value if isinstance(value, _Pulse) else _Pulse(owner, name, value)
+
+
+PULSE = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → excitation"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pulse:
+    """A user's function of (a_p, T_p); equal to others of the same, so that what is compiled for it serves again."""
+
+    owner: str
+    name: str
+    function: Callable[[Any, Any], Any]
+
+    @property
+    def __name__(self) -> str:
+        return getattr(self.function, "__name__", repr(self.function))
+
+    def __call__(self, a_p, T_p) -> AbstractExcitation:
+        try:
+            inspect.signature(self.function).bind(a_p, T_p)
+        except TypeError as error:
+            raise ValueError(f"{self.owner}: {self.name} must be {PULSE}; called with (a_p, T_p): {error}") from None
+        except ValueError:  # a builtin without a signature
+            pass
+        motion = self.function(a_p, T_p)
+        of_kind(self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion")
+        return motion

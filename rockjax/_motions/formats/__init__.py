@@ -1,0 +1,57 @@
+"""What networks and databases write, a module for each format; a new one is a module more, and a line in `FORMATS`.
+
+Judged for this: gmprocess reads them all and brings over a hundred packages, quakeio brings OpenSees for one of them, and
+neither says in which line a file is wrong; ObsPy reads K-NET, from a header without a flaw, but none of the other texts.
+So the texts are read here, and what ObsPy alone reads well, binary waveforms such as miniSEED and SAC, is left to it.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
+from .base import EVEN, UNITS, Component, Samples
+
+# In the order in which they are looked for.
+FORMATS = (
+    peer.FORMAT,
+    geonet.FORMAT,
+    *unread.FORMATS,
+    smc.FORMAT,
+    csmip.FORMAT,
+    cosmos.FORMAT,
+    unread.VOLUME_2,
+    knet.FORMAT,
+    esm.FORMAT,
+    afad.FORMAT,
+    unread.ITACA,
+    table.FORMAT,
+)
+
+__all__ = ["EVEN", "FORMATS", "UNITS", "Samples", "parse"]
+
+
+def parse(path: Path, content: bytes, component: Component) -> Samples:
+    """The samples in a file of whatever format its suffix or its first lines tell."""
+    suffix = path.suffix.lower()
+    if suffix in waveforms.WAVEFORMS:
+        return waveforms.read(path, content, component)
+    if suffix == ".npy":
+        return table.read_array(path, component)
+    lines = _text(path, content).splitlines() or [""]
+    found = next(each for each in FORMATS if each.recognises(path, lines))
+    return found.read(path, lines, component)
+
+
+def _text(path: Path, content: bytes) -> str:
+    if content.rstrip().endswith(b"\x1a"):
+        content = content.rstrip(b"\x1a \t\r\n")  # the end of a file under CP/M and DOS
+    strange = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", content)
+    if strange:
+        line = content.count(b"\n", 0, strange.start()) + 1
+        raise ValueError(f"{path}:{line}: is not text: byte 0x{content[strange.start()]:02x} at offset {strange.start()}")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")  # names of stations in headers

@@ -1,0 +1,67 @@
+"""What Turkey's AFAD, and the Earthquake Department before it, wrote as text: three components beside each other."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from .base import Component, Format, Samples, choose, interval, number, short
+
+_TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
+_KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
+_COMPONENTS = ("N-S", "E-W", "U-D")
+_SAME = 0.01  # of the peak: so close are the columns to what the header says where they are in its unit
+
+
+def _afad(path: Path, lines: list[str], component: Component) -> Samples:
+    header: dict[str, tuple[int, str]] = {}
+    end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
+    if end is None:
+        raise ValueError(f"{path}: its header has no line {'  '.join(_COMPONENTS)}, after which the values begin")
+    for k, line in enumerate(lines[:end], start=1):
+        if match := _KEY.match(line):
+            header[match[1].strip()] = k, match[2]
+    for key in ("NUMBER OF DATA", "SAMPLING INTERVAL (sec)"):
+        if key not in header:
+            raise ValueError(f"{path}: its header has no {key}")
+    line, count = header["NUMBER OF DATA"]
+    if not re.fullmatch(r"\d{1,9}", count, re.ASCII):
+        raise ValueError(f"{path}:{line}: NUMBER OF DATA must be a whole number, got {short(count)}")
+    step_line, step = header["SAMPLING INTERVAL (sec)"]
+    dt = interval(path, step_line, step, "SAMPLING INTERVAL")
+    chosen = choose(path, list(enumerate(_COMPONENTS, start=1)), component)
+    rows = []
+    for k, text in enumerate(lines[end + 1 :], start=end + 2):
+        words = text.split()
+        if words and len(words) != len(_COMPONENTS):
+            raise ValueError(f"{path}:{k}: has {len(words)} columns where three are due")
+        rows += [[number(path, k, word) for word in words]] if words else []
+    if len(rows) != int(count):
+        raise ValueError(f"{path}:{line}: NUMBER OF DATA is {count}, but {len(rows)} lines of values follow")
+    values = np.array(rows).reshape(-1, len(_COMPONENTS))[:, chosen]
+    own = lambda key: header.get(key, (0, ""))[1]
+    metadata = {
+        "format": "AFAD",
+        "event": own("EPICENTER COORDINATES"),
+        "date": own("EARTHQUAKE DATE"),
+        "station": " ".join(y for y in (own("STATION ID"), own("PLACE")) if y),
+        "component": _COMPONENTS[chosen],
+        **{key: text for key, (_, text) in header.items() if text},
+    }
+    unit = _unit(own("RAW PGA VALUES (gal)"), _COMPONENTS[chosen], values)
+    return Samples(values, dt, unit, metadata, unit, f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s")
+
+
+def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
+    """gal where the peak of the column is what the header says in gal; else nobody says it."""
+    found = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
+    try:
+        peak = float(found[1]) if found else 0.0
+    except ValueError:
+        return None
+    return "gal" if values.size and abs(np.abs(values).max() - peak) <= _SAME * peak else None
+
+
+FORMAT = Format("AFAD text", lambda path, lines: _TITLE in lines[0].upper(), _afad)

@@ -1,0 +1,56 @@
+"""Volume 2 in the format of COSMOS."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from .base import DATE, Component, Format, Samples, choose, corners, first_match, fixed_width, unit
+
+_COSMOS = re.compile(r"\s*(CORRECTED|UNCORRECTED|RAW)\s+(ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\(FORMAT V", re.I)
+_COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([^\s(,]+)", re.I)
+
+
+def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
+    """COSMOS format 1.20: per channel text, integer header, real header, comments, data, each with a line that says so."""
+    sections = [(k, match) for k, line in enumerate(lines) if (match := _COSMOS.match(line))]
+    ends = [k for k, _ in sections[1:]] + [len(lines)]
+    found = [(start, end) for (start, match), end in zip(sections, ends, strict=True) if match[2].upper() == "ACCELERATION"]
+    if not found:
+        raise ValueError(f"{path}:1: holds {sections[0][1][2].lower()}, not acceleration")
+    channels = []
+    for n, (start, end) in enumerate(found, start=1):
+        said = re.search(
+            r"STA CHAN\s*(\d{1,6}|\S*?)\s*:\s*(.*?)\s*(?:\(|$)", " ".join(lines[start + 8 : min(start + 9, end)]), re.I
+        )
+        channels.append((int(said[1]) if said and said[1].isdecimal() else n, said[2] if said else ""))
+    chosen = choose(path, channels, component)
+    start, end = found[chosen]
+    data = first_match(_COSMOS_DATA, lines, start, end)
+    reals = first_match(re.compile(r"\s*(\d{1,9})\s+REAL-HEADER VALUES\b", re.I), lines, start, end)
+    if data is None or reals is None:
+        missing = "Real-header values" if reals is None else "acceleration pts"
+        raise ValueError(f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N {missing}'")
+    k, match = data
+    r, header = reals[0], fixed_width(path, lines, reals[0] + 1, int(reals[1][1]), lines[reals[0]])
+    if len(header) < 62 or not header[61] > 0:
+        raise ValueError(f"{path}:{r + 1}: real-header value 62, the sampling interval, must be > 0 ms")
+    head = [line.rstrip() for line in lines[start:r]] + [""] * 13
+    band = re.search(r"FILTERED BELOW\s*([\d.]+).*?ABOVE\s*([\d.]+)", head[11], re.I)
+    station, date = re.search(r"CODE:\s*(.*)", head[4], re.I), DATE.search(head[7])
+    metadata = {
+        "format": "COSMOS",
+        "event": re.sub(r"^\s*Record of\s*", "", head[1], flags=re.I).strip(),
+        "date": date[1] if date else "",
+        "station": " ".join(station[1].split()) if station else "",
+        "component": channels[chosen][1],
+        "channel": channels[chosen][0],
+        **corners(band),
+    }
+    values = fixed_width(path, lines, k + 1, int(match[1]), lines[k])
+    dt = float(header[61]) * 1e-3
+    says_dt = f"{path}:{r + 1}: real-header value 62 is {1e3 * dt:g} ms"
+    return Samples(values, dt, unit(match[2]), metadata, match[2], says_dt)
+
+
+FORMAT = Format("COSMOS volume 2", lambda path, lines: bool(_COSMOS.match(lines[0])), _cosmos)

@@ -1,0 +1,58 @@
+"""ESM, ITACA and AFAD."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from .base import Component, Format, Samples, alone, corners, counted, interval, short, unit, words
+
+_BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
+_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # ITACA once had blanks in its keys
+_HEADER = 80  # lines among which the sampling interval is looked for
+
+
+def _esm(path: Path, lines: list[str], component: Component) -> Samples:
+    """ESM, ITACA and AFAD (DYNA 1.2): 64 lines KEY: value, then one value a line."""
+    header: dict[str, tuple[int, str]] = {}
+    end = 0
+    for k, line in enumerate(lines):
+        match = _KEY.match(line)
+        if match is None:
+            if line.strip():
+                break
+            continue
+        header[match[1].replace(" ", "_")], end = (k + 1, match[2]), k + 1
+    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS"):
+        if key not in header:
+            raise ValueError(f"{path}: its header has no {key}")
+    kind = header.get("DATA_TYPE", (1, ""))
+    if kind[1].upper() not in ("", "ACCELERATION"):
+        raise ValueError(f"{path}:{kind[0]}: holds {short(kind[1])}, not ACCELERATION")
+    line, count = header["NDATA"]
+    if not re.fullmatch(r"\d{1,9}", count, re.ASCII):
+        raise ValueError(f"{path}:{line}: NDATA must be a whole number, got {short(count)}")
+    step_line, step = header["SAMPLING_INTERVAL_S"]
+    dt = interval(path, step_line, step, "SAMPLING_INTERVAL_S")
+    said = header["UNITS"][1]
+    own = {key: value for key, (_, value) in header.items() if value}
+    metadata: dict[str, Any] = {
+        "format": "ESM",
+        "event": " ".join(own.get(key, "") for key in ("EVENT_NAME", "EVENT_ID")).strip(),
+        "date": own.get("EVENT_DATE_YYYYMMDD", ""),
+        "station": ".".join(own[key] for key in ("NETWORK", "STATION_CODE") if key in own),
+        "component": own.get("STREAM", ""),
+        **corners(_BAND.match(f"{own.get('LOW_CUT_FREQUENCY_HZ', '')} AND {own.get('HIGH_CUT_FREQUENCY_HZ', '')}")),
+        **{key.lower(): value for key, value in own.items()},
+    }
+    values = counted(path, line, "NDATA", int(count), words(path, lines, end))
+    says_dt = f"{path}:{step_line}: SAMPLING_INTERVAL_S is {dt:g} s"
+    return alone(path, component, Samples(values, dt, unit(said), metadata, said, says_dt))
+
+
+def _is_esm(path: Path, lines: list[str]) -> bool:
+    return any(line.replace(" ", "_").startswith("SAMPLING_INTERVAL_S:") for line in lines[:_HEADER])
+
+
+FORMAT = Format("ESM", _is_esm, _esm)

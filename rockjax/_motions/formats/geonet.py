@@ -1,0 +1,63 @@
+"""Volume 2 of New Zealand's GeoNet (.V2A, of GNS Science)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from .base import Component, Format, Samples, choose, corners, fixed_width, interval, unit
+
+_START = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\s+(\S+)", re.I)
+_STEP = re.compile(r"DATA AT\s*([\d.]+)\s*S(?:EC)?\b", re.I)
+_FILTER = re.compile(r"BANDS ARE\s*[\d.]+-([\d.]+)\s*HZ AND\s*([\d.]+)-", re.I)
+_TEXTS, _INTEGERS, _REALS = 16, 4, 6  # lines of each header
+_COUNT = 33  # samples of acceleration, among the integers from 0
+
+
+def _is_geonet(path: Path, lines: list[str]) -> bool:
+    of_gns = "GNS SCIENCE" in lines[0].upper() or "GEOLOGICAL & NUCLEAR" in lines[0].upper()
+    return bool(_START.match(lines[0])) and of_gns
+
+
+def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
+    """Per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and displacement, ten a line."""
+    starts = [k for k, line in enumerate(lines) if _START.match(line)]
+    match = _START.match(lines[0])
+    assert match is not None
+    if match[1]:
+        raise ValueError(f"{path}:1: is volume 1 of GeoNet, an uncorrected accelerogram; volume 2 (.V2A) can be read")
+    channels = []
+    for n, start in enumerate(starts, start=1):
+        named = re.match(r"\s*Component\s+(\S+)", _line(lines, start + 12), re.I)
+        channels.append((n, named[1] if named else ""))
+    chosen = choose(path, channels, component)
+    start = starts[chosen]
+    step = _STEP.search(_line(lines, start + 10))
+    if step is None:
+        raise ValueError(f"{path}:{start + 11}: does not say at what intervals the data are")
+    dt = interval(path, start + 11, step[1], "the interval")
+    peak = re.search(r"ACCELERATION:\s+PEAK\s+\S+\s+(\S+)", _line(lines, start + 13), re.I)
+    said = peak[1] if peak else None
+    integers = fixed_width(path, lines, start + _TEXTS, 10 * _INTEGERS, "(10I8)")
+    count = int(integers[_COUNT])
+    if count < 2:
+        raise ValueError(f"{path}:{start + _TEXTS + 4}: integer 34, the number of samples, must be >= 2, got {count}")
+    origin = re.match(r"\s*(\d{4} \w+ \d{1,2})", _line(lines, start + 7))
+    metadata = {
+        "format": "GeoNet",
+        "event": _line(lines, start + 6).strip(),
+        "date": origin[1] if origin else "",
+        "station": " ".join([*_line(lines, start + 1).split()[1:2], _line(lines, start + 2).strip()]),
+        "component": channels[chosen][1],
+        "channel": channels[chosen][0],
+        **corners(_FILTER.search(_line(lines, start + 11))),
+    }
+    values = fixed_width(path, lines, start + _TEXTS + _INTEGERS + _REALS, count, "(10F8.1)")
+    return Samples(values, dt, unit(said), metadata, said, f"{path}:{start + 11}: the interval is {dt:g} s")
+
+
+def _line(lines: list[str], k: int) -> str:
+    return lines[k] if k < len(lines) else ""
+
+
+FORMAT = Format("GeoNet volume 2", _is_geonet, _geonet)

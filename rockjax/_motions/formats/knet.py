@@ -1,0 +1,59 @@
+"""K-NET and KiK-net."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from .base import Component, Format, Samples, alone, counted, number, short, words
+
+_KNET_KEYS = 18  # columns of a key of the header
+_KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
+
+
+def _knet(path: Path, lines: list[str], component: Component) -> Samples:
+    """K-NET and KiK-net: keys in 18 columns up to Memo., then counts, of which the scale factor makes gal."""
+    header: dict[str, tuple[int, str]] = {}
+    for k, line in enumerate(lines):
+        header[line[:_KNET_KEYS].strip()] = k + 1, line[_KNET_KEYS:].strip()
+        if line.startswith("Memo"):
+            break
+    else:
+        raise ValueError(f"{path}: its header has no Memo., after which the values begin")
+    end = k + 1
+    for key in ("Sampling Freq(Hz)", "Duration Time(s)", "Scale Factor"):
+        if key not in header:
+            raise ValueError(f"{path}: its header has no {key}")
+    line, text = header["Sampling Freq(Hz)"]
+    frequency = number(path, line, re.sub(r"\s*Hz$", "", text))
+    if not (frequency > 0 and np.isfinite(1 / frequency)):
+        raise ValueError(f"{path}:{line}: the sampling frequency must be > 0 Hz, got {text}")
+    factor_line, text = header["Scale Factor"]
+    factor = re.fullmatch(r"(\S+?)\s*\(gal\)\s*/\s*(\S+)", text)
+    if factor is None:
+        raise ValueError(f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {short(text)}")
+    counts = number(path, factor_line, factor[2])
+    if not counts > 0:
+        raise ValueError(f"{path}:{factor_line}: Scale Factor must divide by a number > 0, got {short(text)}")
+    duration_line, text = header["Duration Time(s)"]
+    count = round(min(number(path, duration_line, text) * frequency, 1e9))
+    direction = header.get("Dir.", (0, ""))[1]
+    value = lambda key: header.get(key, (0, ""))[1]
+    metadata = {
+        "format": "K-NET",
+        "event": f"M {value('Mag.')}" if value("Mag.") else "",
+        "date": value("Origin Time"),
+        "station": value("Station Code"),
+        "component": _KIKNET.get(direction, direction),
+        **{key: text for key, (_, text) in header.items() if key and text},
+    }
+    values = counted(path, duration_line, "duration times frequency", count, words(path, lines, end))
+    with np.errstate(over="ignore"):
+        values = values * np.divide(number(path, factor_line, factor[1]), counts)
+    says_dt = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
+    return alone(path, component, Samples(values, 1 / frequency, "gal", metadata, "gal", says_dt))
+
+
+FORMAT = Format("K-NET", lambda path, lines: lines[0].startswith("Origin Time"), _knet)

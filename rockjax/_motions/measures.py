@@ -1,0 +1,41 @@
+"""Intensity measures of motions in whatever form they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rockjax._structures import Podium
+
+from . import intensity
+from .convert import AnyMotions, as_motions
+from .motion import Motion
+from .record import Record
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def intensity_measures(
+    motion: AnyMotions,
+    *,
+    periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
+    damping: float = 0.05,
+    podium: Podium | None = None,
+) -> xarray.Dataset:
+    """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
+
+    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the dim `motion`
+    - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
+    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
+      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
+
+    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
+    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and
+    pseudo-acceleration `Sa` [m/s²] along `period`.
+
+    Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
+    """
+    motions = as_motions("intensity_measures", motion)
+    given = motions[0] if isinstance(motion, Motion | Record) else motions
+    return intensity.intensity_measures(given, periods=periods, damping=damping, podium=podium)

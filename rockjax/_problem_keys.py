@@ -1,0 +1,166 @@
+"""What the keys of problem files may hold: of which kind each is, in words and how to tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from ._excitations.pulses import PULSES
+
+# Everything that a file may hold: one file can serve all commands.
+DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")
+MEASURES = ("PGA", "PGV", "Sa", "scale")
+FITS = ("capacities", "stripes")
+SOURCES = ("kind", "file", "suite", "synthetic")
+
+
+class Kind(NamedTuple):
+    """What a key holds, in words, and whether a value is that."""
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_list(value: Any, holds: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list | tuple) and len(value) > 0 and all(map(holds, value))
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_range(value: Any) -> bool:
+    return is_list(value, is_number) and len(value) == 2 and value[0] < value[1]
+
+
+NUMBER = Kind("a number", is_number)
+POSITIVE = Kind("a number > 0", lambda value: is_number(value) and value > 0)
+NOT_NEGATIVE = Kind("a number >= 0", lambda value: is_number(value) and value >= 0)
+NOT_NEGATIVES = Kind("a list of numbers >= 0", lambda value: is_list(value, NOT_NEGATIVE.holds))
+ONE_OR_MORE = Kind("a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number))
+RANGE = Kind("two numbers [lowest, highest], the lowest first", _is_range)
+POSITIVE_RANGE = Kind(
+    "two numbers [lowest, highest] with 0 < lowest < highest", lambda value: _is_range(value) and value[0] > 0
+)
+AMPLITUDES = Kind(
+    "two numbers [lowest, highest] with 0 <= lowest < highest", lambda value: _is_range(value) and value[0] >= 0
+)
+LEVELS = Kind(
+    "two numbers [lowest, highest] with 0 < lowest <= highest",
+    lambda value: is_list(value, is_number) and len(value) == 2 and 0 < value[0] <= value[1],
+)
+TEXT = Kind("a text", _is_text)
+TEXTS = Kind("a list of texts", lambda value: value in ([], ()) or is_list(value, _is_text))
+LABEL = Kind("a whole number or text", lambda value: _is_text(value) or _is_whole(value))
+TRUTH = Kind("true or false", lambda value: isinstance(value, bool))
+TABLE = Kind("a table", lambda value: isinstance(value, dict))
+LAW = Kind("'paper', 'compatible' or a factor in [0, 1]", lambda value: _is_text(value) or is_number(value))
+
+
+def whole(least: int) -> Kind:
+    return Kind(f"a whole number ≥ {least}", lambda value: _is_whole(value) and value >= least)
+
+
+def one_of(names: Iterable[str]) -> Kind:
+    return Kind(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
+
+
+BY_RATIOS: dict[str, Kind] = {
+    "alpha": Kind("an angle in (0, π/2) rad", lambda value: is_number(value) and 0 < value < math.pi / 2),
+    "tan_alpha": POSITIVE,
+    "R": POSITIVE,
+    "gamma": NOT_NEGATIVE,
+    "superstructure": TABLE,
+    "lam": NOT_NEGATIVE,
+    "restitution": LAW,
+    "g": POSITIVE,
+}
+SUPERSTRUCTURE: dict[str, Kind] = {
+    "eta": NOT_NEGATIVE,
+    "T_s": Kind("a number > 0; without it the superstructure is rigid", POSITIVE.holds),
+    "zeta": NOT_NEGATIVE,
+}
+BY_DIMENSIONS: dict[str, Kind] = {
+    "width": POSITIVE,
+    "height": POSITIVE,
+    "column_mass": POSITIVE,
+    "beam_mass": NOT_NEGATIVE,
+    "columns": whole(1),
+    "top_mass": NOT_NEGATIVE,
+    "period": Kind("a number > 0; without it the superstructure is rigid", POSITIVE.holds),
+    "damping": NOT_NEGATIVE,
+    "lam": NOT_NEGATIVE,
+    "restitution": LAW,
+    "g": POSITIVE,
+}
+OPTIONS: dict[str, Kind] = {
+    "rtol": POSITIVE,
+    "atol": POSITIVE,
+    "method": TEXT,
+    "engine": TEXT,
+    "overturn_ratio": POSITIVE,
+    "rest_velocity": POSITIVE,
+    "max_steps": whole(1),
+    "outputs": TEXTS,
+    "history": whole(1),
+    "throw": TRUTH,
+    "stride": POSITIVE,
+}
+_PANELS: dict[str, Kind] = {
+    "pulse": one_of(PULSES),
+    "frequency_ratio": POSITIVE_RANGE,
+    "points": whole(2),
+    "eta_over_gamma": NOT_NEGATIVES,
+    "T_s": NOT_NEGATIVES,
+}
+COMMANDS: dict[str, dict[str, Kind]] = {
+    "response": {"motion": TEXT, "number": whole(1), "t_end": NUMBER},
+    "spectrum": _PANELS | {"acceleration_ratio": AMPLITUDES},
+    "overturning": _PANELS | {"max_acceleration_ratio": POSITIVE, "sensitivities": TEXTS},
+    "fragility": {
+        "motions": TEXT,
+        "measure": one_of(MEASURES),
+        "measure_period": POSITIVE,
+        "intensity": LEVELS,
+        "levels": whole(1),
+        "method": one_of(FITS),
+        "confidence": Kind("a number in (0, 1)", lambda value: is_number(value) and 0 < value < 1),
+        "seed": whole(0),
+        "sensitivities": TEXTS,
+    },
+    "risk": {
+        "fragility": TEXT,
+        "structure": TEXT,
+        "median": NUMBER,
+        "dispersion": NUMBER,
+        "hazard": TEXT,
+        "site": whole(0),
+        "years": NUMBER,
+    },
+    "sweep": {"motion": TEXT, "number": whole(1), "outputs": TEXTS, "chunk": whole(1), "axes": TABLE},
+}
+_RECORD: dict[str, Kind] = {"units": TEXT, "dt": POSITIVE, "scale": NUMBER, "component": LABEL}
+RECORDED: dict[str, tuple[Kind, dict[str, Kind]]] = {
+    "file": (TEXT, _RECORD),
+    "suite": (TEXT, _RECORD | {"pattern": TEXT}),
+    "synthetic": (
+        whole(1),
+        {
+            "seed": whole(0),
+            "dt": POSITIVE,
+            "duration": POSITIVE,
+            "pga": POSITIVE,
+            "omega_g": POSITIVE,
+            "zeta_g": POSITIVE,
+        },
+    ),
+}

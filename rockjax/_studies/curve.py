@@ -1,0 +1,210 @@
+"""Fragility curves: lognormal distributions fitted to an ensemble, and how certain they are."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import ndtr
+
+from rockjax._checks import require
+
+from .intervals import Capacities, of_capacities, of_each_left_out
+from .lognormal import Lognormal, fit_capacities, fit_counts
+
+if TYPE_CHECKING:
+    import xarray
+
+FEW = 5  # records: an interval from fewer rests on hardly anything but the form of the distribution
+
+
+def fragility(
+    analysis: xarray.Dataset,
+    *,
+    method: Literal["capacities", "stripes"] = "capacities",
+    at=None,
+    confidence: float | None = 0.9,
+) -> xarray.Dataset:
+    """A lognormal fragility curve from an incremental dynamic analysis, by maximum likelihood (host).
+
+    - `method`: `"capacities"` fits the least overturning intensities, records that never overturn being censored at the
+      highest level; `"stripes"` fits the counts of overturned records at the levels, survivals above the first overturning
+      included
+    - `at`: intensities of the curve, by default 200 up to the highest level
+    - `confidence`: of the intervals and the band, in (0, 1); None for the curve alone
+
+    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`),
+    whose attributes say on how many records it rests; `probability`, `lower`, `upper` over `at`; `observed` over
+    `intensity`, the share of overturned records; and where the analysis has sensitivities, `median_sensitivity` and
+    `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
+
+    Intervals of `"capacities"` are by profile likelihood and for lognormal capacities: exact without censored records, for
+    median and dispersion, and of the stated confidence within some per cent with them. Those of `"stripes"` leave out each
+    record in turn (jackknife). A `RuntimeWarning` says where they rest on fewer than five records that overturn.
+
+    Raises `ValueError` where no curve fits, or no interval, and says why.
+    """
+    _check(analysis, method, confidence)
+    data = _Ensemble.of(analysis)
+    fit = _fitted(method, data)
+    x = np.linspace(0, data.levels[-1], 201)[1:] if at is None else np.asarray(at, float)
+    if x.ndim != 1 or x.size == 0:
+        raise ValueError(f"fragility: at must be a 1-D array of intensities, got shape {x.shape}")
+    require("fragility", "at", x, lambda v: v > 0, "finite and > 0")
+    curve = _dataset(analysis, fit, x, method)
+    if confidence is not None:
+        _add_intervals(curve, method, data, fit, confidence)
+    if "sensitivity" in analysis and method == "capacities":
+        known, one = np.isfinite(data.capacity), {"units": "1"}
+        moved = analysis["sensitivity"].values[:, known] * data.capacity[known]  # d(capacity)/d ln y
+        of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(data.capacity, data.limit))
+        curve["median_sensitivity"] = ("parameter", moved @ of_median, one | {"long_name": "d ln(median)/d ln y"})
+        curve["dispersion_sensitivity"] = ("parameter", moved @ of_dispersion, one | {"long_name": "d(dispersion)/d ln y"})
+        curve = curve.assign_coords(parameter=analysis["parameter"])
+    return curve
+
+
+class _Ensemble(NamedTuple):
+    """What an analysis says of its records."""
+
+    capacity: np.ndarray  # (n,), inf above the highest level
+    limit: np.ndarray  # (n,)
+    levels: np.ndarray  # (m,)
+    overturned: np.ndarray  # (n, m)
+
+    @classmethod
+    def of(cls, analysis: xarray.Dataset) -> _Ensemble:
+        capacity, levels = analysis["capacity"].values, analysis["intensity"].values
+        capacity = np.where(np.isnan(capacity), np.inf, capacity)
+        return cls(capacity, np.full(capacity.size, levels[-1]), levels, analysis["overturned"].values.astype(float))
+
+    @property
+    def trials(self) -> np.ndarray:
+        return np.full(self.levels.size, float(self.capacity.size))
+
+
+def _check(analysis: xarray.Dataset, method: str, confidence: float | None) -> None:
+    owner = "fragility"
+    if method not in ("capacities", "stripes"):
+        raise ValueError(f"{owner}: method must be 'capacities' or 'stripes', got {method!r}")
+    if getattr(analysis, "attrs", {}).get("kind") != "incremental-dynamic-analysis":
+        raise ValueError(f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got {_short(analysis)}")
+    if confidence is not None and not (isinstance(confidence, int | float) and 0 < confidence < 1):
+        raise ValueError(f"{owner}: confidence must be in (0, 1), or None for no intervals, got {confidence!r}")
+
+
+def _short(value) -> str:
+    kind = getattr(value, "attrs", {}).get("kind")
+    return f"a dataset of kind {kind!r}" if kind else f"a {type(value).__name__}"
+
+
+def _fitted(method: str, data: _Ensemble) -> Lognormal:
+    if method == "capacities":
+        fit = _fit_capacities(data.capacity, data.limit)
+    else:
+        fit = _fit_counts(data.levels, data.overturned.sum(axis=0), data.trials)
+    if not np.isfinite(fit.median):
+        raise ValueError(f"fragility: {_why_not(method, data)}")
+    return fit
+
+
+def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: str) -> xarray.Dataset:
+    import xarray
+
+    of, one, name = {"units": analysis["intensity"].attrs["units"]}, {"units": "1"}, analysis.attrs["measure"]
+    observed = analysis["overturned"].values.mean(axis=0)
+    return xarray.Dataset(
+        {
+            "median_capacity": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
+            "dispersion": ((), float(fit.dispersion), one | {"long_name": "standard deviation of its logarithm"}),
+            "probability": (
+                "at",
+                np.asarray(fit.probability(jnp.asarray(x))),
+                one | {"long_name": "probability of overturning"},
+            ),
+            "observed": ("intensity", observed, one | {"long_name": "share of overturned records"}),
+            "capacity": analysis["capacity"],
+        },
+        coords={"at": ("at", x, of | {"long_name": name}), "intensity": analysis["intensity"]},
+        attrs=analysis.attrs | {"title": "Fragility", "kind": "fragility", "method_of_fit": method},
+    )
+
+
+def _add_intervals(curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float) -> None:
+    records, overturn = data.capacity.size, int(np.isfinite(data.capacity).sum())
+    rests = overturn if method == "capacities" else records
+    if rests < FEW:
+        of = "that overturn " if method == "capacities" else ""
+        message = (
+            f"fragility: the intervals rest on {rests} records {of}only; from fewer than {FEW} they depend on the "
+            "form of the distribution more than on the records; use more records, or confidence=None for the curve alone"
+        )
+        warnings.warn(message, RuntimeWarning, stacklevel=3)
+    find = _of_capacities if method == "capacities" else _of_stripes
+    bounds, probit = find(data, fit, curve["at"].values, confidence)
+    said = {"long_name": f"{confidence:.0%} confidence interval", "records": records, "overturning_records": overturn}
+    curve["interval"] = (("quantity", "bound"), bounds, said)
+    for name, band in zip(("lower", "upper"), ndtr(probit), strict=True):
+        curve[name] = ("at", band, {"units": "1", "long_name": f"{name} bound of the {confidence:.0%} band"})
+    curve.coords["quantity"] = ["median_capacity", "dispersion"]
+    curve.coords["bound"] = ["lower", "upper"]
+    curve.attrs["confidence"] = confidence
+
+
+def _of_capacities(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of median and dispersion (2, 2), and of the probit of the curve (2, x)."""
+    median, dispersion = float(fit.median), float(fit.dispersion)
+    found = of_capacities(Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence)
+    return np.exp(np.stack([found.log_median, found.log_dispersion])), found.probit
+
+
+def _of_stripes(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+    """As above."""
+    others = data.overturned.sum(axis=0) - data.overturned
+    without = _fit_each_counts(data.levels, others, data.trials - 1)
+    lost = int(np.sum(~np.isfinite(without.median)))
+    if lost:
+        raise ValueError(
+            f"fragility: no interval: without one of {lost} of the {len(others)} records the counts do not say the "
+            "dispersion any more; use more records or closer levels, or confidence=None for the curve alone"
+        )
+
+    def estimates(fits: Lognormal) -> np.ndarray:
+        median, dispersion = (np.asarray(y)[..., None] for y in fits)
+        return np.concatenate([np.log(median), np.log(dispersion), np.log(x / median) / dispersion], axis=-1)
+
+    bounds = of_each_left_out(estimates(fit), estimates(without), confidence)
+    return np.exp(bounds[:, :2]).T, bounds[:, 2:]
+
+
+_fit_capacities = jax.jit(fit_capacities)
+_fit_counts = jax.jit(fit_counts)
+_fit_each_counts = jax.jit(jax.vmap(fit_counts, (None, 0, None)))
+
+
+@jax.jit
+def _slopes(capacity, limit):
+    """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
+    known = jnp.isfinite(capacity)
+
+    def fit(values):
+        found = fit_capacities(jnp.where(known, values, jnp.inf), limit)
+        return jnp.stack([jnp.log(found.median), found.dispersion])
+
+    return jnp.where(known[None], jax.jacrev(fit)(jnp.where(known, capacity, limit)), 0.0)
+
+
+def _why_not(method: str, data: _Ensemble) -> str:
+    known, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
+    if method == "capacities":
+        if known.size < 2:
+            return f"{known.size} of {total} records overturn up to {data.levels[-1]:g}; raise the highest intensity"
+        return f"the capacities of the {known.size} records that overturn do not differ; use other records"
+    if not data.overturned.any():
+        return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
+    return (
+        "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or more; add some"
+    )

@@ -1,0 +1,156 @@
+"""How certain a fitted fragility curve is: intervals of median, dispersion and probability.
+
+For capacities the likelihood is known. With θ = 1/σ and δ = μ/σ of the logarithms it is concave (Olsen 1978), so that its
+profiles have one maximum. Where no record is censored, the profiles of median and dispersion are functions of Student's t
+and of χ² alone: their bounds are taken where those distributions have them, instead of at the χ² of a large sample, and
+then are exact. With censored records they are taken at the same places.
+
+Counts at levels are those of the same records, not independent of each other: there each record is left out in turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr
+from scipy.stats import chi2, t
+
+_HALVINGS = 48
+_FARTHEST = 60  # doublings of a first step
+
+
+class Intervals(NamedTuple):
+    """Bounds, lower and upper along the first axis: of ln(median), ln(dispersion) and the probit of P(x)."""
+
+    log_median: np.ndarray
+    log_dispersion: np.ndarray
+    probit: np.ndarray
+
+
+class Capacities(NamedTuple):
+    """What the likelihood of lognormal capacities depends on; numbers, or arrays for several samples.
+
+    - `known`: how many capacities are; `mean`, `variance`: of their logarithms
+    - `beyond`: how many lie above the limit; `log_limit`: its logarithm
+    """
+
+    known: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+    beyond: np.ndarray
+    log_limit: np.ndarray
+
+    @classmethod
+    def of(cls, capacity: np.ndarray, limit) -> Capacities:
+        """Of capacities (…, n), inf where they lie above the limit."""
+        finite = np.isfinite(capacity)
+        log = np.log(np.where(finite, capacity, 1.0))
+        known = finite.sum(axis=-1)
+        mean = log.sum(axis=-1) / known
+        variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / known
+        return cls(known, mean, variance, capacity.shape[-1] - known, np.log(limit))
+
+    @property
+    def total(self):
+        return self.known + self.beyond
+
+    def likelihood(self, theta, delta):
+        """Its logarithm."""
+        z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
+        return self.known * (np.log(theta) - 0.5 * z2) + self.beyond * log_ndtr(delta - theta * self.log_limit)
+
+    def best_on(self, x, probit):
+        """The likelihood of the most likely distribution of all whose P(capacity ≤ exp(x)) has this `probit`."""
+        off, limit = self.mean - x, x - self.log_limit
+
+        def falls(log_theta):
+            theta = np.exp(log_theta)
+            slope = self.known * (1 / theta - (theta * off + probit) * off - theta * self.variance)
+            return slope + self.beyond * _hazard(theta * limit - probit) * limit
+
+        theta = np.exp(_zero(falls, -0.5 * np.log(self.variance) + 0 * (x + probit)))
+        return self.likelihood(theta, theta * x - probit)
+
+    def best_with(self, log_dispersion):
+        """The likelihood of the most likely distribution of all with this dispersion."""
+        theta = np.exp(-log_dispersion)
+
+        def falls(delta):
+            return self.known * (theta * self.mean - delta) + self.beyond * _hazard(delta - theta * self.log_limit)
+
+        return self.likelihood(theta, _zero(falls, theta * self.mean))
+
+
+def _hazard(z):
+    """φ/Φ."""
+    return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
+
+
+def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
+    """The first of places farther and farther from `start` where something does not hold any more."""
+    place, step = start, 0.5
+    for _ in range(_FARTHEST):
+        moves = holds(place)
+        if not np.any(moves):
+            break
+        place, step = np.where(moves, start + sign * step, place), 2 * step
+    return place
+
+
+def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
+    """Where f, of arrays, passes zero between places where it is > 0 and places where it is not."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (positive + negative)
+        before = f(middle) > 0
+        positive, negative = np.where(before, middle, positive), np.where(before, negative, middle)
+    return 0.5 * (positive + negative)
+
+
+def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
+    """Where a decreasing function, of arrays, passes zero."""
+    return _change(falls, _past(lambda y: falls(y) <= 0, start, -1), _past(lambda y: falls(y) > 0, start, 1))
+
+
+def of_capacities(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
+    """Intervals by profile likelihood of fits to capacities; `at` in units of the median, of a shape that broadcasts."""
+    n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
+    mu = np.log(median)
+    best = capacities.likelihood(1 / dispersion, mu / dispersion)
+    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # of twice the difference of the likelihoods
+
+    def both(inside: Callable, start) -> np.ndarray:
+        ends = (_past(lambda y: inside(y) > 0, start, sign) for sign in (-1, 1))
+        return np.stack([_change(inside, start, end) for end in ends])
+
+    x = np.log(at)
+    return Intervals(
+        both(lambda y: reach - 2 * (best - capacities.best_on(y, 0.0)), mu),
+        np.stack([_dispersion(capacities, np.log(dispersion), best, chi2.ppf(p, n - 1) / n) for p in (high, low)]),
+        both(lambda q: reach - 2 * (best - capacities.best_on(x, q)), (x - mu) / dispersion),
+    )
+
+
+def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
+    """The ln(dispersion) at which the profile stands where it would for a variance `ratio` times the dispersion squared."""
+    wanted = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
+
+    def above(y):
+        fall = 2 * (best - capacities.best_with(y))
+        return np.sign(log_dispersion - y) * np.sqrt(np.maximum(fall, 0.0)) - wanted
+
+    return _zero(above, log_dispersion)
+
+
+def of_each_left_out(whole: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
+    """Intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …) each record.
+
+    Its bias taken out, with the width of Student's t.
+    """
+    n = len(without)
+    mean = without.mean(axis=0)
+    error = np.sqrt((n - 1) / n * np.sum((without - mean) ** 2, axis=0))
+    middle, half = n * whole - (n - 1) * mean, float(t.ppf((1 + confidence) / 2, n - 1)) * error
+    return np.stack([middle - half, middle + half])

@@ -1,0 +1,100 @@
+"""Arguments of a wrong kind, of everything public: the error names the argument and what would be right."""
+
+import datetime
+import inspect
+
+import numpy as np
+import pytest
+
+import optimise
+import rockjax as rj
+
+from .scenes import PODIUMS, pulse, shaking
+
+PODIUM, MOTION = PODIUMS["rigid"], rj.Motion(np.array([0.0, 1.0, -1.0, 0.0]), 0.1)
+BOX = {"alpha": (0.1, 0.3)}
+# What each takes besides the argument in question. Arguments that take anything, or that Python itself checks, are left out.
+GOOD = {
+    rj.Podium: {"alpha": 0.2, "R": 1.0},
+    rj.Podium.from_dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
+    rj.Elastic: {"eta": 1.0, "T_s": 0.5},
+    rj.Rigid: {"eta": 1.0},
+    rj.Ricker: {"a_p": 3.0, "T_p": 1.0},
+    rj.HalfSine: {"a_p": 3.0, "T_p": 1.0},
+    rj.Gabor: {"a_p": 1.0, "T_p": 1.0},
+    rj.MavroeidisPapageorgiou: {"A": 1.0, "f_p": 1.0},
+    rj.Record: {"acceleration": [0.0, 1.0], "dt": 0.1},
+    rj.Records.of: {"records": [shaking(20)]},
+    rj.Motion: {"acceleration": [0.0, 1.0], "dt": 0.1},
+    rj.Motions: {"motions": (MOTION,)},
+    MOTION.scaled: {"factor": 1.0},
+    MOTION.resampled: {"dt": 0.1},
+    MOTION.baseline_corrected: {"order": 1},
+    MOTION.trimmed: {"lower": 0.1, "upper": 0.9},
+    MOTION.save: {"path": "a.csv"},
+    rj.Motions((MOTION,)).scaled_to: {"measure": "PGA", "value": 1.0},
+    rj.Options: {},
+    rj.State: {},
+    rj.peak_response: {"podium": PODIUM, "excitation": pulse()},
+    rj.simulate: {"podium": PODIUM, "excitation": pulse()},
+    rj.peak_responses: {"podiums": PODIUM, "excitations": pulse()},
+    rj.overturning_acceleration: {"podium": PODIUM, "pulse": rj.Ricker, "T_p": 1.0},
+    rj.overturning_scale: {"podium": PODIUM, "excitation": pulse()},
+    rj.overturning_boundary: {"podium": PODIUM, "excitation": pulse()},
+    rj.overturning_spectrum: {"podium": PODIUM, "pulse": rj.Ricker, "frequency_ratio": [2.0]},
+    rj.rocking_spectrum: {"podium": PODIUM, "pulse": rj.Ricker, "frequency_ratio": [2.0], "acceleration_ratio": [2.0]},
+    rj.rocking_spectra: {"podiums": [PODIUM], "pulse": rj.Ricker, "frequency_ratio": [2.0], "acceleration_ratio": [2.0]},
+    rj.minimum_overturning: {},
+    rj.incremental_dynamic_analysis: {"podium": PODIUM, "records": [MOTION], "intensity": [1.0]},
+    rj.overturning_distribution: {"podium": PODIUM, "records": [MOTION]},
+    rj.fragility: {},
+    rj.intensity_measures: {"motion": MOTION},
+    rj.read_motion: {"path": "there_is_none.AT2"},
+    rj.read_suite: {"path": "there_is_none"},
+    rj.Record.from_file: {"path": "there_is_none.AT2"},
+    rj.synthetic_motions: {"count": 1, "seed": 1},
+    rj.grid: {"structure": PODIUM, "excitation": pulse()},
+    rj.sweep: {"structures": PODIUM, "excitations": pulse(), "store": "there_is_none"},
+    optimise.PeakRotation: {"limit": 0.3, "excitations": pulse()},
+    optimise.PeakShear: {"limit": 0.3, "excitations": pulse()},
+    optimise.PeakDeformation: {"limit": 0.3, "excitations": pulse()},
+    optimise.NoOverturning: {"excitations": pulse()},
+    optimise.OverturningAcceleration: {"at_least": 1.0, "pulse": rj.Ricker, "T_p": 1.0},
+    optimise.OverturningScale: {"at_least": 1.0, "excitations": pulse()},
+    optimise.MedianCapacity: {"at_least": 1.0, "suite": [pulse(), pulse()]},
+    optimise.OverturningProbability: {"at_most": 0.1, "suite": [pulse()]},
+    optimise.WorstRotation: {"excitations": pulse()},
+    optimise.WorstShear: {"excitations": pulse()},
+    optimise.WorstDeformation: {"excitations": pulse()},
+    optimise.Dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
+    optimise.design: {"podium": PODIUM, "vary": BOX, "minimise": lambda podium: podium.alpha},
+    optimise.design_chart: {},
+    optimise.fit: {"podium": PODIUM, "vary": BOX, "excitation": pulse(), "times": [1.0, 2.0], "theta": [0.0, 0.1]},
+    optimise.explore: {"structure": PODIUM, "excitation": pulse(), "vary": BOX},
+    optimise.load: {},
+    optimise.table: {},
+    optimise.convergence: {},
+    optimise.before_after: {"before": PODIUM, "excitation": pulse()},
+    optimise.plot_chart: {},
+}
+ANYTHING = {"progress", "name", "metadata", "source", "ax", "client", "self", "throw", "ratio", "dry_run"}
+WRONG = {"text": "wrong", "date": datetime.date(2020, 1, 1)}
+# A text that is right there, or a path that is only looked for.
+RIGHT = {("path", "text"), ("measure", "text"), ("method", "text"), ("store", "text"), ("component", "text")}
+CASES = [
+    pytest.param(function, name, value, id=f"{function.__qualname__}-{name}-{kind}")
+    for function in GOOD
+    for name, parameter in inspect.signature(function).parameters.items()
+    if name not in ANYTHING and parameter.kind != parameter.VAR_KEYWORD
+    for kind, value in WRONG.items()
+    if (name, kind) not in RIGHT
+]
+
+
+@pytest.mark.parametrize(("function", "name", "wrong"), CASES)
+def test_an_argument_of_a_wrong_kind_is_named(function, name, wrong, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((ValueError, TypeError)) as error:
+        function(**GOOD[function] | {name: wrong})
+    said = str(error.value)
+    assert name in said or "missing" in said, said
