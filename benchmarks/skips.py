@@ -18,6 +18,7 @@ from rockjax._batch import lanes as _lanes
 from rockjax._engine import contact as _contact
 from rockjax._engine import step as _step
 from rockjax._excitations.pulses import _PulseOutlook
+from rockjax._programs.program import anew
 
 from .families import PERIODS, Family, family
 from .measure import keep, options, podium, shortest, show
@@ -62,11 +63,9 @@ def weak(points: int) -> dict:
     scenes = dataclasses.replace(scenes, a_p=0.1 * scenes.a_p)
     found = peaks(scenes)
     quick = shortest(lambda: peaks(scenes))
-    jax.clear_caches()
-    with mock.patch.object(_contact, "certificate", never), mock.patch.object(_step, "certificate", never):
+    with anew(), mock.patch.object(_contact, "certificate", never), mock.patch.object(_step, "certificate", never):
         slow = shortest(lambda: peaks(scenes), 3)
         difference = float(np.abs(found - peaks(scenes)).max())
-    jax.clear_caches()
     row = {"family": "T_s = 0.5 s, a tenth of it", "skip": "scenes that provably never lift"}
     row |= {"with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6}
     return row | {"saves": slow / quick, "difference": difference}
@@ -81,11 +80,9 @@ def main(points: int = 60) -> None:
         for skip, patched in SKIPS.items():
             if name == "rigid" and "panels" in skip:
                 continue
-            jax.clear_caches()
-            with patched():
+            with anew(), patched():
                 found = peaks(scenes, **WITHOUT.get(skip, {}))
                 slow = shortest(lambda s=scenes, skip=skip: peaks(s, **WITHOUT.get(skip, {})), 3)
-            jax.clear_caches()
             row = {"family": name, "skip": skip, "with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6}
             row |= {"saves": slow / quick, "difference": float(np.abs(found - with_all).max())}
             rows.append(row)

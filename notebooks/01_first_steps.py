@@ -13,7 +13,7 @@
 # %% [markdown]
 # # First steps
 #
-# A podium from a drawing, a ground motion, and how the one answers the other: the peak response, the
+# A podium defined by its dimensions, a ground motion, and how the one answers the other: the peak response, the
 # history with its pictures, a rocking spectrum. Then what to know about units, results and options.
 #
 # A podium structure stands on free columns. In a strong earthquake they lift off at their edges and rock.

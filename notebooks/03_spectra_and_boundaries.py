@@ -88,7 +88,7 @@ print(f"overturns from {least:.6f} m/s² = {least / unit:.6f} g tan α")
 # ## All boundaries over frequency
 #
 # Survival is not monotone: above the least overturning amplitude there are windows in which the podium
-# survives again, after another sequence of impacts. `overturning_spectrum` finds every boundary. The shaded
+# survives again, after another sequence of impacts. `overturning_spectrum` finds the boundaries. The shaded
 # parts are windows of survival.
 
 # %%

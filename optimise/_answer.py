@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax import _tables
-from rockjax._checks import of_kind
+from rockjax.internal import html, lines, of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -116,7 +115,7 @@ def table(design: Design) -> str:
 
 def aligned(rows: list[list[str]]) -> list[str]:
     """Rows under their heading; nothing where there is only that."""
-    return [f"  {line}" for line in _tables.lines(rows)] if len(rows) > 1 else []
+    return [f"  {line}" for line in lines(rows)] if len(rows) > 1 else []
 
 
 def _remarks(design: Design) -> list[str]:
@@ -136,7 +135,7 @@ def _html(design: Design) -> str:
     """The same as a table of a notebook."""
     headline, *tables = _account(design)
     parts = [f"<p><b>Design</b>: {escape(headline)}</p>"]
-    parts += [_tables.html(rows, heads="row") for rows in tables if len(rows) > 1]
+    parts += [html(rows, heads="row") for rows in tables if len(rows) > 1]
     parts += [f"<p>{escape(sentence)}</p>" for sentence in _remarks(design)]
     return "".join(parts)
 

@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import rockjax as rj
-from rockjax._boundaries.boundaries import boundaries
-from rockjax._boundaries.boundary import BOUNDARY
-from rockjax._boundaries.verdict import has_margin
-from rockjax._checks import as_float, of_kind, require, shown
-from rockjax._motions.convert import as_pulse
-from rockjax._responses.datasets import describe_options
+from rockjax.internal import BOUNDARY, as_float, as_pulse, boundaries, describe_options, has_margin, of_kind, require, shown
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, replaced, variables
 

@@ -1,4 +1,4 @@
-"""The files of `rockjax design`."""
+"""The command `rockjax design`: registered in pyproject.toml under `rockjax.extensions`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from ._problem import problem_of as problem_of
 
 if TYPE_CHECKING:
     import rockjax as rj
@@ -28,7 +30,7 @@ def design_command(
     and what stopped the search, if anything did: then the design is the best one until then.
     """
     import rockjax as rj
-    from rockjax._files import as_json, write_figure, write_whole
+    from rockjax.internal import as_json, write_figure, write_whole
 
     from ._pictures import before_after, convergence
     from ._suite import Suite

@@ -10,12 +10,12 @@ import numpy as np
 import optax
 
 import rockjax as rj
-from rockjax._checks import of_kind, shown, single, whole
-from rockjax._progress import bar as bar_of
+from rockjax.internal import bar as bar_of
+from rockjax.internal import of_kind, shown, single, whole
 
 from ._answer import Design, Effort, Found, answer_of
 from ._descent import End, Evaluation, Iterate, Rules, descend, prepared
-from ._evaluator import Evaluator, problem_of, side_by_side, traced
+from ._evaluator import Evaluator, problem_of, side_by_side
 from ._methods import Method, method_of
 from ._objectives import AbstractObjective, OfPodium
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
@@ -115,10 +115,10 @@ class _Search:
         try:
             descents = {k: descend(once, self.points[k], rules, self.history, k) for k in starts}
             side_by_side(descents, evaluate, self.points, first, self.ended)
-            evaluate.options = traced(accurate)
+            evaluate.verifies(accurate)
             self.verify()
         except KeyboardInterrupt:
-            evaluate.options = traced(accurate)
+            evaluate.verifies(accurate)
             self.ended |= {k: self.so_far(k, rules) for k in starts if k not in self.ended}
             self.evaluations = evaluate(self.places)
             return True

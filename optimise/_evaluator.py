@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._programs.program import KeptProgram
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
@@ -71,7 +74,7 @@ def problem_of(varied: Variables, objective: AbstractObjective | None, targets: 
     return DesignProblem(varied, stripped[-1], tuple(stripped[:-1]), tuple(suites), tuple(uses), wanted, scenes)
 
 
-@eqx.filter_jit
+@functools.partial(KeptProgram, arrays_only=True)
 def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """(values, margins of every target), their Jacobians, and the values again, of all points."""
 
@@ -97,8 +100,9 @@ class Evaluator:
     """
 
     def __init__(self, problem: DesignProblem, options: rj.Options, points: np.ndarray, inside: float, bar):
-        self.problem, self.width, self.inside, self.bar = problem, len(points), inside, bar
-        self.options = traced(options)
+        self.width, self.inside, self.bar = len(points), inside, bar
+        self.options, self.certain = traced(options), problem
+        self.problem = dataclasses.replace(problem, targets=tuple(target.while_searching() for target in problem.targets))
         self.evaluations, self.sizes = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
@@ -115,6 +119,10 @@ class Evaluator:
         self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
         self.bar.update(1)
         return found
+
+    def verifies(self, options: rj.Options) -> None:
+        """From now on with these options, and with targets as certain as they are meant."""
+        self.options, self.problem = traced(options), self.certain
 
     def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
         _, there = seen

@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax._checks import of_kind, shown
-from rockjax._motions.convert import AnyMotion, as_excitation
+from rockjax.internal import AnyMotion, as_excitation, of_kind, shown
 
 from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, numbers_as_arrays, replaced, value_of, variables
 

@@ -13,8 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax._checks import as_float, of_kind, single, whole
-from rockjax._motions.convert import AnyMotion, as_excitation
+from rockjax.internal import AnyMotion, as_excitation, as_float, of_kind, single, whole
 
 from ._variables import Structure, Variables, as_podium, variables
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax._checks import of_kind
-from rockjax._motions.convert import AnyMotion, as_excitation
+from rockjax.internal import AnyMotion, as_excitation, of_kind
 
+from . import _variables
 from ._answer import Design, check_design
 
 if TYPE_CHECKING:
@@ -17,33 +17,46 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+MARKERS = "osD^vP"  # of starts in the picture of the convergence
+MOST_STARTS = 8  # in its legend
+
+
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective over iterations, a line for every start, filled dots where the targets held; the chosen start is black."""
+    """Objective over iterations, a line for every start, filled marks where the targets held; the chosen start is black."""
     check_design("convergence", design)
     import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
-    from rockjax.plots import COLOURS
+    from rockjax.plots import COLOURS, STYLES
 
-    ax = ax or plt.figure(figsize=(6, 4), layout="constrained").add_subplot()
-    for start in reversed(range(len(design.starts))):
+    ax = ax or plt.figure(figsize=(7.5, 4), layout="constrained").add_subplot()
+    others = [start for start in range(len(design.starts)) if start != design.best]
+    entries = []
+    for k, start in reversed(list(enumerate([design.best, *others]))):
         rows = [row for row in design.history if row.start == start]
         if not rows:
             continue
-        best = start == design.best
-        colour = COLOURS[0] if best else "0.7"
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
-        ax.plot(numbers[:, 0], numbers[:, 1], color=colour, lw=1.4 if best else 0.8, zorder=2 if best else 1)
+        look = {"color": colour, "ls": STYLES[k % len(STYLES)], "lw": 0.9 if k else 1.6, "zorder": 2 + (k == 0)}
+        ax.plot(numbers[:, 0], numbers[:, 1], **look)
         held = numbers[:, 2] >= 0
-        for rows_, face in ((numbers[held], colour), (numbers[~held], "white")):
-            ax.plot(rows_[:, 0], rows_[:, 1], "o", ms=4, color=colour, mfc=face, zorder=2 if best else 1)
-    ax.plot([], [], "o", color=COLOURS[0], ms=4, label="targets hold")
-    ax.plot([], [], "o", color=COLOURS[0], mfc="white", ms=4, label="not yet")
-    ax.axhline(design.objective, color=COLOURS[2], lw=0.8, ls="--", label=f"design: {design.objective:.4g}")
-    ax.set(xlabel="iteration", ylabel=design.minimised)
+        for some, face in ((numbers[held], colour), (numbers[~held], "white")):
+            ax.plot(some[:, 0], some[:, 1], marker, ms=4.5, color=colour, mfc=face, zorder=look["zorder"])
+        label = f"start {start}" + (", the design" if k == 0 and others else "")
+        entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **look))
+    del entries[: max(0, len(entries) - MOST_STARTS)]
+    entries = entries[::-1]
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="filled: targets hold"))
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
+    reached = f"design: {design.objective:.4g}"
+    entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
+    unit = (_variables.DIMENSIONS | _variables.FIELDS | design.units).get(design.minimised, "")
+    ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)
-    ax.legend()
+    ax.legend(handles=entries, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax
 
 

@@ -19,9 +19,9 @@ kind = "no-overturning"          # motions
 [[targets]]
 kind = "overturning-acceleration"  # at_least, pulse, T_p or frequency_ratio, ratio, max_acceleration_ratio
 [[targets]]
-kind = "overturning-scale"       # at_least, motions, max_scale
+kind = "overturning-scale"       # at_least, motions, max_scale, width
 [[targets]]
-kind = "median-capacity"         # at_least, motions, max_scale
+kind = "median-capacity"         # at_least, motions, max_scale, width
 [[targets]]
 kind = "overturning-probability" # at_most, motions, intensity, smoothing
 """
@@ -33,9 +33,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import rockjax as rj
-from rockjax._problem import Reader, load_table
-from rockjax._problem_keys import POSITIVE, TEXT, TRUTH, Kind, whole
-from rockjax._repr import readable
+from rockjax.internal import POSITIVE, TEXT, TRUTH, Kind, Reader, load_table, readable, whole_number
 
 from ._answer import Design, aligned
 from ._design import design
@@ -54,10 +52,10 @@ from ._targets import (
 from ._variables import Dimensions, Structure, as_podium, variables
 
 SETTINGS: dict[str, Kind] = {
-    "starts": whole(1),
-    "seed": whole(0),
+    "starts": whole_number(1),
+    "seed": whole_number(0),
     "tolerance": POSITIVE,
-    "max_iterations": whole(1),
+    "max_iterations": whole_number(1),
 }
 TARGET: dict[str, Kind] = {
     "limit": POSITIVE,
@@ -190,10 +188,10 @@ class _Reader(Reader):
             "overturning-acceleration": (
                 OverturningAcceleration,
                 ("at_least", "pulse"),
-                ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio"),
+                ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio", "width"),
             ),
-            "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale",)),
-            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale",)),
+            "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale", "width")),
+            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale", "width")),
             "overturning-probability": (OverturningProbability, ("at_most", "motions"), ("intensity", "smoothing")),
         }
         if not isinstance(entry, dict) or "kind" not in entry:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._motions.convert import AnyMotions, several
+from rockjax.internal import AnyMotions, several
 
 Margins = Float[Array, " k"]
 

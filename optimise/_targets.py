@@ -6,7 +6,7 @@ A margin is dimensionless and differentiable, and near 0 it is the relative dist
 from __future__ import annotations
 
 import abc
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -16,12 +16,14 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._checks import concrete
-from rockjax._studies.lognormal import fit_capacities
+from rockjax.internal import NARROWEST, concrete, fit_capacities
 
 from ._suite import Margins, Suite
 
 Name = str | None
+Searched = TypeVar("Searched", bound="AbstractTarget")
+
+WIDTH_WHILE_SEARCHING = 1e-3  # of the range of scales: ten times the speed, and the end is verified
 
 
 class AbstractTarget(eqx.Module):
@@ -36,6 +38,10 @@ class AbstractTarget(eqx.Module):
     @abc.abstractmethod
     def describe(self) -> str:
         """The target in words; also its name where none is given."""
+
+    def while_searching(self) -> Self:
+        """What is good enough until a design is verified; with numbers of the same kinds, so that one program serves."""
+        return self
 
     @property
     def scenes(self) -> int:
@@ -173,6 +179,7 @@ class OverturningAcceleration(AbstractTarget):
     - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: its period, or many at once [s]
     - `max_acceleration_ratio`: amplitudes up to so many g tan α are looked at [–]; where none of them overturns, the
       margin is that of the last one, with zero derivative
+    - `width`: in a verified design no window of overturning wider than this share of them is missed below a_ov [–]
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits that the range does not hold.
     """
@@ -180,6 +187,7 @@ class OverturningAcceleration(AbstractTarget):
     at_least: Any
     T_p: Float[Array, " n"]
     pulse: type[rj.AbstractPulse] = eqx.field(static=True)
+    width: Any
     ratio: bool = eqx.field(static=True)
     max_acceleration_ratio: float = eqx.field(static=True)
     name: Name = eqx.field(static=True)
@@ -192,8 +200,10 @@ class OverturningAcceleration(AbstractTarget):
         *,
         ratio: bool = False,
         max_acceleration_ratio: float = 12.0,
+        width: float = NARROWEST,
         name: Name = None,
     ):
+        _limit("OverturningAcceleration", "width", width, below=0.1)
         _limit("OverturningAcceleration", "at_least", at_least)
         _limit("OverturningAcceleration", "T_p", T_p)
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
@@ -206,14 +216,19 @@ class OverturningAcceleration(AbstractTarget):
             )
         self.at_least, self.pulse, self.ratio, self.name = float(at_least), pulse, ratio, name
         self.T_p = jnp.atleast_1d(jnp.asarray(T_p, float)).ravel()
-        self.max_acceleration_ratio = float(max_acceleration_ratio)
+        self.max_acceleration_ratio, self.width = float(max_acceleration_ratio), float(width)
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         unit = podium.g * jnp.tan(podium.alpha)
 
         def least(T_p):
             return rj.overturning_acceleration(
-                podium, self.pulse, T_p, max_acceleration_ratio=self.max_acceleration_ratio, options=options
+                podium,
+                self.pulse,
+                T_p,
+                max_acceleration_ratio=self.max_acceleration_ratio,
+                options=options,
+                width=self.width,
             )
 
         found = jax.vmap(least)(self.T_p)
@@ -226,9 +241,17 @@ class OverturningAcceleration(AbstractTarget):
         unit = "g tan α" if self.ratio else "m/s²"
         return f"overturning a_p ≥ {self.at_least:g} {unit}"
 
+    def while_searching(self) -> Self:
+        return _coarser(self)
+
     @property
     def scenes(self) -> int:
         return len(self.T_p)
+
+
+def _coarser(target: Searched) -> Searched:
+    """Certain to wider windows only."""
+    return eqx.tree_at(lambda t: t.width, target, replace_fn=lambda width: jnp.maximum(width, WIDTH_WHILE_SEARCHING))
 
 
 class AbstractScaleTarget(AbstractTarget):
@@ -236,13 +259,17 @@ class AbstractScaleTarget(AbstractTarget):
 
     at_least: eqx.AbstractVar[Any]
     max_scale: eqx.AbstractVar[Any]
+    width: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
+
+    def while_searching(self) -> Self:
+        return _coarser(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
         """Of every motion; inf where no factor up to `max_scale` overturns."""
 
         def least(motion):
-            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options)
+            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options, width=self.width)
 
         return self.suite.each(least)
 
@@ -251,8 +278,9 @@ class AbstractScaleTarget(AbstractTarget):
         return len(self.suite)
 
 
-def _scale_range(owner: str, at_least, max_scale) -> tuple[float, float]:
+def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
     """`at_least`, and `max_scale` or what it is by default."""
+    _limit(owner, "width", width, below=0.1)
     _limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else max_scale
     _limit(owner, "max_scale", max_scale)
@@ -267,17 +295,20 @@ class OverturningScale(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
     - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; where none of them overturns, the
       margin is that of the last one, with zero derivative
+    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed [–]
 
     The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits that the range does not hold.
     """
 
     at_least: Any
     max_scale: Any
+    width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
 
-    def __init__(self, at_least, excitations, *, max_scale=None, name: Name = None):
-        self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale)
+    def __init__(self, at_least, excitations, *, max_scale=None, width: float = NARROWEST, name: Name = None):
+        self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale, width)
+        self.width = float(width)
         self.suite, self.name = Suite(excitations, type(self).__name__), name
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
@@ -294,6 +325,7 @@ class MedianCapacity(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `suite`: two motions or more
     - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of them overturns
       are known to lie above it (censored)
+    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed [–]
 
     The median is that of the lognormal distribution fitted by maximum likelihood, as in [`rockjax.fragility`][]. The margin
     is median/at_least − 1; where fewer than two motions overturn it is that of `max_scale`, with zero derivative. Raises
@@ -302,11 +334,13 @@ class MedianCapacity(AbstractScaleTarget):
 
     at_least: Any
     max_scale: Any
+    width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
 
-    def __init__(self, at_least, suite, *, max_scale=None, name: Name = None):
-        self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale)
+    def __init__(self, at_least, suite, *, max_scale=None, width: float = NARROWEST, name: Name = None):
+        self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
+        self.width = float(width)
         self.suite, self.name = Suite(suite, type(self).__name__, "suite"), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")

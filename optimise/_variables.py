@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._repr import card, readable
 
 FIELDS = {
     "alpha": "rad",
@@ -75,6 +76,12 @@ class Dimensions(eqx.Module):
     def replace(self, **changes) -> Dimensions:
         """A variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
+
+    def __repr__(self):
+        return readable(self)
+
+    def _repr_html_(self) -> str:
+        return card(self)
 
 
 Structure = rj.Podium | Dimensions

@@ -20,7 +20,7 @@ def as_float(x, what: str = "it") -> Array:
 
     Raises `ValueError` that begins with `what` for anything but numbers.
     """
-    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float):
+    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float) and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):

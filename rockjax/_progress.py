@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import weakref
 from typing import Any
 
 from tqdm.auto import tqdm  # a widget in notebooks
@@ -12,12 +13,13 @@ TICK = 1.0  # s: so long a bar may stand without its clock being moved on
 
 
 def ticking(shown: Any) -> threading.Event:
-    """Move the clock of a bar on until the event that this returns is set."""
-    ended = threading.Event()
+    """Move the clock of a bar on until the event that this returns is set, or the bar is dropped."""
+    ended, still_there = threading.Event(), weakref.ref(shown)
 
     def tick() -> None:
-        while not ended.wait(TICK):
-            shown.refresh()
+        while not ended.wait(TICK) and (bar := still_there()) is not None:
+            bar.refresh()
+            del bar
 
     if not shown.disable:
         threading.Thread(target=tick, daemon=True).start()

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import plots
+from ._extensions import extension
 from ._files import write_figure
 
 if TYPE_CHECKING:
@@ -47,9 +48,7 @@ def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Datase
 
 
 def _chart(data: xarray.Dataset) -> Axes:
-    import optimise
-
-    return optimise.plot_chart(data)
+    return extension("design-chart")(data)
 
 
 # kind of the dataset: {picture: how}

@@ -302,4 +302,4 @@ class Podium(eqx.Module):
         return readable(self)
 
     def _repr_html_(self):
-        return card(self, derived=("p", "width", "height", "restitution_factor"))
+        return card(self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration"))

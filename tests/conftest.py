@@ -3,17 +3,20 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Programs compiled by one worker, and by one module, serve the others.
+os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_cache" / "rockjax")
 
 import jax
 import pytest
 
 import rockjax as rj
+from rockjax._programs.program import forget
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_configure(config):
-    # Programs compiled by one worker serve the others.
+    # What is traced anew: at least it is not compiled anew.
     cache = Path(config.rootpath) / ".pytest_cache" / "jax"
     jax.config.update("jax_compilation_cache_dir", str(cache))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
@@ -30,6 +33,7 @@ def _forget_programs():
     And open figures of one module would make matplotlib warn in another.
     """
     yield
+    forget()
     jax.clear_caches()
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")

@@ -1,7 +1,7 @@
 """Searches for the first boundary, on margins that are made up: what is there is known exactly. And on records."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -21,11 +21,11 @@ OPTIONS = rj.Options(rtol=1e-9, atol=1e-11)
 class Motion(NamedTuple):
     """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an answer, a dip."""
 
-    windows: tuple = ()
-    wrong: tuple = ()  # windows that only scenes of the looser accuracy see
-    unanswered: tuple = ()
-    lifts: float = 0.1
-    dip: float = 1.0  # how deep the margin falls at 0.4321
+    windows: Any = ()
+    wrong: Any = ()  # windows that only scenes of the looser accuracy see
+    unanswered: Any = ()
+    lifts: Any = 0.1
+    dip: Any = 1.0  # how deep the margin falls at 0.4321
 
     def margin(self, y, sharp, xp=np):
         value = xp.where(y <= self.lifts, 1.0, 0.6 + 0.3 * xp.cos(9 * y) * xp.sin(400 * y))
@@ -40,13 +40,14 @@ class Motion(NamedTuple):
     def padded(self) -> "Motion":
         """With three stretches of every kind: one compiled program serves all of them."""
         fill = lambda part: jnp.array([*part, *[(2.0, 2.0)] * (3 - len(part))])
-        return Motion(*map(fill, self[:3]), jnp.asarray(self.lifts), jnp.asarray(self.dip))
+        stretches = fill(self.windows), fill(self.wrong), fill(self.unanswered)
+        return Motion(*stretches, jnp.asarray(self.lifts), jnp.asarray(self.dip))
 
     def first(self) -> float:
         return min((lo for lo, _ in self.windows), default=math.inf)
 
 
-def scanned(motions, monkeypatch, look_closer="first") -> crossings.Scan:
+def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
     """By the batch, a line for each motion."""
 
     def margins(plane, x, y, options, progress):
@@ -55,8 +56,8 @@ def scanned(motions, monkeypatch, look_closer="first") -> crossings.Scan:
         return value, np.full(y.shape, 3)
 
     monkeypatch.setattr(crossings, "margins", margins)
-    lines = np.arange(len(motions))
-    return crossings.scan(None, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
+    lines, nothing = np.arange(len(motions)), cast(crossings.Plane, None)
+    return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
 
 
 def in_program(motion: Motion) -> First:

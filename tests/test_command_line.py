@@ -207,12 +207,12 @@ WRONG = [
     ("overturning --frequency 0 8", "--frequency: must have 0 < lowest < highest, got 0 and 8"),
     ("overturning --max-acceleration -1", "--max-acceleration: must be finite and > 0, got -1"),
     ("motions record.txt --tan-alpha -1 --R 1", "--tan-alpha: must be finite and > 0, got -1"),
-    ("spectrum --points 100000", "rockjax spectrum: 120000000000 scenes take some 17.5 TiB of memory"),
+    ("spectrum --points 100000", "--points: 120000000000 scenes take some 17.5 TiB of memory"),
     ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
     ("response -o data.mat", "--output data.mat: .mat is not written here"),
     ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
     ("design", "design: needs a problem file (TOML), or --example column"),
-    ("design --example table", "--example: must be one of column, fragility, response, spectrum, sweep, got 'table'"),
+    ("design --example table", "--example: must be one of column, fragility, response, risk, spectrum, sweep, got 'table'"),
     ("response good.toml --example response", "--example: stands for a problem file; good.toml is one already"),
     ("sweep --axis tan_alpha=-0.1,0.2", "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0.1"),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
@@ -330,6 +330,14 @@ def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
     assert (tmp_path / "a.nc").exists()
 
 
+def test_wrong_input_ends_a_process_with_a_line(tmp_path):
+    command = [sys.executable, "-m", "rockjax", "spectrum", "--points", "100000"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("rockjax: --points: 120000000000 scenes take some 17.5 TiB of memory, and ")
+
+
 def test_ctrl_c_ends_with_130(run, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt
@@ -378,7 +386,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
         assert code == 0, err
         said = json.loads(run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1])
     assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
-    expected = rj.fragility(analysis)["median_sensitivity"].values
+    expected = rj.fragility(analysis, confidence=None)["median_sensitivity"].values
     assert expected[0] == pytest.approx(-2 * expected[1])
     for name, value in zip(("alpha", "gamma"), expected, strict=True):
         assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
@@ -408,12 +416,12 @@ def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
     monkeypatch.setattr(_cli, "design_command", design_command)
     flags = ("--top-mass", 4e5, "--zeta", 0.1, "--rtol", 1e-6, "--starts", 2)
     assert run("design", PROBLEMS / "column.toml", *flags)[0] == 130
-    problem, output, starts, seed, quiet = found[0]
+    problem, output, starts, seed, quiet, suffix = found[0]
     assert problem.podium.top_mass == 4e5
     assert problem.podium.damping == 0.1
     assert problem.podium.width == 0.45
     assert (problem.options.rtol, problem.options.atol) == (1e-6, 1e-8)
-    assert (str(output), starts, seed, quiet) == ("rockjax-design", 2, None, False)
+    assert (str(output), starts, seed, quiet, suffix) == ("rockjax-design", 2, None, False, ".png")
     code, _, err = run("design", PROBLEMS / "column.toml", "--gamma", 2)
     assert code == 2
     assert "structure: is given by dimensions: --gamma cannot change it" in err
@@ -436,7 +444,7 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     assert "wrote d-convergence.png" in out
 
 
-COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot")
+COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot", "cache")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -462,7 +470,7 @@ def test_help_teaches(run, name):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_numbers_have_units_in_the_help(run, name):
     lines = [line for line in run(name, "--help")[1].splitlines() if re.search(r"<float|FLOAT", line)]
-    assert lines or name == "plot"
+    assert lines or name in ("plot", "cache")
     for line in lines:
         assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
 
@@ -491,7 +499,7 @@ def test_examples_come_with_the_package():
     from rockjax._cli._given import problem_file
     from rockjax._cli._options import EXAMPLES
 
-    assert sorted(path.stem for path in PROBLEMS.iterdir()) == sorted(EXAMPLES)
+    assert sorted(path.stem for path in PROBLEMS.glob("*.toml")) == sorted(EXAMPLES)
     assert optimise.load(problem_file(None, "column")).settings == {"starts": 4}
     assert optimise.__version__ == rj.__version__
     assert (Path(optimise.__file__).parent / "py.typed").exists()

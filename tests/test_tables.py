@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+import optimise
 import rockjax as rj
 from rockjax import _tables
 from rockjax._repr import card
@@ -15,6 +16,7 @@ SHOWN = (
     rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
     rj.Elastic(100.0, 0.5),
     rj.Rigid(3.0),
+    optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3),
     rj.Options(),
     rj.Ricker(3.7, 1.0),
     rj.AntisymmetricRicker(3.7, 1.0),
@@ -50,6 +52,11 @@ def test_a_podium_shows_its_superstructure_and_what_follows_from_its_numbers():
     bare = {row[0]: row[1] for row in cells(podium.replace(superstructure=None)._repr_html_())}
     assert bare["superstructure"] == "None"
     assert "superstructure.eta" not in bare
+
+
+def test_dimensions_are_shown_as_numbers():
+    column = optimise.Dimensions(width=np.float64(0.45), height=jax.numpy.asarray(3.0), column_mass=1.5e3, period=None)
+    assert repr(column).startswith("Dimensions(width=0.45, height=3, column_mass=1500, beam_mass=0, columns=2,")
 
 
 def test_batches_and_traced_numbers_are_shown_as_such():

@@ -24,7 +24,8 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import as_float, require
+from rockjax._engine.derivatives import known
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
@@ -158,14 +159,16 @@ def overturning_boundary(
             f"rockjax.overturning_spectrum for all frequencies of a pulse"
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be
-    return _boundary(podium, excitation, as_float(max_scale), options, min(width, 1 / resolution), has_margin(options))
+    return _boundary(
+        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options)
+    )
 
 
 def check_search(owner: str, width, resolution) -> None:
     """Raise `ValueError`, in the name of `owner`, for a search that cannot be."""
     require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
-    if concrete(width) is None or np.ndim(width):
-        raise ValueError(f"{owner}: width must be a number that is known, got {width!r}")
+    if jnp.ndim(width):
+        raise ValueError(f"{owner}: width must be a single number, got shape {jnp.shape(width)}")
     if not isinstance(resolution, int) or resolution < WIDTH:
         raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
 
@@ -174,15 +177,17 @@ def positive_limit(owner: str, name: str, value) -> None:
     require(owner, name, value, lambda v: v > 0, "finite and > 0")
 
 
-def _boundary(podium: Podium, excitation, limit, options: Options, width: float, margin: bool) -> Boundary:
-    leaves, structure = jax.tree.flatten((podium, excitation, limit, options))
-    search = _searched(structure, width, margin)
+def _boundary(podium: Podium, excitation, limit, options: Options, width, margin: bool) -> Boundary:
+    leaves, structure = jax.tree.flatten((podium, excitation, limit, (options, width)))
+    search = _searched(structure, margin)
 
     def rule(primals, tangents):
         first = search(*primals)
         live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
         moving = [tangent for tangent, moves in zip(tangents, live, strict=True) if moves]
-        change = _implicit(list(primals), moving, first.scale, structure, live, margin)
+        # Where all numbers are known, the slopes of a scene come from programs that are kept.
+        change_of = _implicit if all(map(known, primals)) else _implicit_in_program
+        change = change_of(list(primals), moving, first.scale, structure, live, margin)
         none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = jnp.zeros_like(first.scale)
         return first, First(change, zero, zero, none)
@@ -194,27 +199,28 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width: float,
     return Boundary(first.scale, jnp.isfinite(first.scale), first.impacts, first.dip, low, first.certain)
 
 
-def _searched(structure, width: float, margin: bool) -> Callable[..., First]:
+def _searched(structure, margin: bool) -> Callable[..., First]:
     """The search as a function of all numbers; on the host where they are known, single or mapped over."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
-        return _in_program(leaves, width, structure, margin)
+        return _in_program(leaves, structure, margin)
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))  # options
+        # How the search is made is the same for all.
+        common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if common and not _traced(leaves):
             rows = [y if own else jnp.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)]
-            return _on_host(rows, count, structure, width, margin), First(True, True, True, True)
+            return _on_host(rows, count, structure, margin), First(True, True, True, True)
         axes = [0 if own else None for own in mapped]
-        first = jax.vmap(lambda *leaves: _in_program(leaves, width, structure, margin), axes)(*leaves)
+        first = jax.vmap(lambda *leaves: _in_program(leaves, structure, margin), axes)(*leaves)
         return first, First(True, True, True, True)
 
     def search(*leaves):
         if _traced(leaves):
             return program(*leaves)
-        first = _on_host([jnp.asarray(y)[None] for y in leaves], 1, structure, width, margin)
+        first = _on_host([jnp.asarray(y)[None] for y in leaves], 1, structure, margin)
         return jax.tree.map(lambda y: y[0], first)
 
     return search
@@ -224,10 +230,10 @@ def _traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _on_host(rows: list, count: int, structure, width: float, margin: bool) -> First:
+def _on_host(rows: list, count: int, structure, margin: bool) -> First:
     """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each search."""
     rows = [np.asarray(y) for y in rows]
-    podium, excitation, limit, options = jax.tree.unflatten(structure, rows)
+    podium, excitation, limit, how = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
     def plane(line, part):
@@ -235,7 +241,7 @@ def _on_host(rows: list, count: int, structure, width: float, margin: bool) -> F
         motion = _picked(excitation, np.asarray(line, np.int32), of_each)
         return jax.tree.map(of_each, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
 
-    options = jax.tree.map(lambda y: y[0], options)
+    options, width = jax.tree.map(lambda y: float(y[0]), how)
     found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, look_closer="first", width=width)
     first, impacts = (y[:, 0] for y in found.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
@@ -255,8 +261,8 @@ def _picked(excitation, line: np.ndarray, of_each) -> Any:
 
 
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
-def _in_program(leaves, width, structure, margin: bool) -> First:
-    podium, excitation, limit, options = jax.tree.unflatten(structure, leaves)
+def _in_program(leaves, structure, margin: bool) -> First:
+    podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     wanted = margin_options(options, margin)
     loose = looking(wanted, width)
 
@@ -273,7 +279,6 @@ def _in_program(leaves, width, structure, margin: bool) -> First:
     return first_boundary(row, limit, SPACING * width * limit)
 
 
-@functools.partial(jax.jit, static_argnames=("structure", "live", "margin"))
 def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
     """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
     found = jnp.isfinite(scale)
@@ -285,7 +290,7 @@ def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: 
         numbers = list(leaves)
         for k, value in zip(places, values, strict=True):
             numbers[k] = value
-        podium, excitation, _, options = jax.tree.unflatten(structure, numbers)
+        podium, excitation, _, (options, _) = jax.tree.unflatten(structure, numbers)
         wanted = margin_options(options, margin)
         (floats, _), _ = solve(podium, excitation.scaled(scale), REST, None, wanted)
         return boundary_residual(floats, margin)
@@ -297,3 +302,6 @@ def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: 
     usable = found & (slope != 0) & jnp.isfinite(slope)
     weight = jnp.where(usable, -1 / jnp.where(usable, slope, 1.0), 0.0)
     return weight * jnp.where(usable, change, 0.0)
+
+
+_implicit_in_program = jax.jit(_implicit, static_argnames=("structure", "live", "margin"))

@@ -1,6 +1,7 @@
 """The command line. Nothing heavy is imported before a command needs it: help comes at once."""
 
 from ._app import app, main
+from ._cache import cache
 from ._design import design
 from ._fragility import fragility
 from ._motions import motions, synthetic
@@ -12,7 +13,7 @@ from ._run import command
 from ._spectrum import spectrum
 from ._sweep import sweep
 
-for _function in (spectrum, overturning, response, fragility, risk, design, sweep, motions, synthetic, plot):
+for _function in (spectrum, overturning, response, fragility, risk, design, sweep, motions, synthetic, plot, cache):
     app.command()(command(_function))
 
 __all__ = ["app", "main"]

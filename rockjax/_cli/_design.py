@@ -44,8 +44,9 @@ def design(
       rockjax design problem.toml --top-mass 400e3 --starts 8 -o heavier
     """
     prepare(report)
-    from optimise._cli import account, design_command
-    from optimise._problem import problem_of
+    from rockjax._extensions import extension
+
+    optimise = extension("design")
 
     chosen = problem_file(problem, example)
     if chosen is None:
@@ -57,12 +58,12 @@ def design(
         table = table | {"structure": given.structure_table(structure)}
     if search.rtol is not None:
         table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
-    asked = problem_of(table, chosen, given.where)
-    found, written, stopped = design_command(asked, to.prefix, search.starts, search.seed, report.quiet, to.format)
+    asked = optimise.problem_of(table, chosen, given.where)
+    found, written, stopped = optimise.design_command(asked, to.prefix, search.starts, search.seed, report.quiet, to.format)
     report.say(str(found))
     for path in written:
         report.wrote(path)
-    report.facts |= {name: value for name, value in account(found).items() if name != "history"}
+    report.facts |= {name: value for name, value in optimise.account(found).items() if name != "history"}
     if stopped is not None:
         report.complain(f"{stopped}; the best design so far is kept", INTERRUPTED)
     elif not found.satisfied:

@@ -57,7 +57,7 @@ def store_place(output: Path) -> Path:
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
         raise ValueError(f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr")
-    if output.is_dir() and any(output.iterdir()) and not (output / "zarr.json").exists():
+    if output.is_dir() and suffix != ".zarr" and not (output / "zarr.json").exists():
         output /= "rockjax-sweep.zarr"
     require_writable(output / "zarr.json")
     return output

@@ -57,7 +57,6 @@ def overturning(
       rockjax overturning problem.toml --frequency 2 6
     """
     prepare(report)
-    prepare_pictures()
     import numpy as np
 
     import rockjax as rj
@@ -77,6 +76,7 @@ def overturning(
     options = given.options(accuracy)
     found: list = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
+    prepare_pictures()
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
             if found[k] is not None:

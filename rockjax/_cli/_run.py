@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import importlib
 import inspect
-import os
+import logging
 import shlex
 import sys
 import threading
@@ -198,14 +199,18 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
     """Compiled programs are kept between runs; pictures are made without a screen."""
     import jax
 
+    from rockjax._programs import folder
+
     if pictures:
         import matplotlib
 
         matplotlib.use("Agg")
-    if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        jax.config.update("jax_compilation_cache_dir", str(base / "rockjax"))
+    if folder.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
+        # What is traced anew in every run; this process is our own.
+        jax.config.update("jax_compilation_cache_dir", str(folder.path() / "jax"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    if report is not None and report.quiet:
+        logging.getLogger("rockjax").setLevel(logging.ERROR)
     if report is not None and report.verbose:
         _count_programs()
         report.note(f"{shlex.join(['rockjax', *sys.argv[1:]])}: jax {jax.__version__} on {jax.default_backend()}")
@@ -213,7 +218,12 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
 
 def prepare_pictures() -> None:
     """What draws and writes is loaded while the scenes are worked out."""
-    threading.Thread(target=lambda: importlib.import_module("rockjax.plots")).start()
+
+    def load() -> None:
+        with contextlib.suppress(RuntimeError):  # where the command has ended meanwhile
+            importlib.import_module("rockjax.plots")
+
+    threading.Thread(target=load).start()
 
 
 _MADE: dict[str, float] = {"programs": 0, "seconds": 0.0, "kept": 0}
@@ -245,12 +255,12 @@ def _beside_bars(line: str) -> None:
 
 
 def _programs() -> str:
-    import jax
+    from rockjax._programs import folder, program
 
-    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    kept = _MADE["kept"] + program.COUNTS["loaded"]
     return (
         f"{_MADE['programs']:.0f} programs in {_MADE['seconds']:.1f} s of compiling, side by side; "
-        f"{_MADE['kept']:.0f} of them were kept from before in {folder}"
+        f"{kept:.0f} were kept from before in {folder.path()}"
     )
 
 

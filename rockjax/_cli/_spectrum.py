@@ -32,10 +32,12 @@ def spectrum(
     output: Output = "rockjax-spectrum",
     resume: Resume = False,
 ) -> None:
-    """Rocking spectra: peak rotation over pulse frequency and acceleration, and what overturns on the grid.
+    """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of overturning.
 
-    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Writes OUTPUT.nc, OUTPUT-rotation.png and
-    OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume solves the others.
+    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are narrowed down between points of
+    the grid; `rockjax overturning` also finds what lies between two points that end alike. Writes OUTPUT.nc,
+    OUTPUT-rotation.png and OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume
+    solves the others.
 
     \b
     Examples:
@@ -47,13 +49,13 @@ def spectrum(
       rockjax spectrum problem.toml --points 200
     """
     prepare(report)
-    prepare_pictures()
     import numpy as np
 
     import rockjax as rj
     from rockjax import _partial
     from rockjax._batch.memory import require_memory
     from rockjax._excitations.pulses import PULSES
+    from rockjax._studies.grid_boundaries import with_boundaries
 
     to = outputs(output, "rockjax-spectrum").check(("rotation", "overturning"))
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
@@ -65,12 +67,14 @@ def spectrum(
     x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
     y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
-    require_memory("rockjax spectrum", total)
+    require_memory("--points", total)
     report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
     known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
+    prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
             spectra = rj.rocking_spectra(podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known)
+        spectra = with_boundaries(spectra, podiums, PULSES[grid.pulse], options=options)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     from rockjax import plots
@@ -83,8 +87,7 @@ def spectrum(
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
     report.say(f"{total} scenes: {overturned:.1%} overturned, {failed} without an answer")
-    lowest = rj.minimum_overturning(panels).min("frequency_ratio")
-    least(report, lowest, ratios, periods, " on the grid", ".2f")
+    least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:
         report.complain(f"{failed} of {total} scenes ended without an answer")

@@ -79,6 +79,19 @@ def why_unsafe(folder: Path) -> str | None:
     return None
 
 
+def why_unused(folder: Path) -> str | None:
+    """Why no program is kept in a folder; None where there may be."""
+    if not enabled():
+        return "ROCKJAX_CACHE is off"
+    try:
+        unsafe = why_unsafe(folder)
+    except FileNotFoundError:
+        return None  # it is made when it is needed
+    except OSError as error:
+        return f"{folder}: {error.strerror}"
+    return unsafe or (None if os.access(folder, os.R_OK | os.W_OK | os.X_OK) else f"{folder} cannot be written")
+
+
 def _ready(folder: Path) -> None:
     """The folder, made where it is not there yet, for this user only. Raises `OSError` where it cannot be used."""
     if not folder.is_dir():

@@ -21,10 +21,7 @@ _LOG = logging.getLogger("rockjax")
 _ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
 _NUMBERS = _ARRAYS | bool | int | float
 _PATIENCE = 2.0  # s of compiling, after which it is said
-_WAITING = (
-    "compiling a program for this kind of scene; it is kept, and the next time it is only loaded "
-    '(logging.getLogger("rockjax").setLevel("ERROR") silences this)'
-)
+COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
 
 
 class _Fixed(NamedTuple):
@@ -116,13 +113,16 @@ class KeptProgram:
         found = _load(place, text) if place and text else None
         if found is not None:
             return found
-        with _said():
+        with _said(place):
             lowered = self._jitted(fixed).lower(*passed)
             if place and not text:  # with classes of the user's own: known by what tracing has made of them
                 text = f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
                 found = _load(place, text)
-            compiled = found or lowered.compile()
-        if place and text and found is None:
+            if found is not None:
+                return found
+            compiled = lowered.compile()
+        COUNTS["compiled"] += 1
+        if place and text:
             _keep(place, text, compiled)
         return compiled
 
@@ -151,6 +151,23 @@ def forget() -> None:
         program.forget()
 
 
+@contextlib.contextmanager
+def anew() -> Iterator[None]:
+    """Inside, everything is traced and compiled anew and nothing is kept: for those who exchange parts of the package."""
+    _ANEW.set()
+    forget()
+    jax.clear_caches()
+    try:
+        yield
+    finally:
+        forget()
+        jax.clear_caches()
+        _ANEW.clear()
+
+
+_ANEW = threading.Event()
+
+
 def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
     """What `make()` gives for a fixed argument, kept like a program: trees of NumPy arrays, lists and named tuples."""
     place = store()
@@ -169,14 +186,14 @@ def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
     value = make()
     try:
         folder.write(place, text, pickle.dumps(value))
-    except OSError as error:
+    except Exception as error:
         _LOG.debug("nothing can be kept: %s", error)
     return value
 
 
 def store() -> Path | None:
     """The folder of kept programs; None where none are kept."""
-    return folder.path() / "programs" if folder.enabled() else None
+    return folder.path() / "programs" if folder.enabled() and not _ANEW.is_set() else None
 
 
 def _content(place: Path, text: str) -> bytes | None:
@@ -200,11 +217,13 @@ def _load(place: Path, text: str) -> Callable | None:
         return None
     try:
         program, arguments, answers = pickle.loads(content)
-        return deserialize_and_load(program, arguments, answers, execution_devices=[_device()])
+        found = deserialize_and_load(program, arguments, answers, execution_devices=[_device()])
     except Exception as error:  # another library's format, a class that is no longer there
         _LOG.debug("a kept program cannot be loaded: %r", error)
         folder.discard(place, text)
         return None
+    COUNTS["loaded"] += 1
+    return found
 
 
 def _keep(place: Path, text: str, compiled: Any) -> None:
@@ -236,7 +255,7 @@ def _is_here(leaf: Any) -> bool:
 
 def _type(leaf: Any) -> Hashable:
     """What a program is compiled for of a number or an array: arrays of NumPy and of JAX are the same."""
-    if isinstance(leaf, np.ndarray | np.generic | jax.Array):
+    if isinstance(leaf, _ARRAYS):
         return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
     return type(leaf)
 
@@ -263,9 +282,9 @@ def _present_settings() -> Hashable:
 
 
 @contextlib.contextmanager
-def _said() -> Iterator[None]:
+def _said(place: Path | None) -> Iterator[None]:
     """Say, once in a process, that what takes so long is compiling."""
-    timer = threading.Timer(_PATIENCE, _say)
+    timer = threading.Timer(_PATIENCE, _say, [place])
     timer.daemon = True
     timer.start()
     try:
@@ -274,6 +293,11 @@ def _said() -> Iterator[None]:
         timer.cancel()
 
 
-@functools.cache
-def _say() -> None:
-    _LOG.warning(_WAITING)
+_SAID = threading.Event()
+
+
+def _say(place: Path | None) -> None:
+    if not _SAID.is_set():
+        _SAID.set()
+        then = f"it is kept in {place}, and the next time only loaded" if place else "it is not kept (ROCKJAX_CACHE is off)"
+        _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", then)

@@ -15,7 +15,7 @@ import numpy as np
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY
 
-from .hazard import SI
+from .units import SI
 
 if TYPE_CHECKING:
     import xarray

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from rockjax._checks import require
+from rockjax._programs.program import KeptProgram
 
 from .intervals import Capacities, of_capacities, of_each_left_out
 from .lognormal import Lognormal, fit_capacities, fit_counts
@@ -180,12 +181,12 @@ def _of_stripes(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: floa
     return np.exp(bounds[:, :2]).T, bounds[:, 2:]
 
 
-_fit_capacities = jax.jit(fit_capacities)
-_fit_counts = jax.jit(fit_counts)
-_fit_each_counts = jax.jit(jax.vmap(fit_counts, (None, 0, None)))
+_fit_capacities = KeptProgram(fit_capacities)
+_fit_counts = KeptProgram(fit_counts)
+_fit_each_counts = KeptProgram(jax.vmap(fit_counts, (None, 0, None)), name="counts resampled")
 
 
-@jax.jit
+@KeptProgram
 def _slopes(capacity, limit):
     """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
     known = jnp.isfinite(capacity)

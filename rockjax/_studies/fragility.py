@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -22,6 +21,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import peak_variables
@@ -179,13 +179,13 @@ def _sensitivities(podium: Podium, records: Records, scale, names: tuple[str, ..
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)
-        found = _along(podium, records, filled, scale[filled], options, names, has_margin(options))
+        found = _along(podium, records, filled, scale[filled], options, names=tuple(names), margin=has_margin(options))
         result[:, part] = np.asarray(found)[: part.size].T
     return result
 
 
-@functools.partial(jax.jit, static_argnames=("names", "margin"))
-def _along(podium: Podium, records: Records, which, scale, options: Options, names: tuple[str, ...], margin: bool):
+@KeptProgram
+def _along(podium: Podium, records: Records, which, scale, options: Options, *, names: tuple[str, ...], margin: bool):
     def one(which, scale):
         def past(logs):
             factor = jnp.exp(logs)

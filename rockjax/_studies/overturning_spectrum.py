@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,6 +19,7 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
@@ -174,13 +174,13 @@ def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], opti
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
-        found = _along(podium, a_p[filled], T_p[filled], options, pulse, names, has_margin(options))
+        found = _along(podium, a_p[filled], T_p[filled], options, pulse=pulse, names=names, margin=has_margin(options))
         result[:, part] = np.asarray(found)[: part.size].T
     return result
 
 
-@functools.partial(jax.jit, static_argnames=("pulse", "names", "margin"))
-def _along(podium: Podium, a_p, T_p, options: Options, pulse, names: tuple[str, ...], margin: bool):
+@KeptProgram
+def _along(podium: Podium, a_p, T_p, options: Options, *, pulse, names: tuple[str, ...], margin: bool):
     own = [k for k, name in enumerate(names) if name != "T_p"]
 
     def one(a_p, T_p):

@@ -54,7 +54,7 @@ def _span(labels: np.ndarray) -> str:
     return f"{len(labels)} × {ends[0]}" if len(labels) == 1 else f"{len(labels)} from {ends[0]} to {ends[1]}"
 
 
-def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " n"]) -> Grid:
+def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
     """A grid of scenes over named axes, in the order of their names (host).
 
     - `structure`: the podium that the others are variants of

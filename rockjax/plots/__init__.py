@@ -6,6 +6,13 @@ Figures made here have the style `STYLE`; settings and axes of the user stay as 
 import matplotlib.pyplot as plt
 
 from ._animation import animation, save_animation
+from ._boundaries import (
+    overturning_boundaries,
+    overturning_curve,
+    overturning_curves,
+    overturning_spectrum,
+    sensitivities,
+)
 from ._fragility import fragility, incremental_dynamic_analysis
 from ._histories import (
     deformation_history,
@@ -17,17 +24,7 @@ from ._histories import (
     rotation_history,
 )
 from ._risk import risk
-from ._spectra import (
-    dimensional_axes,
-    overturning_boundaries,
-    overturning_curve,
-    overturning_curves,
-    overturning_spectrum,
-    rocking_spectrum,
-    rotation_bar,
-    sensitivities,
-    spectra,
-)
+from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
 __all__ = [

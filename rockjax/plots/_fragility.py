@@ -15,6 +15,9 @@ from ._style import COLOURS, on_axes
 if TYPE_CHECKING:
     import xarray
 
+# Above the axes, where they cover nothing.
+ABOVE = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.01), "borderaxespad": 0.0, "frameon": False}
+
 
 def _label(name: str, of: str) -> str:
     return f"{name} [{units(of) or '–'}]"
@@ -24,29 +27,30 @@ def _label(name: str, of: str) -> str:
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Intensity over peak rotation, a curve for each record; where a record overturns there is no point.
 
-    Crosses on the right are the least intensities that overturn, dots beside them where survival returns and ends again.
-    `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, crosses are the least intensities that overturn, and dashes those at which survival returns or ends
+    again: windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
     levels = dataset["intensity"].values
     rotation = dataset["peak_rotation"].where(~dataset["overturned"]).values
     boundaries = dataset["boundaries"].values
-    for row, places in zip(rotation, boundaries, strict=True):
+    for row in rotation:
         ax.plot(np.r_[0, row], np.r_[0, levels], "-", marker=".", ms=3, lw=0.7, color="0.55")
-        ax.plot(ratio, places[0], "x", color=COLOURS[1], ms=6, zorder=3)
-        further = places[1:][np.isfinite(places[1:])]
-        ax.plot(np.full(further.size, 1.05 * ratio), further, ".", ms=3, color=COLOURS[2], zorder=3)
-    marks = [
-        Line2D([], [], color="0.55", marker=".", ms=3, lw=0.7, label="records, where they survive"),
-        Line2D([], [], color=COLOURS[1], marker="x", ls="", label="first overturning"),
-        Line2D([], [], color=COLOURS[2], marker=".", ls="", label="further changes of the verdict"),
-    ]
-    ax.legend(handles=marks, loc="lower right")
+    further = boundaries[:, 1:][np.isfinite(boundaries[:, 1:])]
+    at_limit = {"ls": "none", "clip_on": False}
+    ax.plot(np.full(further.size, ratio), further, "_", ms=9, mew=0.6, color=COLOURS[2], zorder=3, **at_limit)
+    ax.plot(np.full(len(boundaries), ratio), boundaries[:, 0], "x", ms=6, color=COLOURS[1], zorder=4, **at_limit)
+    marks = [Line2D([], [], color="0.55", marker=".", ms=3, lw=0.7, label="records, at levels that they survive")]
+    marks.append(Line2D([], [], color=COLOURS[1], marker="x", ls="", label="first overturning of a record"))
+    if further.size:
+        windows = "survival returns or ends again: windows of survival"
+        marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows))
+    ax.legend(handles=marks, **ABOVE)
     ax.set(
         xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$",
         ylabel=_label(dataset.attrs["measure"], dataset["intensity"].attrs["units"]),
-        xlim=(0, 1.1 * ratio),
+        xlim=(0, ratio),
         ylim=(0, levels[-1]),
     )
     ax.grid(alpha=0.3)
@@ -65,16 +69,18 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
     in_units = f"{median:.3g} {units(dataset['at'].attrs['units'])}".rstrip()
     fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
+    confidence = dataset.attrs.get("confidence")
+    band = "band" if confidence is None else f"{confidence:.0%} band"
     if "lower" in dataset:
-        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0)
+        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0, label=band)
     ax.plot(x, dataset["probability"], color=colour, label=fit if label is None else f"{label}: {fit}")
-    capacity = np.sort(dataset["capacity"].values[np.isfinite(dataset["capacity"].values)])
-    total = dataset["capacity"].size
-    marks = ("first overturning of the records", "overturned at a level") if label is None else (None, None)
+    values = dataset["capacity"].values
+    capacity = np.sort(values[np.isfinite(values)])
     # Steps of the empirical distribution, in the middle of each.
-    share = (np.arange(capacity.size) + 0.5) / total
-    ax.plot(capacity, share, "x", ms=5, color=colour, label=marks[0])
-    ax.plot(dataset["intensity"], dataset["observed"], "o", ms=4, mfc="none", color=colour, label=marks[1])
+    share = (np.arange(capacity.size) + 0.5) / values.size
+    ax.plot(capacity, share, "x", ms=5, color=colour, label="first overturning of the records")
+    observed, levels = dataset["observed"].values, dataset["intensity"].values
+    ax.plot(levels, observed, "o", ms=4, mfc="none", color=colour, label=_stripes(capacity, values.size, levels, observed))
     ax.set(
         xlabel=_label(dataset.attrs["measure"], dataset["at"].attrs["units"]),
         ylabel="probability of overturning",
@@ -82,5 +88,32 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
         ylim=(-0.02, 1.02),
     )
     ax.grid(alpha=0.3)
-    ax.legend(loc="lower right")
+    _legend(ax)
     return ax
+
+
+def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
+    """What the shares at the levels are, and why they are less than those of the first overturning where they are."""
+    first = np.searchsorted(capacity, levels, side="right") / records
+    if np.all(observed >= first - 1e-9):
+        return "share overturned at a level"
+    return "share overturned at a level: less, as records survive again\nin windows above their first overturning"
+
+
+def _legend(ax: Axes) -> None:
+    """Each curve with its band, then the marks that all curves share, without their colours."""
+    handles, labels = ax.get_legend_handles_labels()
+    bands = [handle for handle, label in zip(handles, labels, strict=True) if label.endswith("band")]
+    curves = [
+        (h, text) for h, text in zip(handles, labels, strict=True) if isinstance(h, Line2D) and h.get_marker() == "None"
+    ]
+    # The first of the marks with the longest explanation stands for all.
+    marks = {}
+    for handle, text in zip(handles, labels, strict=True):
+        if isinstance(handle, Line2D) and handle.get_marker() != "None":
+            shape = handle.get_marker()
+            marks[shape] = max(marks.get(shape, ""), text, key=len)
+    entries = [((band, curve), text) for band, (curve, text) in zip(bands, curves, strict=True)]
+    entries = [(pair, f"{text}, with its {band.get_label()}") for (pair, text), band in zip(entries, bands, strict=True)]
+    entries += [(Line2D([], [], color="0.3", marker=shape, mfc="none", ls=""), text) for shape, text in marks.items()]
+    ax.legend([handle for handle, _ in entries], [text for _, text in entries], **ABOVE)

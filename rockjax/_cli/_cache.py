@@ -1,0 +1,42 @@
+"""`rockjax cache`."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+from ._options import OUTPUT
+from ._run import Report, option
+
+
+def cache(
+    report: Report,
+    clear: Annotated[bool, option("--clear", panel=OUTPUT, help="Take away all programs that are kept.")] = False,
+) -> None:
+    """The compiled programs that are kept between processes: where, how many, how large. --clear takes them away.
+
+    A program serves all scenes of its kind, whatever their numbers. ROCKJAX_CACHE_DIR names another folder,
+    ROCKJAX_CACHE_SIZE how large it may grow, in MiB, and ROCKJAX_CACHE=off keeps none.
+
+    \b
+    Examples:
+      rockjax cache
+      rockjax cache --clear
+    """
+    from rockjax._programs import folder
+
+    place = folder.path() / "programs"
+    if clear:
+        removed = folder.clear(place)
+        report.say(f"removed {removed} programs from {place}")
+        report.facts |= {"removed": removed}
+    entries = folder.entries(place)
+    size, limit = sum(entry.size for entry in entries) / 2**20, folder.limit() / 2**20
+    why = folder.why_unused(place)
+    report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {place}")
+    if entries and not clear:
+        days = (time.time() - entries[0].used) / 86400
+        report.say(f"the one unused for longest was last used {days:.1f} days ago")
+    if why:
+        report.say(f"not in use: {why}")
+    report.facts |= {"folder": str(place), "programs": len(entries), "MiB": round(size, 1), "in_use": why is None}

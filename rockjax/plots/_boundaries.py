@@ -1,0 +1,191 @@
+"""Pictures of overturning boundaries: the least acceleration, windows of survival above it, sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from rockjax._studies.spectra import minimum_overturning
+
+from ._panels import grid_of_panels, head, legend_beside, mass_of, period_of
+from ._spectra import dimensional_axes
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+_SYMBOLS = {"alpha": r"\alpha", "gamma": r"\gamma", "eta": r"\eta", "lam": r"\lambda", "zeta": r"\zeta", "restitution": "e"}
+
+
+@on_axes
+def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
+    """Minimum overturning acceleration over frequency of a rocking spectrum.
+
+    Where the spectrum holds refined boundaries they are drawn; else what is read off its grid, with its steps.
+    """
+    assert ax is not None
+    if "boundaries" in dataset:
+        return overturning_spectrum(dataset, ax, **line)
+    x, least = dataset["frequency_ratio"].values, minimum_overturning(dataset).values
+    curve = ax.step(x, least, where="mid", **line)[0]
+    _mark_ends(ax, x, least, float(dataset["acceleration_ratio"].values[-1]), curve.get_color())
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
+    return ax
+
+
+@styled
+def overturning_curves(panels: xarray.Dataset) -> Figure:
+    """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
+    read_off = "" if "boundaries" in panels else ", read off the grid"
+    return _curves(panels, overturning_curve, f"Minimum overturning acceleration{read_off}")
+
+
+@styled
+def overturning_boundaries(panels: xarray.Dataset) -> Figure:
+    """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them shaded.
+
+    `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
+    """
+    return _curves(panels, overturning_spectrum, "Overturning boundaries")
+
+
+def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
+    """One panel per η/γ, one curve per T_s."""
+    count = panels.sizes["eta_over_gamma"]
+    figure, grid, _ = grid_of_panels(1, count, width=3.9, height=3.1, right=2.85)
+    axes = grid[0]
+    x = panels["frequency_ratio"].values
+    for i, ax in enumerate(axes):
+        ratio = float(panels.eta_over_gamma[i])
+        for j in range(panels.sizes["T_s"]):
+            panel = panels.isel(eta_over_gamma=i, T_s=j)
+            draw(panel, ax, label=period_of(panels, ratio, float(panel.T_s)), **look(j))
+        ax.set(xlim=(x[0], x[-1]), ylim=(0, _top(panels)), title=mass_of(panels, ratio))
+        ax.grid(alpha=0.3)
+        dimensional_axes(panels, ax, acceleration=i == count - 1)
+        if i:
+            ax.set_ylabel("")
+    legend_beside(figure, grid, beside=0.7)
+    head(figure, title, panels)
+    return figure
+
+
+def _top(dataset: xarray.Dataset) -> float:
+    """The end of the search for boundaries."""
+    return float(dataset.attrs.get("max_acceleration_ratio") or dataset["acceleration_ratio"].values[-1])
+
+
+@on_axes
+def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
+    """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour, shaded.
+
+    Where the minimum jumps to another branch its ends are joined by a dotted line; a triangle marks where it ends, because
+    nothing up to the end of the search overturns beside it. `ax.legend()` names what was drawn.
+    """
+    assert ax is not None
+    x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
+    curve = _draw_with_jumps(ax, x, minimum, _jumps(minimum), **line)
+    _mark_ends(ax, x, minimum, _top(dataset), curve.get_color())
+    windows = _windows(x, dataset["boundaries"].values, _top(dataset))
+    if windows:
+        ax.add_collection(PolyCollection(windows, facecolor=curve.get_color(), edgecolor="none", alpha=0.4))
+        _explain(ax, "windows of survival", lambda label: ax.add_collection(PolyCollection([], fc="0.6", label=label)))
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
+    return ax
+
+
+def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
+    """Polygons of survival above the minimum: at each x from every second boundary to the next one, joined to the windows
+    of the next x that overlap them; where there is none, half the way there."""
+    found: list[list[tuple[float, float]]] = []
+    for row in boundaries:
+        begins, ends = row[1::2], row[2::2]
+        ends = np.append(ends, np.full(begins.size - ends.size, np.nan))
+        found.append([(a, top if np.isnan(b) else b) for a, b in zip(begins, ends, strict=True) if np.isfinite(a)])
+    polygons = []
+    for k in range(x.size - 1):
+        here, there, middle = found[k], found[k + 1], 0.5 * (x[k] + x[k + 1])
+        joined = [(w, v) for w in here for v in there if w[0] < v[1] and v[0] < w[1]]
+        polygons += [[(x[k], w[0]), (x[k], w[1]), (x[k + 1], v[1]), (x[k + 1], v[0])] for w, v in joined]
+        alone = [(x[k], w) for w in here if w not in [w for w, _ in joined]]
+        alone += [(x[k + 1], v) for v in there if v not in [v for _, v in joined]]
+        polygons += [[(at, w[0]), (at, w[1]), (middle, w[1]), (middle, w[0])] for at, w in alone]
+    return polygons
+
+
+def _jumps(curve: np.ndarray) -> np.ndarray:
+    """Where a curve jumps from one place to the next: the indices of the places before."""
+    step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
+    around = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
+    return np.flatnonzero((step > 0.05) & (step > 2.5 * around))
+
+
+def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
+    """A line with gaps at its jumps, bridged by dots."""
+    (curve,) = ax.plot(np.insert(x, jumps + 1, np.nan), np.insert(y, jumps + 1, np.nan), **line)
+    bridge = {"ls": (0, (1, 2)), "lw": 0.8}
+    for k in jumps:
+        ax.plot(x[k : k + 2], y[k : k + 2], color=curve.get_color(), **bridge)
+    if jumps.size:
+        _explain(ax, "jump to another branch", lambda label: ax.plot([], [], color="0.4", label=label, **bridge))
+    return curve
+
+
+def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour: Any) -> None:
+    """Triangles where nothing overturns any more beside the last place of a curve."""
+    known = np.isfinite(minimum)
+    ends = known & (np.r_[True, known[:-1]] != np.r_[known[1:], True])
+    if ends.any():
+        mark = {"marker": "^", "ms": 5, "mfc": "none", "ls": "none"}
+        ax.plot(x[ends], minimum[ends], color=colour, **mark)
+        _explain(ax, f"ends: none beyond, up to {top:g}", lambda label: ax.plot([], [], color="0.4", label=label, **mark))
+
+
+def _explain(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
+    """An entry of the legend that is not of one curve, once for each picture."""
+    if label not in ax.get_legend_handles_labels()[1]:
+        draw(label)
+
+
+@styled
+def sensitivities(panels: xarray.Dataset) -> Figure:
+    """d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per T_s.
+
+    `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
+    """
+    rows, columns = panels.sizes["parameter"], panels.sizes["eta_over_gamma"]
+    figure, axes, _ = grid_of_panels(rows, columns, width=3.9, height=2.4, right=2.4, sharey="row", left=0.85)
+    for i, parameter in enumerate(panels["parameter"].values):
+        for j in range(columns):
+            ax, ratio = axes[i, j], float(panels.eta_over_gamma[j])
+            for k in range(panels.sizes["T_s"]):
+                panel = panels.isel(eta_over_gamma=j, T_s=k)
+                slope = panel["sensitivity"].sel(parameter=parameter).values
+                jumps = _jumps(panel["minimum"].values)
+                label = period_of(panels, ratio, float(panel.T_s))
+                _draw_with_jumps(ax, panel["frequency_ratio"].values, slope, jumps, label=label, **look(k))
+            ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+            ax.set(xlim=(panels["frequency_ratio"].values[0], panels["frequency_ratio"].values[-1]))
+            ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
+            ax.grid(alpha=0.3)
+            if i == 0:
+                ax.set_title(mass_of(panels, ratio), fontsize=10)
+        _limit(axes[i, 0], panels["sensitivity"].sel(parameter=parameter).values)
+        symbol = _SYMBOLS.get(str(parameter), str(parameter))
+        axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
+    legend_beside(figure, axes, beside=0.15)
+    head(figure, "Sensitivity of the least overturning acceleration", panels)
+    return figure
+
+
+def _limit(ax: Axes, values: np.ndarray) -> None:
+    """Limits that leave out what grows without bound where a branch ends."""
+    finite = values[np.isfinite(values)]
+    if finite.size:
+        lo, hi = np.percentile(finite, [2, 96])
+        ax.set_ylim(min(0, lo) - 0.05 * (hi - lo), max(0, hi) + 0.1 * (hi - lo))

@@ -1,0 +1,77 @@
+"""Figures of many panels: their layout, and what they say of structure and pulse."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Literal
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def grid_of_panels(
+    rows: int, columns: int, width: float, height: float, right: float, sharey: Literal["all", "row"] = "all", left=0.65
+) -> tuple[Figure, np.ndarray, float]:
+    """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
+
+    Laid out by hand: solving for the layout takes longer than the drawing.
+    """
+    below, above, apart, stacked = 0.55, 1.05, 0.2, 0.45
+    w = left + columns * width + (columns - 1) * apart + right
+    h = below + rows * height + (rows - 1) * stacked + above
+    figure = plt.figure(figsize=(w, h))
+    spacing = {"wspace": apart / width, "hspace": stacked / height}
+    sides = {"left": left / w, "right": 1 - right / w, "bottom": below / h, "top": 1 - above / h}
+    axes = figure.subplots(rows, columns, sharex=True, sharey=sharey, squeeze=False, gridspec_kw=sides | spacing)
+    return figure, axes, sides["right"]
+
+
+def head(figure: Figure, title: str, panels: xarray.Dataset) -> None:
+    """A title over the figure, in two lines where one would be wider."""
+    wide = figure.get_figwidth() > 9
+    figure.suptitle(f"{title}{', ' if wide else chr(10)}{title_of(panels)}", fontsize=None if wide else 10)
+
+
+def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
+    """One legend for all panels, to the right of them, where it covers nothing; `beside` in inches from the last one."""
+    entries: dict[str, Artist] = {}
+    for ax in axes.flat:
+        handles, labels = ax.get_legend_handles_labels()
+        entries |= {label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries}
+    x = axes[0, -1].get_position().x1 + beside / figure.get_figwidth()
+    # Curves first, then what marks at them mean.
+    known = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
+    figure.legend([entries[label] for label in known], known, loc="center left", bbox_to_anchor=(x, 0.5))
+
+
+def title_of(panels: xarray.Dataset) -> str:
+    a = panels.attrs
+    beam = "" if _is_block(panels) else rf"$\gamma = {a['gamma']:g}$, "
+    return rf"{a['pulse']} pulse, {beam}$R = {a['R_m']:.4g}$ m, $\tan\alpha = {math.tan(a['alpha_rad']):.4g}$"
+
+
+def mass_of(panels: xarray.Dataset, ratio: float) -> str:
+    """What stands on the columns, from η/γ."""
+    if ratio == 0:
+        return "solitary block" if _is_block(panels) else "no superstructure"
+    if math.isinf(ratio):
+        eta = panels.attrs.get("eta")
+        return r"$\gamma = 0$" if eta is None else rf"$\gamma = 0$, $\eta = {eta:g}$"
+    return rf"$\eta/\gamma = {ratio:g}$"
+
+
+def period_of(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
+    """The superstructure, from η/γ and its period."""
+    if T_s > 0:
+        return rf"$T_s = {T_s:g}$ s"
+    return r"rigid, $T_s = 0$" if ratio else mass_of(panels, ratio)
+
+
+def _is_block(panels: xarray.Dataset) -> bool:
+    ratios = np.atleast_1d(panels["eta_over_gamma"].values) if "eta_over_gamma" in panels.coords else np.zeros(1)
+    return panels.attrs["gamma"] == 0 and not np.any(ratios) and not panels.attrs.get("eta")
