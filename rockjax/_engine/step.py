@@ -32,6 +32,7 @@ from .settled import certificate
 
 LANDED = 10.0  # times √rtol of the step, at most 2 %: the quintic of the step carries the state over the rest
 NEARLY = 0.95  # of the uplift demand
+AT_ONCE = 100  # times the resolution of time: what the end of the scene follows so closely is not told from it
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
 
 
@@ -106,8 +107,8 @@ def _attempt(scene: Scene, how: Plan, lane: Lane, ground, told: Decision | None)
     # How far: to the next breakpoint at most, and over a hop in one step.
     tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(lane.piece)
-    # A breakpoint that the end follows within the resolution of time is not looked at: the end is what moves the step.
-    last = constant(scene.end) <= constant(edge) + tiny
+    # A breakpoint that the end follows at once is not looked at: the end is what moves the step.
+    last = constant(scene.end) <= constant(edge) + AT_ONCE * tiny
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, lane.x, lane.v)
     fresh = (lane.sigma != 0) & (lane.x[0] == 0)
@@ -145,9 +146,9 @@ def _judge(scene: Scene, how: Plan, lane: Lane, ground, trial: _Trial, guard: Gu
     left, slope = guard.ending.value(guard.ahead), guard.ending.slope(guard.ahead)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
     lands = guard.converges & (jnp.abs(guard.ahead) <= near) & known & ~guard.early & in_time
-    # What happens within the resolution of time of the end of the scene does not happen any more, but for overturning:
+    # What happens at the end of the scene or just before it does not happen any more, but for overturning:
     # answers there move with the end, not with the event.
-    over = trial.ends & guard.converges & ~guard.early & (lane.t + h + guard.ahead > constant(trial.stop) - tiny)
+    over = trial.ends & guard.converges & ~guard.early & (lane.t + h + guard.ahead > constant(trial.stop) - AT_ONCE * tiny)
     over &= ~(rocking & guard.rises_on)
     lands &= ~over
     if told is not None:
