@@ -1,4 +1,7 @@
-"""A stress campaign over the whole admissible range: `python -m benchmarks.stress [scenes] [seed] [words of groups]`.
+"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--store FOLDER]`.
+
+With a store every batch is a sweep of its own in that folder: stopped at any moment, the same command goes on, and with
+everything solved it makes the report anew. Boundaries on records come with it (`benchmarks/campaign.py`).
 
 Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every scene is
 solved three times: as asked for with its error estimate (a second solve), and at a far tighter tolerance, which stands for
@@ -11,16 +14,17 @@ unnoticed, errors beyond the estimate, trials per scene. Failures are printed wi
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import itertools
 import math
 import multiprocessing
 import signal
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -30,14 +34,17 @@ from tqdm import tqdm
 
 import rockjax as rj
 from rockjax._engine.scene import default_end
+from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES, code_of
 from tests import reference
 
+from .campaign import Answers, Kept, scan
 from .measure import keep, show
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
+PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
 MAX_STEPS = 100_000  # a tenth of the default: what needs more is told by cause, and tried again
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -107,6 +114,12 @@ class Batch:
 
     def solve(self, options: rj.Options) -> rj.Peak:
         return rj.peak_responses(self.podium, self.motion, initial=self.initial, options=options)
+
+    def answers(self, options: rj.Options, kept: Kept | None, name: str) -> Answers:
+        """The same as named arrays, from a store where there is one."""
+        if kept is None:
+            return {name: values for name, values, _ in peak_variables(self.solve(options), options.outputs)}
+        return kept.solve(name, (self.podium, self.motion), initial=self.initial, options=options)
 
 
 def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
@@ -282,9 +295,9 @@ ROUNDING = 1e-13  # of a peak rotation over α: less than that is not asked of a
 OUT_OF_STEPS = NAMES.index("out_of_steps")
 
 
-def exhausted(of: Batch, peak: rj.Peak) -> list[int]:
+def exhausted(of: Batch, peak: Answers) -> list[int]:
     """Which of the scenes out of steps have no answer after the default number either."""
-    out = np.flatnonzero(np.asarray(code_of(peak.result)) == OUT_OF_STEPS)
+    out = np.flatnonzero(peak["result"] == OUT_OF_STEPS)
     # One by one: a batch would keep all its lanes waiting for the longest.
     options = of.options.replace(max_steps=rj.Options().max_steps, outputs=QUANTITIES, throw=False)
     left = []
@@ -315,8 +328,8 @@ def solved_by_reference(job: Job) -> bool:
     return True
 
 
-def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Callable[[int], str]) -> None:
-    code, true_code = np.asarray(code_of(peak.result)), np.asarray(code_of(truth.result))
+def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Callable[[int], str]) -> None:
+    code, true_code = peak["result"], truth["result"]
     found.scenes += code.size
     for k, name in enumerate(NAMES):
         found.results[name] = found.results.get(name, 0) + int((code == k).sum())
@@ -326,35 +339,34 @@ def judge(found: Findings, of: Batch, peak: rj.Peak, truth: rj.Peak, line: Calla
     found.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, known = code <= 2, true_code <= 2
     ratio = float(of.options.overturn_ratio)
-    values = {name: np.broadcast_to(np.asarray(getattr(peak, name)), code.shape) for name in QUANTITIES}
+    values = {name: peak[name] for name in QUANTITIES}
     for name, value in values.items():
         found.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
         found.fail(f"{name} is negative", answered & (value < 0), line)
-    rotation, overturned = values["peak_rotation"], np.asarray(peak.overturned)
+    rotation, overturned = values["peak_rotation"], peak["overturned"].astype(bool)
+    uplifted = peak["uplifted"].astype(bool)
     found.fail("rotation beyond overturning", answered & (rotation > ratio * (1 + 1e-12)), line)
     found.fail("overturned below the limit", answered & overturned & (rotation < ratio * (1 - 1e-12)), line)
     found.fail("overturned is not the result", answered & (overturned != (code == 2)), line)
-    found.fail("overturned without a time", answered & (overturned != np.isfinite(peak.overturn_time)), line)
-    found.fail("uplifted without a time", answered & (np.asarray(peak.uplifted) != np.isfinite(peak.uplift_time)), line)
-    found.fail("rotation without uplift", answered & ~np.asarray(peak.uplifted) & (rotation > 0), line)
-    found.trials.append(np.asarray(peak.stats.steps + peak.stats.rejected)[answered])
+    found.fail("overturned without a time", answered & (overturned != np.isfinite(peak["overturn_time"])), line)
+    found.fail("uplifted without a time", answered & (uplifted != np.isfinite(peak["uplift_time"])), line)
+    found.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
+    found.trials.append(peak["steps"][answered])
 
     both = answered & known
-    errors = peak.errors
-    assert errors is not None
-    undecided = np.asarray(errors.undecided)
-    flips = both & (overturned != np.asarray(truth.overturned))
+    undecided = peak["undecided"].astype(bool)
+    flips = both & (overturned != truth["overturned"].astype(bool))
     found.flips += int(flips.sum())
     found.unflagged += int((flips & ~undecided).sum())
     found.fail("the class changes without having been flagged", flips & ~undecided, line)
     found.undecided += int((undecided & answered).sum())
     compared = both & ~flips
-    error = np.abs(rotation - np.asarray(truth.peak_rotation))[compared]
-    estimate = np.asarray(errors.peak_rotation)[compared]
+    error = np.abs(rotation - truth["peak_rotation"])[compared]
+    estimate = peak["peak_rotation_error"][compared]
     found.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
 
 
-def run(number: int, group: Group, per_group: int, seed: int) -> Findings:
+def run(number: int, group: Group, per_group: int, seed: int, kept: Kept | None = None) -> Findings:
     found = Findings()
     began = time.perf_counter()
     possible = [rtol for rtol in TOLERANCES if rtol >= OTHERS.get(group.method, 0.0) * 0.99]
@@ -364,12 +376,16 @@ def run(number: int, group: Group, per_group: int, seed: int) -> Findings:
     n = -(-per_group // len(tolerances))
     for rtol in tolerances:
         of = batch(group, rtol, n, seed)
+        name = f"{group.name.replace(', ', '-').replace(' ', '-')}-{rtol:g}"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
-            peak = of.solve(of.options)
+            peak = of.answers(of.options, kept, f"{name}-asked")
             tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
-            truth = of.solve(of.options.replace(rtol=tight, atol=0.01 * tight))
-            found.exhausted += [(group, rtol, n, seed, k) for k in exhausted(of, peak)]
+            finer = of.options.replace(rtol=tight, atol=0.01 * tight, outputs=QUANTITIES)
+            truth = of.answers(finer, kept, f"{name}-truth")
+            left = lambda of=of, peak=peak: exhausted(of, peak)
+            out = left() if kept is None else kept.remember(f"{name}-exhausted", left)
+            found.exhausted += [(group, rtol, n, seed, k) for k in out]
         judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     found.seconds = time.perf_counter() - began
     return found
@@ -443,10 +459,31 @@ def of_exhausted(jobs: list[Job], seed: int, number: int) -> dict[str, Any]:
     return {"exhausted": len(jobs), "tried": len(chosen), "solved by the reference": sum(solved)}
 
 
+def boundaries(kept: Kept, seed: int, structures: int) -> dict[str, Any]:
+    """Overturning boundaries of random structures on records, against scans of all that is below them."""
+    found = []
+    for top, motion in itertools.product(("rigid", "elastic"), ("record", "coarse record")):
+        group = Group(top, "paper", motion)
+        rng = np.random.default_rng([seed, *group.name.encode()])
+        podium = podiums(rng, group, -(-structures // 4))
+        record = motions(rng, group, podium, len(podium.alpha))
+        assert isinstance(record, rj.Record)
+        record = rj.Record(record.acceleration, record.dt, podium.g * np.tan(podium.alpha))
+        found.append(scan(kept, f"boundaries-{top}-{motion.replace(' ', '-')}", podium, record))
+    answer = {key: sum(part[key] for part in found) for key in found[0]}
+    print("\nboundaries on records:", answer)
+    return answer
+
+
 def main() -> None:
-    scenes = int(float(sys.argv[1])) if len(sys.argv) > 1 else 200_000
-    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    words = sys.argv[3:]
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("scenes", nargs="?", type=float, default=200_000)
+    arguments.add_argument("seed", nargs="?", type=int, default=0)
+    arguments.add_argument("words", nargs="*", help="of groups: those that have all of them")
+    arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
+    given = arguments.parse_args()
+    scenes, seed, words = int(given.scenes), given.seed, given.words
+    kept = None if given.store is None else Kept(given.store)
     chosen = [group for group in groups() if all(word in group.name.replace(",", "").split() for word in words)]
     per_group = -(-scenes // len(chosen))
     began = time.perf_counter()
@@ -455,7 +492,7 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed)
+            found[group] = run(number, group, per_group, seed, kept)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))
@@ -480,6 +517,8 @@ def main() -> None:
             print(f"    {line}")
     beside = compared_with_reference(seed, 120 if not words else 0)
     beside |= of_exhausted([job for f in found.values() for job in f.exhausted], seed, 12)
+    if kept is not None:
+        beside |= boundaries(kept, seed, max(1, scenes // PER_BOUNDARY))
     slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - began:.0f} s")

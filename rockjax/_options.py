@@ -42,7 +42,8 @@ class Options(eqx.Module):
       (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"`
       estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
-    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]
+    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a closer look, by
+      which errors are estimated: columns come to rest three impacts later as well
     - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.

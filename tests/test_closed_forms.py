@@ -180,7 +180,7 @@ def test_derivatives_of_linearised_rocking():
 
 @pytest.mark.slow
 def test_peak_gradients_at_thirty_digits():
-    """Against a Taylor integrator with saltation matrices (tests/saltation.py writes the table): 1e-8, found 1e-13."""
+    """Against a Taylor integrator with saltation matrices, which writes the table (tests/saltation.py), to 1e-8."""
     table = json.loads(saltation.TABLE.read_text())
     assert table.keys() == saltation.SCENES.keys()
     for name, scene in table.items():

@@ -301,3 +301,18 @@ def test_shear_of_the_last_hops(podium, motion, initial):
     assert float(peak.peak_shear) == pytest.approx(float(loose.peak_shear), rel=1e-7)
     assert bool(peak.overturned) == bool(loose.overturned)
     assert int(peak.stats.steps + peak.stats.rejected) < 5000
+
+
+def test_what_the_rest_velocity_takes_away_is_estimated():
+    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the rest velocity of
+    both solutions that the error estimate compares. It was a ten-millionth of the error."""
+    block = BLOCK.replace(restitution=1e-8)
+    motion = rj.Record(np.r_[np.full(30, 1.4 * UP), np.full(30, -0.5 * UP)], 0.02)
+    solve = lambda rtol: rj.peak_response(
+        block, motion, initial=rj.State(0.05, -0.5), options=options(rtol, "dopri8", outputs=("peak_rotation", "errors"))
+    )
+    peak, truth = solve(1e-6), solve(1e-12)
+    error = abs(float(peak.peak_rotation) - float(truth.peak_rotation))
+    assert 1e-10 < error < 1e-6
+    assert peak.errors is not None
+    assert 0.1 * error < float(peak.errors.peak_rotation) < 10 * error

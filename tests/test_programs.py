@@ -279,3 +279,23 @@ def test_kept_answers_are_those_of_this_process():
     traced = jax.jit(lambda a_p: rj.peak_response(podium, rj.Ricker(a_p, 1.0)))(3.0)
     assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), first, again))
     assert float(first.peak_rotation) == pytest.approx(float(traced.peak_rotation), rel=1e-12)
+
+
+def test_records_of_other_lengths_share_programs():
+    """And however much fills one up, its answers are the same to the last bit."""
+    from rockjax._motions.record import PaddedRecord
+
+    samples = 8 * np.convolve(np.random.default_rng(1).normal(size=330), np.hanning(12) / 6, "same")
+    podium, options = PODIUMS["rigid"], rj.Options(rtol=1e-6, atol=1e-8)
+    peak = lambda motion: rj.peak_response(podium, motion, options=options)
+    long = peak(rj.Record(samples, 0.01))
+    counts = dict(program.COUNTS)
+    short = peak(rj.Record(samples[:290], 0.01))
+    assert counts == program.COUNTS
+    assert int(long.stats.steps) != int(short.stats.steps)
+    more = np.pad(samples[:290], (0, 512 - 290))
+    again = peak(PaddedRecord(more, 0.01, count=290))
+    assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), short, again))
+    traced = jax.jit(lambda dt: peak(rj.Record(samples[:290], dt)))(0.01)
+    assert float(traced.peak_rotation) == pytest.approx(float(short.peak_rotation), rel=1e-12)
+    assert int(traced.impacts) == int(short.impacts)

@@ -55,6 +55,9 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
     )
 
 
+IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
+
+
 class Scene(NamedTuple):
     """One podium under one excitation, with everything the loop needs computed once."""
 
@@ -125,11 +128,15 @@ def prepare(
     if plan.elastic:
         longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
     longest = options.stride * longest
+    # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in it.
+    closer = options.stride < 1
+    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
+    rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
     duration = quiet - start
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
+        excited = jnp.where(closer, jnp.minimum(excited, options.stride * pieces[0]), excited)
     scene = Scene(
         c=c,
         excitation=excitation,
@@ -137,7 +144,7 @@ def prepare(
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
-        rest=constant(rest * c.p * c.alpha),
+        rest=constant(rest),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

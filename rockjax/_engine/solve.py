@@ -42,8 +42,12 @@ def solve(
     programs are those that are kept between processes.
     """
     arguments = podium, excitation, initial, t_end, options
-    leaves, structure = jax.tree.flatten(arguments)
-    if options.engine == "flat" and any(isinstance(y, Tracer) for y in leaves) and all(map(known, leaves)):
+    leaves = jax.tree.leaves(arguments)
+    if options.engine != "flat" or not all(map(known, leaves)):
+        return PROGRAM(*arguments, history=history)
+    arguments = podium, excitation.common_form(), initial, t_end, options
+    if any(isinstance(y, Tracer) for y in leaves):
+        leaves, structure = jax.tree.flatten(arguments)
         return differentiable(PROGRAM, structure, history)(*leaves)
     return PROGRAM(*arguments, history=history)
 

@@ -32,6 +32,7 @@ from .settled import certificate
 
 LANDED = 10.0  # times √rtol of the step, at most 2 %: the quintic of the step carries the state over the rest
 NEARLY = 0.95  # of the uplift demand
+AT_ONCE = 100  # times the resolution of time: what the end of the scene follows so closely is not told from it
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
 
 
@@ -109,8 +110,8 @@ def _attempt(scene: Scene, plan: Plan, state: LoopState, ground, replayed: Decis
     # How far: to the next breakpoint at most, and over a hop in one step.
     tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(state.piece)
-    # A breakpoint that the end follows within the resolution of time is not looked at: the end is what moves the step.
-    last = constant(scene.end) <= constant(edge) + tiny
+    # A breakpoint that the end follows at once is not looked at: the end is what moves the step.
+    last = constant(scene.end) <= constant(edge) + AT_ONCE * tiny
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
     fresh = (state.sigma != 0) & (state.x[0] == 0)
@@ -150,13 +151,13 @@ def _classify(
     left, slope = guard.ending.value(guard.time_past_end), guard.ending.slope(guard.time_past_end)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
     lands = guard.converges & (jnp.abs(guard.time_past_end) <= near) & known & ~guard.breaks_before_turn & in_time
-    # What happens within the resolution of time of the end of the scene does not happen any more, but for overturning:
+    # What happens at the end of the scene or just before it does not happen any more, but for overturning:
     # answers there move with the end, not with the event.
     over = (
         trial.ends
         & guard.converges
         & ~guard.breaks_before_turn
-        & (state.t + h + guard.time_past_end > constant(trial.stop) - tiny)
+        & (state.t + h + guard.time_past_end > constant(trial.stop) - AT_ONCE * tiny)
     )
     over &= ~(rocking & guard.rises_on)
     lands &= ~over
