@@ -94,7 +94,8 @@ class AbstractSampled(AbstractExcitation):
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
         # Summed from the last sample on: however much fills up a row, the sums are the same to the last digit.
-        place = record.counts_of_rows() - 1 - jnp.arange(size.shape[-1])
+        samples = jnp.arange(size.shape[-1]).reshape((1,) * (size.ndim - 1) + (-1,))
+        place = record.counts_of_rows() - 1 - samples
         backwards = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
         to_come = backwards(jnp.cumsum(jnp.where(place >= 0, backwards(areas), 0.0), axis=-1))
         to_come = jnp.where(place >= 0, to_come, 0.0)
