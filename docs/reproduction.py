@@ -354,7 +354,11 @@ cannot be known from the text. rockjax solves the equations as they are.
 The structures are those of Fig. 6: $\tan\alpha=0.15$, $R=1.5$ m, $\gamma=10$, $\eta/\gamma$ of 1, 5 and 10, $T_s$ of 0
 (rigid), 0.1, 0.5 and 1 s, under the symmetric Ricker pulse. Boundaries are those of `rockjax.overturning_spectrum` at
 $\omega_p/p=1,1.25,\dots,7$, up to 12 $g\tan\alpha$, with $\zeta=0.05$. Percentages are those of the acceleration. The
-figures themselves are drawn by `rockjax spectrum`: [Fig. 6](index.md), [Fig. 7](overturning.md#spectra-of-boundaries).
+figures themselves are what `rockjax spectrum` draws, Fig. 6 and Fig. 7:
+
+![Rocking spectra for three mass ratios and four periods of the superstructure](images/rocking-spectra.png)
+
+![Minimum overturning acceleration over pulse frequency, three mass ratios and four periods](images/overturning-curves.png)
 
 @claims@
 

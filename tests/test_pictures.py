@@ -200,21 +200,32 @@ def test_convergence_has_units_and_tells_starts_apart():
     row = lambda start, iteration, objective, margin: SimpleNamespace(
         start=start, iteration=iteration, objective=objective, margin=margin
     )
-    design = SimpleNamespace(
-        starts=(None, None, None),
-        best=1,
-        history=[row(s, i, 0.3 - 0.01 * i * (s + 1), i - 1.0) for s in range(3) for i in range(3)],
-        objective=0.26,
-        minimised="width",
-        units={"width": "m"},
-    )
-    ax = optimise.convergence(design)  # pyright: ignore[reportArgumentType]
+
+    def design(minimised: str) -> optimise.Design:
+        return optimise.Design(
+            podium=PODIUMS["rigid"],
+            structure=PODIUMS["rigid"],
+            variables={"width": 0.26},
+            objective=0.26,
+            satisfied=True,
+            margins={},
+            multipliers={},
+            result=optimise.RESULTS.converged,
+            history=tuple(row(s, i, 0.3 - 0.01 * i * (s + 1), i - 1.0) for s in range(3) for i in range(3)),
+            stats=None,  # pyright: ignore[reportArgumentType]
+            starts=(None, None, None),  # pyright: ignore[reportArgumentType]
+            best=1,
+            bounds={"width": (0.1, 1.0)},
+            units={"width": "m"},
+            minimised=minimised,
+        )
+
+    ax = optimise.convergence(design("width"))
     assert ax.get_ylabel() == "width [m]"
-    labels = texts(ax.figure).splitlines()
-    assert labels[1:4] == ["start 1, the design", "start 0", "start 2"]
+    labels = texts(ax.figure).strip().splitlines()
+    assert labels[:3] == ["start 1, the design", "start 0", "start 2"]
     entries = ax.get_legend().legend_handles[:3]
     assert len({(line.get_color(), line.get_linestyle(), line.get_marker()) for line in entries}) == 3
     assert entries[0].get_color() == plots.COLOURS[0]
     assert legend_is_clear_of(ax)
-    design.minimised, design.units = "alpha", {"width": "m"}
-    assert optimise.convergence(design).get_ylabel() == "alpha [rad]"  # pyright: ignore[reportArgumentType]
+    assert optimise.convergence(design("alpha")).get_ylabel() == "alpha [rad]"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from rockjax._repr import units
 
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
     import xarray
 
 # Above the axes, where they cover nothing.
-ABOVE = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.01), "borderaxespad": 0.0, "frameon": False}
+ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.01), "borderaxespad": 0.0, "frameon": False}
+BAND = 0.2  # opacity
 
 
 def _label(name: str, of: str) -> str:
@@ -69,11 +71,12 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
     in_units = f"{median:.3g} {units(dataset['at'].attrs['units'])}".rstrip()
     fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
-    confidence = dataset.attrs.get("confidence")
-    band = "band" if confidence is None else f"{confidence:.0%} band"
+    name = fit if label is None else f"{label}: {fit}"
     if "lower" in dataset:
-        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=0.2, lw=0, label=band)
-    ax.plot(x, dataset["probability"], color=colour, label=fit if label is None else f"{label}: {fit}")
+        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=BAND, lw=0)
+        confidence = dataset.attrs.get("confidence")
+        name += ", with its band" if confidence is None else f", with its {confidence:.0%} band"
+    ax.plot(x, dataset["probability"], color=colour, label=name)
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
     # Steps of the empirical distribution, in the middle of each.
@@ -102,18 +105,15 @@ def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: n
 
 def _legend(ax: Axes) -> None:
     """Each curve with its band, then the marks that all curves share, without their colours."""
-    handles, labels = ax.get_legend_handles_labels()
-    bands = [handle for handle, label in zip(handles, labels, strict=True) if label.endswith("band")]
-    curves = [
-        (h, text) for h, text in zip(handles, labels, strict=True) if isinstance(h, Line2D) and h.get_marker() == "None"
-    ]
-    # The first of the marks with the longest explanation stands for all.
-    marks = {}
-    for handle, text in zip(handles, labels, strict=True):
-        if isinstance(handle, Line2D) and handle.get_marker() != "None":
-            shape = handle.get_marker()
-            marks[shape] = max(marks.get(shape, ""), text, key=len)
-    entries = [((band, curve), text) for band, (curve, text) in zip(bands, curves, strict=True)]
-    entries = [(pair, f"{text}, with its {band.get_label()}") for (pair, text), band in zip(entries, bands, strict=True)]
+    entries: list[tuple[Any, str]] = []
+    marks: dict[Any, str] = {}
+    for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+        shape = handle.get_marker() if isinstance(handle, Line2D) else "None"
+        if shape != "None":
+            marks[shape] = max(marks.get(shape, ""), text, key=len)  # the longest explanation stands for all
+        elif text.endswith("band"):
+            entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
+        else:
+            entries.append((handle, text))
     entries += [(Line2D([], [], color="0.3", marker=shape, mfc="none", ls=""), text) for shape, text in marks.items()]
     ax.legend([handle for handle, _ in entries], [text for _, text in entries], **ABOVE)
