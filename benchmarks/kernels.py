@@ -18,7 +18,7 @@ from jax.sharding import PartitionSpec as P
 
 import rockjax as rj
 from rockjax._batch.batch import layout
-from rockjax._batch.executors import Devices, _on_mesh
+from rockjax._batch.executors import DeviceExecutor, _on_mesh
 from rockjax._batch.lanes import idle
 from rockjax._batch.scenes import broadcast
 
@@ -50,7 +50,7 @@ def program(name: str, device: jax.Device):
     """The batch program for a family of scenes, lowered for the device, and the number of its lanes."""
     pulses = family(name, POINTS)
     scenes, _ = broadcast("", podium(pulses), rj.Ricker(pulses.a_p, pulses.T_p), rj.State(), None)
-    how, who = options(1e-8), Devices([device])
+    how, who = options(1e-8), DeviceExecutor([device])
     plan = layout(scenes, who)
     dealt, common = (NamedSharding(who.mesh, place) for place in (P("scenes"), P()))
 

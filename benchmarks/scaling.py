@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 import rockjax as rj
-from rockjax._batch.batch import drive
+from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
 
 from .families import family
@@ -35,7 +35,7 @@ def main() -> None:
             best = np.inf
             for _ in range(1 if points == 1000 else 3):
                 began = time.perf_counter()
-                _, _, tally = drive(batch, how, False)
+                _, _, tally = run_batch(batch, how, False)
                 best = min(best, time.perf_counter() - began)
             row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
             rows.append(row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": resident() - before})

@@ -31,7 +31,7 @@ def peaks(scenes: Family, **more) -> np.ndarray:
     return np.asarray(rj.peak_responses(podium(scenes), motions, options=options(RTOL, **more)).peak_rotation)
 
 
-def never(scene, how, lane, piece, ground):
+def never(scene, plan, lane, piece, ground):
     return lane.t < -jax.numpy.inf
 
 
@@ -44,7 +44,9 @@ def unknown_before_the_end(self, t, piece):
 
 
 SKIPS = {
-    "full contact crossed in panels": lambda: mock.patch.object(_lanes, "glide", lambda scene, how, lane: lane),
+    "full contact crossed in panels": lambda: mock.patch.object(
+        _lanes, "cross_full_contact", lambda scene, plan, lane: lane
+    ),
     "certificate before the end of the pulse": lambda: mock.patch.object(_PulseOutlook, "impulse", unknown_before_the_end),
     "certificate at all": lambda: mock.patch.object(_step, "certificate", never),
     "lanes refilled": lambda: mock.patch.object(_lanes, "PATIENCE", 2.0),

@@ -46,8 +46,8 @@ def check_dtype(owner: str, name: str, tree) -> None:
         if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.dtype != expected:
             switch = "on" if expected == jnp.float64 else "off"
             raise ValueError(
-                f"{owner}: {name} holds {leaf.dtype} numbers, but jax_enable_x64 is {switch} here, so that all numbers are "
-                f"{expected}; create the {name} under the same setting"
+                f"{owner}: numbers of {name} are {leaf.dtype}, but jax_enable_x64 is {switch} here, so that all must be "
+                f"{expected}; create {name} under the same setting"
             )
 
 

@@ -139,13 +139,13 @@ class _no_compiles:
 
 def test_lanes_are_busy_and_no_scene_is_lost():
     """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
-    from rockjax._batch.batch import drive
+    from rockjax._batch.batch import run_batch
     from rockjax._batch.scenes import broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
     for podium in (PODIUMS["rigid"], elastic(0.5)):
         scenes, _ = broadcast("", podium, rj.Ricker(a_p, 1.0), rj.State(), None)
-        floats, integers, tally = drive(scenes, options(1e-6, outputs=("peak_rotation",)), False)
+        floats, integers, tally = run_batch(scenes, options(1e-6, outputs=("peak_rotation",)), False)
         assert tally.useful > 0.9 * tally.possible
         assert np.all(integers["code"] <= 2)
         assert np.all(np.isfinite(floats["peak_rotation"]))

@@ -10,9 +10,9 @@ import pytest
 import rockjax as rj
 from rockjax import _results
 from rockjax._engine import flat as _flat
-from rockjax._engine.contact import _combine, _interpolation, glide
+from rockjax._engine.contact import _combine, _interpolation, cross_full_contact
 from rockjax._engine.flat import runs
-from rockjax._engine.scene import plan, prepare
+from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import step
 from rockjax._programs.program import anew
 
@@ -25,15 +25,17 @@ WEAK = 0.35  # of the uplift acceleration: lifts late, or never
 
 def start(podium, motion, outputs=ROTATION):
     o = options(1e-13, "dopri8", outputs=outputs)
-    how = plan(podium, o, history=False)
-    scene, lane = prepare(podium, motion, rj.State(), None, o, how)
-    return scene, how, lane
+    plan = plan_for(podium, o, history=False)
+    scene, lane = prepare(podium, motion, rj.State(), None, o, plan)
+    return scene, plan, lane
 
 
-def stepped_to(scene, how, lane, t):
+def stepped_to(scene, plan, lane, t):
     """The same by Runge–Kutta steps, not ended by any certificate."""
-    scene, how = scene._replace(end=t), dataclasses.replace(how, to_the_end=True)
-    return jax.jit(lambda lane: jax.lax.while_loop(lambda y: runs(y, 100_000), lambda y: step(scene, how, y)[0], lane))(lane)
+    scene, plan = scene._replace(end=t), dataclasses.replace(plan, to_the_end=True)
+    return jax.jit(lambda lane: jax.lax.while_loop(lambda y: runs(y, 100_000), lambda y: step(scene, plan, y)[0], lane))(
+        lane
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,10 +53,10 @@ def stepped_to(scene, how, lane, t):
 )
 def test_panels_are_exact(T_s, zeta, motion):
     """Against high-accuracy steps, from stiff to soft, for smooth pulses, one that starts with a jump, and records."""
-    scene, how, lane = start(elastic(T_s, zeta=zeta), motion)
-    crossed = jax.jit(lambda lane: glide(scene, how, lane))(lane)
+    scene, plan, lane = start(elastic(T_s, zeta=zeta), motion)
+    crossed = jax.jit(lambda lane: cross_full_contact(scene, plan, lane))(lane)
     assert float(crossed.t) > float(lane.t)
-    stepped = stepped_to(scene, how, lane, crossed.t)
+    stepped = stepped_to(scene, plan, lane, crossed.t)
     assert int(stepped.code) == _results.END_OF_TIME
     assert not bool(stepped.uplifted)
     scale = max(abs(float(stepped.x[1])), 1e-6)
@@ -69,7 +71,7 @@ def test_a_stiff_superstructure_costs_nothing_before_uplift(monkeypatch):
     o = options(1e-9, outputs=ROTATION)
     with_panels = rj.peak_response(podium, motion, options=o)
     with anew():
-        monkeypatch.setattr(_flat, "glide", lambda scene, how, lane: lane)
+        monkeypatch.setattr(_flat, "cross_full_contact", lambda scene, plan, lane: lane)
         without = rj.peak_response(podium, motion, options=o)
     assert float(with_panels.peak_rotation) == pytest.approx(float(without.peak_rotation), rel=1e-8)
     assert float(with_panels.uplift_time) == pytest.approx(float(without.uplift_time), abs=1e-8)

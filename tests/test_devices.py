@@ -17,7 +17,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch.batch import layout, responses
-from rockjax._batch.executors import Devices, Threads, _on_mesh, crew
+from rockjax._batch.executors import DeviceExecutor, ThreadExecutor, _on_mesh, executor
 from rockjax._batch.lanes import idle
 from rockjax._batch.scenes import broadcast
 
@@ -161,8 +161,8 @@ def test_threads_and_devices_that_cannot_be():
     ):
         with pytest.raises(ValueError, match=words):
             run(**who)
-    assert crew("", threads=3).hosts == 3
-    assert crew("", devices=[device]).hosts == 1
+    assert executor("", threads=3).hosts == 3
+    assert executor("", devices=[device]).hosts == 1
 
 
 def test_scenes_are_dealt_out_in_turn():
@@ -175,16 +175,16 @@ def test_scenes_are_dealt_out_in_turn():
 
 def test_a_default_device_is_where_batches_run(monkeypatch):
     (device, *_) = jax.local_devices()
-    assert isinstance(crew(""), Threads)
+    assert isinstance(executor(""), ThreadExecutor)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend])
-    monkeypatch.setattr(rj._batch.executors, "Devices", list)
-    assert crew("") == ["a", "b"]
-    assert crew("", threads=2).hosts == 2
+    monkeypatch.setattr(rj._batch.executors, "DeviceExecutor", list)
+    assert executor("") == ["a", "b"]
+    assert executor("", threads=2).hosts == 2
     for chosen in (device, "cpu"):
         with jax.default_device(chosen):
-            threads = crew("")
-            assert isinstance(threads, Threads)
+            threads = executor("")
+            assert isinstance(threads, ThreadExecutor)
     # Threads keep to the CPU although accelerators are the default.
     with threads._cores():
         assert jax.config.jax_default_device == device
@@ -211,7 +211,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
 def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     """In float64 throughout, and with nothing that a compiler for GPUs would have to know by name or ask the host for."""
     podium, motion, how, _ = CASES[name]
-    who = Devices(jax.local_devices()[:1])
+    who = DeviceExecutor(jax.local_devices()[:1])
     who.platform = "cuda"
     scenes, _ = broadcast("", podium, motion, rj.State(), None)
     plan = layout(scenes, who)

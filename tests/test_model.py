@@ -8,7 +8,7 @@ import pytest
 import rockjax as rj
 from rockjax._engine import guard, hermite, model
 from rockjax._engine.runge_kutta import Step
-from rockjax._engine.scene import after_impact, contact_mode, default_end, plan, prepare
+from rockjax._engine.scene import after_impact, contact_mode, default_end, plan_for, prepare
 
 from .scenes import PODIUMS, G
 
@@ -303,23 +303,23 @@ def test_default_end():
 
 def prepared(podium):
     options = rj.Options()
-    how = plan(podium, options, False)
+    plan = plan_for(podium, options, False)
     zero = jnp.zeros(())
     return prepare(
-        podium, rj.OneSine(jnp.asarray(4.0), jnp.asarray(0.8)), rj.State(zero, zero, zero, zero), None, options, how
+        podium, rj.OneSine(jnp.asarray(4.0), jnp.asarray(0.8)), rj.State(zero, zero, zero, zero), None, options, plan
     )
 
 
 def test_guard_breaks_where_the_mode_ends():
     """What is left of the guard vanishes on the ground, at the overturning angle, and at the demand of Eq. (9)."""
     scene, _ = prepared(PODIUMS["elastic"])
-    topple, up = float(scene.topple), float(scene.c.uplift)
+    overturn_angle, up = float(scene.overturn_angle), float(scene.c.uplift)
     zero = jnp.zeros(())
     path = lambda value, slope: hermite.Quintic(*(jnp.asarray(y) for y in (value, slope, 0.3, 0.0, 0.0, 0.0)))
     yes, no = jnp.asarray(True), jnp.asarray(False)
     for rocking, falling, value, slope, left in (
         (yes, yes, 0.02, -0.1, 0.02),
-        (yes, no, 0.7 * topple, 0.1, 0.3 * topple),
+        (yes, no, 0.7 * overturn_angle, 0.1, 0.3 * overturn_angle),
         (no, no, 0.6 * up, 0.5, 0.4 * up),
         (no, no, -0.6 * up, -0.5, 0.4 * up),
     ):
@@ -333,7 +333,7 @@ def test_guard_follows_the_motion(sigma):
     """σθ while rocking, the demand in full contact: value, slope and curvature at both ends, by differentiating Eq. (9)
     along Eq. (4)."""
     scene, lane = prepared(PODIUMS["elastic"])
-    how = plan(PODIUMS["elastic"], rj.Options(), False)
+    plan = plan_for(PODIUMS["elastic"], rj.Options(), False)
     c, s = scene.c, jnp.asarray(sigma)
     ground = lambda t: 2.0 * jnp.sin(3.0 * t)
     h = jnp.asarray(0.05)
@@ -346,7 +346,7 @@ def test_guard_follows_the_motion(sigma):
     (x0, v0), (x1, v1) = state(t0), state(t0 + h)
     a0, a1 = (model.acceleration(c, s, ground(t), x, v) for t, x, v in ((t0, x0, v0), (t0 + h, x1, v1)))
     lane = lane._replace(sigma=s, x=x0, v=v0)
-    path, at_end = guard._paths(scene, how, lane, ground, h, a0, Step(x1, v1, a1, x1, v1))
+    path, at_end = guard._paths(scene, plan, lane, ground, h, a0, Step(x1, v1, a1, x1, v1))
     for t, x, v, a, z in ((t0, x0, v0, a0, 0.0), (t0 + h, x1, v1, a1, 1.0)):
         if sigma:
             expected = sigma * float(x[0]), sigma * float(v[0]), sigma * float(a[0])

@@ -346,3 +346,23 @@ def test_bad_boundaries_are_refused():
     with pytest.raises(ValueError, match="overturn_ratio must be <= 1 for the margin"):
         rj.Options(outputs=("margin",), overturn_ratio=1.5)
     assert options(1e-8).outputs  # the default is untouched
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pulse", "T_p", "printed"),
+    [
+        (rj.Ricker, 3.14, 0.314),
+        (rj.AntisymmetricRicker, 3.14, 0.262),
+        (rj.AntisymmetricRicker, 2 * np.pi / 2.60, 0.285),
+    ],
+)
+def test_the_frame_of_zhou_du_and_han(pulse, T_p, printed):
+    """Zhou, Du & Han (2019), an independent group: the least overturning acceleration in g, to the last printed digit."""
+    frame = rj.Podium(alpha=np.arctan(1.5 / 7), R=3.58, gamma=13.23)
+    sine = np.sin(frame.alpha) ** 2
+    theirs = (1 - 1.5 * sine + 3 * 13.23 * np.cos(2 * frame.alpha)) / (1 + 3 * 13.23)
+    assert float(frame.restitution_factor) == pytest.approx(float(theirs), abs=1e-12)
+    ratio = np.r_[np.linspace(0.1, printed - 0.001, 63), printed + 0.001]
+    peaks = rj.peak_responses(frame, pulse(ratio * float(frame.g), T_p), options=rj.Options(outputs=("peak_rotation",)))
+    assert np.asarray(peaks.overturned).tolist() == 63 * [False] + [True]

@@ -279,3 +279,60 @@ def test_kept_answers_are_those_of_this_process():
     traced = jax.jit(lambda a_p: rj.peak_response(podium, rj.Ricker(a_p, 1.0)))(3.0)
     assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), first, again))
     assert float(first.peak_rotation) == pytest.approx(float(traced.peak_rotation), rel=1e-12)
+
+
+def test_records_of_other_lengths_share_programs():
+    """And however much fills one up, its answers are the same to the last bit."""
+    from rockjax._motions.record import PaddedRecord
+
+    samples = 8 * np.convolve(np.random.default_rng(1).normal(size=330), np.hanning(12) / 6, "same")
+    podium, options = PODIUMS["rigid"], rj.Options(rtol=1e-6, atol=1e-8)
+    peak = lambda motion: rj.peak_response(podium, motion, options=options)
+    long = peak(rj.Record(samples, 0.01))
+    counts = dict(program.COUNTS)
+    short = peak(rj.Record(samples[:290], 0.01))
+    assert counts == program.COUNTS
+    assert int(long.stats.steps) != int(short.stats.steps)
+    more = np.pad(samples[:290], (0, 512 - 290))
+    again = peak(PaddedRecord(more, 0.01, count=290))
+    assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), short, again))
+    traced = jax.jit(lambda dt: peak(rj.Record(samples[:290], dt)))(0.01)
+    assert float(traced.peak_rotation) == pytest.approx(float(short.peak_rotation), rel=1e-12)
+    assert int(traced.impacts) == int(short.impacts)
+
+
+def test_a_program_without_its_code_is_compiled_again(kept, monkeypatch):
+    """XLA notices only when such a program is run."""
+    assert kept.call()
+
+    def broken(*passed):
+        raise jax.errors.JaxRuntimeError("NOT_FOUND: Function add_fusion not found (type id: 1)")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "_load", lambda place, text: broken)
+        assert kept.call()  # traced anew, with the right answer
+    assert kept.call()  # what was broken is gone from the folder
+    assert not kept.call()
+
+
+@pytest.mark.slow
+def test_what_comes_from_the_cache_of_jax_is_not_kept(tmp_path):
+    """Kept, it would be without its code: XLA writes out only what it has compiled itself."""
+    code = (
+        "import jax, rockjax as rj\n"
+        "from rockjax._programs.program import COUNTS\n"
+        "peak = rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(4.0, 1.0), options=rj.Options(method='bosh3'))\n"
+        "print(peak.peak_rotation.item().hex(), COUNTS['loaded'])"
+    )
+    settings = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+
+    def run(folder):
+        env = os.environ | settings | {"ROCKJAX_CACHE_DIR": str(tmp_path / folder)}
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    first, again = run("one"), run("one")
+    assert again == [first[0], "1"]
+    # Another folder of programs, as after a change of the source: JAX's own cache has them.
+    assert run("two") == [first[0], "0"]
+    assert run("two") == [first[0], "0"]

@@ -19,7 +19,7 @@ import xarray
 
 import rockjax as rj
 from rockjax._sweep import chunks as _chunks
-from rockjax._sweep.store import Layout, Store
+from rockjax._sweep.store import ChunkLayout, Store
 
 from .scenes import PODIUMS
 
@@ -70,7 +70,7 @@ def counted(monkeypatch):
 
 @pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5, 6), 30), ((4, 5, 6), 7), ((4, 5, 6), 1000), ((3, 1, 8), 8)])
 def test_chunks_hold_every_scene_once(shape, chunk):
-    layout = Layout.of(shape, chunk)
+    layout = ChunkLayout.of(shape, chunk)
     assert math.prod(layout.block) <= chunk
     times = np.zeros(shape, int)
     sizes = layout.sizes()

@@ -28,9 +28,9 @@ from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 from rockjax._threads import Pool
 
-from .executors import AbstractCrew, crew
-from .lanes import Done, Layout
-from .scenes import Scenes, broadcast
+from .executors import AbstractExecutor, executor
+from .lanes import Done, LaneLayout
+from .scenes import SceneBatch, broadcast
 
 LANES = 64  # fit the first-level cache, and still fill the vector unit
 CHUNK = 1024  # scenes prepared at once
@@ -107,10 +107,10 @@ def responses(
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     require_memory("peak_responses", scenes.total, (2 if "errors" in options.outputs else 1) * BYTES)
-    who = crew("peak_responses", devices, threads)
-    solutions = [drive(scenes, options, progress, stop, who)[:2]]
+    who = executor("peak_responses", devices, threads)
+    solutions = [run_batch(scenes, options, progress, stop, who)[:2]]
     if "errors" in options.outputs and not stop.is_set():
-        solutions.append(drive(scenes, companion(options), False, stop, who)[:2])
+        solutions.append(run_batch(scenes, companion(options), False, stop, who)[:2])
     if stop.is_set() and not all(floats for floats, _ in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
@@ -135,21 +135,21 @@ class Tally(NamedTuple):
     possible: int
 
 
-def drive(
-    scenes: Scenes,
+def run_batch(
+    scenes: SceneBatch,
     options: Options,
     progress: Any,
     stop: threading.Event | None = None,
-    who: AbstractCrew | None = None,
+    who: AbstractExecutor | None = None,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Floats and integers of every scene, and how busy the lanes were.
 
     Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code INTERRUPTED.
     Without it Ctrl-C raises.
     """
-    who = crew("drive") if who is None else who
-    plan = layout(scenes, who)
-    idle, advance = who.program(scenes, options, plan)
+    who = executor("run_batch") if who is None else who
+    lane_layout = layout(scenes, who)
+    idle, advance = who.program(scenes, options, lane_layout)
     floats: dict[str, np.ndarray] = {}
     integers: dict[str, np.ndarray] = {}
     useful = possible = 0
@@ -158,7 +158,7 @@ def drive(
 
     def chunks() -> Iterator[tuple[int, int]]:
         # A small batch is shared out: not every chunk is full.
-        share = min(plan.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+        share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
         for start in range(0, scenes.total, share):
             yield start, min(start + share, scenes.total)
 
@@ -179,7 +179,7 @@ def drive(
             # Devices wait for the one that has most to do.
             useful, possible = (
                 useful + int(np.sum(done.useful)),
-                possible + int(np.max(done.trials)) * plan.lanes * who.devices,
+                possible + int(np.max(done.trials)) * lane_layout.lanes * who.devices,
             )
             for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
@@ -221,7 +221,7 @@ def drive(
     return floats, integers, Tally(useful, possible)
 
 
-def layout(scenes: Scenes, who: AbstractCrew) -> Layout:
+def layout(scenes: SceneBatch, who: AbstractExecutor) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
     if who.platform == "cpu":
         lanes, chunk = LANES, CHUNK
@@ -234,4 +234,4 @@ def layout(scenes: Scenes, who: AbstractCrew) -> Layout:
         chunk = ACCELERATOR_CHUNK * lanes
     refill = not scenes.wide
     size = chunk if refill and scenes.total > max(2, who.devices) * lanes else lanes
-    return Layout(scenes.axes, scenes.structure, lanes, size, refill)
+    return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill)

@@ -16,8 +16,8 @@ from jax.sharding import PartitionSpec as P
 from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
 
-from .lanes import Done, Lanes, Layout, advance, idle
-from .scenes import Scenes
+from .lanes import Done, LaneLayout, Lanes, advance, idle
+from .scenes import SceneBatch
 
 Program = Callable[[Lanes, int, int], tuple[Lanes, Done]]
 
@@ -25,7 +25,7 @@ Program = Callable[[Lanes, int, int], tuple[Lanes, Done]]
 _COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
-class AbstractCrew(abc.ABC):
+class AbstractExecutor(abc.ABC):
     """So many host threads, each of which advances the lanes of so many devices at once."""
 
     hosts: int
@@ -33,7 +33,7 @@ class AbstractCrew(abc.ABC):
     platform: str
 
     @abc.abstractmethod
-    def program(self, scenes: Scenes, options: Options, layout: Layout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         """Lanes to begin with, and what goes on with them through the scenes from one number up to another.
 
         The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at about the
@@ -41,7 +41,7 @@ class AbstractCrew(abc.ABC):
         """
 
 
-class Threads(AbstractCrew):
+class ThreadExecutor(AbstractExecutor):
     """Threads with a program each, on the cores of one CPU."""
 
     devices = 1
@@ -53,7 +53,7 @@ class Threads(AbstractCrew):
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
-    def program(self, scenes: Scenes, options: Options, layout: Layout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         def go(held: Lanes, start: int, stop: int) -> tuple[Lanes, Done]:
             leaves = scenes.part(start, stop, layout.size)
             with self._cores():
@@ -62,7 +62,7 @@ class Threads(AbstractCrew):
         return idle(scenes.part(0, 0, layout.size), options, layout, 1), go
 
 
-class Devices(AbstractCrew):
+class DeviceExecutor(AbstractExecutor):
     """Several devices of one platform, in step from chunk to chunk and on their own inside."""
 
     hosts = 1
@@ -72,7 +72,7 @@ class Devices(AbstractCrew):
         self.platform = devices[0].platform
         self.mesh = Mesh(np.array(devices), ("scenes",))
 
-    def program(self, scenes: Scenes, options: Options, layout: Layout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
         # What is common to all scenes goes to the devices once.
         leaves = [
@@ -99,7 +99,7 @@ _on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 def _on_mesh(mesh: Mesh):
     """The program of all devices of a mesh. None of its loops waits for another device."""
 
-    def advance_all(held, leaves, first, count, options, layout: Layout):
+    def advance_all(held, leaves, first, count, options, layout: LaneLayout):
         def on_each(held, leaves, first, count, options):
             held, done = advance(held, leaves, first[0], mesh.size, count[0], options, layout)
             return held, done._replace(used=done.used[None], trials=done.trials[None], useful=done.useful[None])
@@ -115,7 +115,7 @@ def _on_mesh(mesh: Mesh):
     return jax.jit(advance_all, static_argnames="layout", donate_argnums=0, compiler_options=options)
 
 
-def crew(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractCrew:
+def executor(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractExecutor:
     """The devices that are wanted; by default all accelerators there are, else threads.
 
     Raises `ValueError`, in the name of `owner`, for those that cannot be.
@@ -124,7 +124,11 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")
     if devices is None:
         platform = "cpu" if threads else _platform()
-        return Threads(threads or workers()) if platform == "cpu" else Devices(jax.local_devices(backend=platform))
+        return (
+            ThreadExecutor(threads or workers())
+            if platform == "cpu"
+            else DeviceExecutor(jax.local_devices(backend=platform))
+        )
     if isinstance(devices, str) or not isinstance(devices, Iterable):
         raise ValueError(f"{owner}: devices must be JAX devices, as from jax.local_devices(), got {devices!r}")
     devices = list(devices)
@@ -136,7 +140,7 @@ def crew(owner: str, devices: Sequence | None = None, threads: int | None = None
         raise ValueError(f"{owner}: devices must be different ones of one platform, got {devices!r}")
     if any(device.process_index != jax.process_index() for device in devices):
         raise ValueError(f"{owner}: devices must belong to this process, see jax.local_devices(), got {devices!r}")
-    return Devices(devices)
+    return DeviceExecutor(devices)
 
 
 def _platform() -> str:

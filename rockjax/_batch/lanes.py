@@ -16,11 +16,11 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 
 from rockjax import _results as results
-from rockjax._engine.contact import glide
+from rockjax._engine.contact import cross_full_contact
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.scene import Lane, Plan, Scene, plan, prepare
+from rockjax._engine.scene import LoopState, Plan, Scene, plan_for, prepare
 from rockjax._engine.solve import answers
-from rockjax._engine.step import leap, trial
+from rockjax._engine.step import advance_to_uplift, trial
 from rockjax._options import Options
 from rockjax._programs.program import remembered
 from rockjax._types import Flag
@@ -28,7 +28,7 @@ from rockjax._types import Flag
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
 
 
-class Layout(NamedTuple):
+class LaneLayout(NamedTuple):
     """What a program is made for, besides the options."""
 
     axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
@@ -41,7 +41,7 @@ class Layout(NamedTuple):
 class Lanes(NamedTuple):
     """What the lanes hold from one chunk to the next."""
 
-    lane: Lane
+    lane: LoopState
     parts: list[Any]  # of `Scene`: what differs between scenes
     held: jax.Array  # which scene of the batch each lane holds, −1 where none
 
@@ -63,15 +63,15 @@ class _Loop(NamedTuple):
     done: Done
 
 
-def advance(held: Lanes, leaves, first, stride, count, options: Options, layout: Layout) -> tuple[Lanes, Done]:
+def advance(held: Lanes, leaves, first, stride, count, options: Options, layout: LaneLayout) -> tuple[Lanes, Done]:
     """Go on until the last scene of a chunk has been handed out; with none in it, until every lane has come to its end.
 
     The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
     """
     lanes, size, refill = layout.lanes, layout.size, layout.refill
-    how = plan(jax.tree.unflatten(layout.structure, leaves)[0], options, history=False)
-    chunk = _glided(_prepared(leaves, layout, options), how, lanes, count)
-    moves, settle = _automaton(how, options)
+    plan = plan_for(jax.tree.unflatten(layout.structure, leaves)[0], options, history=False)
+    chunk = _crossed(_prepared(leaves, layout, options), plan, lanes, count)
+    moves, settle = _automaton(plan, options)
     patience = max(1, round(PATIENCE * lanes))
 
     def over_lanes(function, *arguments):
@@ -87,18 +87,8 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         state, done = loop.lanes, loop.done
         lane = over_lanes(settle, state.parts, state.lane)
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
-        floats, integers = over_lanes(lambda scene, lane: answers(scene, how, closed(lane)), state.parts, lane)
-        place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, size + lanes)
-
-        def write(stores, values):
-            return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
-
-        done = done._replace(
-            which=write(done.which, state.held),
-            floats=write(done.floats, floats),
-            integers=write(done.integers, integers),
-            used=done.used + jnp.sum(ended),
-        )
+        floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(lane)), state.parts, lane)
+        done = _kept(done, ended, state.held, floats, integers)
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free) - 1
         loads = free & (local < count)
@@ -118,18 +108,18 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
     def waiting(loop: _Loop) -> jax.Array:
         """How many lanes an exchange would help."""
         more = (loop.lanes.held >= 0) | (loop.following < count)
-        return jnp.sum(~_moves(how, options, loop.lanes.lane) & more)
+        return jnp.sum(~_moves(plan, options, loop.lanes.lane) & more)
 
     def busy(loop: _Loop) -> Flag:
         """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
-        return (waiting(loop) < patience) & jnp.any(_moves(how, options, loop.lanes.lane))
+        return (waiting(loop) < patience) & jnp.any(_moves(plan, options, loop.lanes.lane))
 
     def body(loop: _Loop) -> _Loop:
         loop = exchange(loop)
 
         def trials(loop: _Loop) -> _Loop:
             lane, done = loop.lanes.lane, loop.done
-            useful = done.useful + jnp.sum(_moves(how, options, lane))
+            useful = done.useful + jnp.sum(_moves(plan, options, lane))
             lane = over_lanes(moves, loop.lanes.parts, lane)
             return loop._replace(
                 lanes=loop.lanes._replace(lane=lane), done=done._replace(trials=done.trials + 1, useful=useful)
@@ -138,7 +128,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         return jax.lax.while_loop(busy, trials, loop)
 
     blank = jax.eval_shape(
-        functools.partial(over_lanes, lambda scene, lane: answers(scene, how, lane)), held.parts, held.lane
+        functools.partial(over_lanes, lambda scene, lane: answers(scene, plan, lane)), held.parts, held.lane
     )
     floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
     zero = jnp.zeros((), index_type)
@@ -153,25 +143,41 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
     return loop.lanes, loop.done
 
 
-def _moves(how: Plan, options: Options, lane: Lane) -> Flag:
+def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
+    """The answers of the lanes whose scenes have ended, written after those that are kept already."""
+    nowhere = done.which.shape[0]
+    place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, nowhere)
+
+    def write(stores, values):
+        return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
+
+    return done._replace(
+        which=write(done.which, which),
+        floats=write(done.floats, floats),
+        integers=write(done.integers, integers),
+        used=done.used + jnp.sum(ended),
+    )
+
+
+def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Whether a lane has trials to make; with nothing elastic, full contact is left by a leap at the next exchange."""
     going = runs(lane, options.max_steps)
-    return going if how.elastic else going & (lane.sigma != 0)
+    return going if plan.elastic else going & (lane.sigma != 0)
 
 
-def _automaton(how: Plan, options: Options):
+def _automaton(plan: Plan, options: Options):
     """One trial of a lane that moves; and what a lane in full contact does before it can: leap to its next uplift."""
 
-    def moves(scene: Scene, lane: Lane) -> Lane:
-        going = _moves(how, options, lane)
-        after, _ = trial(scene, how, lane)
+    def moves(scene: Scene, lane: LoopState) -> LoopState:
+        going = _moves(plan, options, lane)
+        after, _ = trial(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
 
-    def settle(scene: Scene, lane: Lane) -> Lane:
-        if how.elastic:
+    def settle(scene: Scene, lane: LoopState) -> LoopState:
+        if plan.elastic:
             return lane
         waits = (lane.sigma == 0) & runs(lane, options.max_steps)
-        leapt, _ = leap(scene, how, lane)
+        leapt, _ = advance_to_uplift(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(waits, new, old), leapt, lane)
 
     return moves, settle
@@ -183,28 +189,28 @@ class _Chunk(NamedTuple):
     parts: list[Any]  # of `Scene`: what differs
     common: list[Any]  # of `Scene`: what does not, None where it does
     structure: Any
-    lane: Lane  # at the start
+    lane: LoopState  # at the start
     lane_differs: Any
 
     def scene(self, parts) -> Scene:
         parts = iter(parts)
         return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in self.common])
 
-    def starts(self, lanes: int) -> Lane:
+    def starts(self, lanes: int) -> LoopState:
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
 
         return jax.tree.map(start, self.lane, self.lane_differs)
 
 
-def _prepared(leaves, layout: Layout, options: Options) -> _Chunk:
+def _prepared(leaves, layout: LaneLayout, options: Options) -> _Chunk:
     axes, structure = layout.axes, layout.structure
-    how = plan(jax.tree.unflatten(structure, leaves)[0], options, history=False)
-    _, settle = _automaton(how, options)
+    plan = plan_for(jax.tree.unflatten(structure, leaves)[0], options, history=False)
+    _, settle = _automaton(plan, options)
 
-    def ready(*leaves) -> tuple[Scene, Lane]:
+    def ready(*leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
-        scene, lane = prepare(podium, excitation, initial, t_end, options, how)
+        scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
         return scene, settle(scene, lane)
 
     differs = _differing(ready, axes, leaves)
@@ -217,18 +223,18 @@ def _prepared(leaves, layout: Layout, options: Options) -> _Chunk:
     return _Chunk(parts, common, scene_structure, lane, differs[1])
 
 
-_GLIDES = ("t", "mark", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
+_CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
 
 
-def _glided(chunk: _Chunk, how: Plan, lanes: int, count) -> _Chunk:
+def _crossed(chunk: _Chunk, plan: Plan, lanes: int, count) -> _Chunk:
     """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
-    if not how.elastic:
+    if not plan.elastic:
         return chunk
 
     def block(arguments):
-        def one(parts, lane: Lane):
-            lane = glide(chunk.scene(parts), how, lane)
-            return {name: getattr(lane, name) for name in _GLIDES}
+        def one(parts, lane: LoopState):
+            lane = cross_full_contact(chunk.scene(parts), plan, lane)
+            return {name: getattr(lane, name) for name in _CROSSED}
 
         return jax.vmap(one)(*arguments)
 
@@ -243,24 +249,24 @@ def _glided(chunk: _Chunk, how: Plan, lanes: int, count) -> _Chunk:
     return chunk._replace(lane=chunk.lane._replace(**moved), lane_differs=differs)
 
 
-def idle(leaves, options: Options, layout: Layout, devices: int) -> Lanes:
+def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
     """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one chunk."""
     shapes = tuple((y.shape, y.dtype) for y in leaves)
-    numbers, how = jax.tree.flatten(options)
-    blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), how, layout)
+    numbers, plan = jax.tree.flatten(options)
+    blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), plan, layout)
     none: Lanes = jax.tree.map(lambda y: np.zeros((devices * y.shape[0], *y.shape[1:]), y.dtype), blank)
     code = np.full_like(none.lane.code, results.END_OF_TIME)
     return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
 
 
 @functools.lru_cache(maxsize=256)
-def _blank_lanes(*how) -> Lanes:
+def _blank_lanes(*plan) -> Lanes:
     """Lanes of one device, as zeros; finding their shapes needs tracing, so they are kept like programs."""
-    shapes = functools.partial(_shapes_of_lanes, *how)
-    return remembered("lanes", how, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes()))
+    shapes = functools.partial(_shapes_of_lanes, *plan)
+    return remembered("lanes", plan, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes()))
 
 
-def _shapes_of_lanes(shapes, option_types, option_structure, layout: Layout):
+def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout):
     def hold(leaves, numbers):
         chunk = _prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
         parts = [y[: layout.lanes] for y in chunk.parts]

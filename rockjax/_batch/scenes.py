@@ -16,7 +16,7 @@ from rockjax._structures import Podium
 WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
 
 
-class Scenes(NamedTuple):
+class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
     leaves: list[Any]
@@ -49,11 +49,12 @@ class Scenes(NamedTuple):
 
 def broadcast(
     owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
-) -> tuple[Scenes, tuple[int, ...]]:
+) -> tuple[SceneBatch, tuple[int, ...]]:
     """All scenes of the arguments, and the shape of their grid.
 
     Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
     """
+    excitations = excitations.common_form()
     arguments = podiums, excitations, as_start(owner, initial), as_end(owner, t_end)
     leaves, structure = jax.tree.flatten(arguments)
     outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
@@ -68,7 +69,7 @@ def broadcast(
         index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
         rows.append(np.broadcast_to(index, shape or batch))
         leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
-    return Scenes(leaves, rows, structure, int(np.prod(shape, dtype=int))), shape
+    return SceneBatch(leaves, rows, structure, int(np.prod(shape, dtype=int))), shape
 
 
 def axes_of(owner: str, leaves: Sequence[Any], own: Sequence[int]) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:

@@ -199,15 +199,16 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
     """Compiled programs are kept between runs; pictures are made without a screen."""
     import jax
 
-    from rockjax._programs import folder
+    from rockjax._programs import folder, kind
 
     if pictures:
         import matplotlib
 
         matplotlib.use("Agg")
     if folder.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # What is traced anew in every run; this process is our own.
-        jax.config.update("jax_compilation_cache_dir", str(folder.path() / "jax"))
+        # What is traced anew in every run; this process is our own. Of another version nothing is taken: what comes
+        # from here cannot be kept as a program.
+        jax.config.update("jax_compilation_cache_dir", str(folder.path() / "jax" / kind.source()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report is not None and report.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)

@@ -193,7 +193,8 @@ def _client(machines: Machines) -> Iterator[Any]:
         return
     # Workers share the compiled programs.
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    if folder is not None:
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     local = LocalCluster(n_workers=machines.workers, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
     with local, Client(local) as client:

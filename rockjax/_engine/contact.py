@@ -19,7 +19,7 @@ from rockjax import _results as results
 from rockjax._types import Flag, Index, Value
 
 from .hermite import derivative
-from .scene import Lane, Plan, Scene, restart
+from .scene import LoopState, Plan, Scene, restart
 from .settled import certificate
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
@@ -28,11 +28,11 @@ _ROUNDING = 1e-14
 _DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damping is left to the steps
 
 
-@functools.partial(jax.jit, static_argnames="how")
-def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
+@functools.partial(jax.jit, static_argnames="plan")
+def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     """Cross the panels over which the columns provably stay down, from the start of a scene on."""
-    if not how.elastic:
-        return lane
+    if not plan.elastic:
+        return state
     constant = jax.lax.stop_gradient
     c, excitation = scene.c, scene.excitation
     degree, lengths = excitation.panels
@@ -40,27 +40,27 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
     zeta = 0.5 * c.damping / omega
     # Long panels as far as they go, then shorter ones.
     kinds = [(half, omega * half, _free(zeta, omega * half)) for half in (0.5 * constant(y) for y in lengths)]
-    shaking = excitation.piece(lane.piece)(lane.t)
-    settled = (lane.code == results.RUNNING) & certificate(scene, how, lane, lane.piece, shaking)
-    lane = lane._replace(code=jnp.where(settled, results.SETTLED, lane.code).astype(lane.code.dtype))
-    highest = scene.outlook.peak(lane.t, lane.piece, jnp.abs(shaking))
+    shaking = excitation.piece(state.piece)(state.t)
+    settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
+    state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
+    highest = scene.outlook.peak(state.t, state.piece, jnp.abs(shaking))
     nodes, to_powers, to_tail = _interpolation(degree)
 
-    def panel(carry: tuple[Lane, Index]) -> tuple[Lane, Index]:
-        lane, level = carry
+    def panel(carry: tuple[LoopState, Index]) -> tuple[LoopState, Index]:
+        state, level = carry
         half, turn, free = kinds[0]
         for k, kind in enumerate(kinds[1:], start=1):
             half, turn, free = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free))
-        ground, edge, length = excitation.piece(lane.piece), excitation.breakpoint(lane.piece), 2 * half
-        reaches = jnp.abs(lane.t + length - constant(edge)) <= 1e-9 * length
-        values = jax.lax.optimization_barrier(jax.vmap(ground)(lane.t + half * (1 + jnp.asarray(nodes))))
+        ground, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
+        reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
+        values = jax.lax.optimization_barrier(jax.vmap(ground)(state.t + half * (1 + jnp.asarray(nodes))))
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
         rates = [*derivative(path), jnp.zeros_like(half)]
         before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
         # The free vibration is what the state at the start has besides the particular solution.
-        offset = lane.x[1] - sum(y * s for y, s in zip(path, before, strict=True))
-        speed = lane.v[1] * half - sum(y * s for y, s in zip(rates, before, strict=True))
+        offset = state.x[1] - sum(y * s for y, s in zip(path, before, strict=True))
+        speed = state.v[1] * half - sum(y * s for y, s in zip(rates, before, strict=True))
         x = sum(path) + free[0] * offset + free[1] * speed
         v = (sum(rates) + free[2] * offset + free[3] * speed) / half
 
@@ -71,34 +71,36 @@ def glide(scene: Scene, how: Plan, lane: Lane) -> Lane:
         padded = [*force, *[0.0] * (len(path) - len(force))]
         demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
         goes = _size(demand) + c.demand * shaken < c.uplift
-        if how.deformation:
-            goes &= _size(path) + vibration < jnp.maximum(lane.deformation, scene.atol * c.two_R * c.sin_alpha)
-        if how.shear:
-            goes &= _size(spring) + shaken < jnp.maximum(lane.shear * c.g, scene.atol * c.uplift)
+        if plan.deformation:
+            goes &= _size(path) + vibration < jnp.maximum(state.deformation, scene.atol * c.two_R * c.sin_alpha)
+        if plan.shear:
+            goes &= _size(spring) + shaken < jnp.maximum(state.shear * c.g, scene.atol * c.uplift)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
         inside = jnp.where(
-            reaches, constant(edge) <= constant(scene.end), lane.t + length < constant(jnp.minimum(edge, scene.end))
+            reaches, constant(edge) <= constant(scene.end), state.t + length < constant(jnp.minimum(edge, scene.end))
         )
         goes &= (zeta < _DAMPED) & inside
 
         # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
-        mark = jnp.where(reaches, edge, lane.t + length)
-        past = mark - constant(mark)
-        u_ddot = -ground(constant(mark)) - (c.omega2 * x + c.damping * v)
+        event_time = jnp.where(reaches, edge, state.t + length)
+        past = event_time - constant(event_time)
+        u_ddot = -ground(constant(event_time)) - (c.omega2 * x + c.damping * v)
         x, v = x + past * v, v + past * u_ddot
-        piece = lane.piece + reaches
-        xs, vs = restart(scene, constant(mark), past, (lane.x[0], x), (lane.v[0], v), lane.sigma, piece)
-        crossed = lane._replace(t=constant(mark), mark=mark, x=xs, v=vs, piece=piece, steps=lane.steps + 1)
-        lane = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, lane)
-        return lane, level + ~goes
+        piece = state.piece + reaches
+        xs, vs = restart(scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
+        crossed = state._replace(
+            t=constant(event_time), event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1
+        )
+        state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
+        return state, level + ~goes
 
-    def may(carry: tuple[Lane, Index]) -> Flag:
-        lane, level = carry
-        return (level < len(kinds)) & (lane.code == results.RUNNING) & (lane.sigma == 0) & (lane.t < scene.quiet)
+    def may(carry: tuple[LoopState, Index]) -> Flag:
+        state, level = carry
+        return (level < len(kinds)) & (state.code == results.RUNNING) & (state.sigma == 0) & (state.t < scene.quiet)
 
-    return jax.lax.while_loop(may, panel, (lane, jnp.zeros((), jnp.int32)))[0]
+    return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
 
 
 def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:

@@ -1,4 +1,4 @@
-"""The guard over a step: when and where the mode of a lane ends."""
+"""The guard over a step: when and where a mode ends."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import jax.numpy as jnp
 
 from rockjax._types import Flag, Value, Vector
 
-from .hermite import Quintic, crossing, quintic, turning_point, turns_twice
+from .hermite import Quintic, crossing, quintic, turning_point, turns_more_than_once
 from .model import acceleration, uplift_demand
 from .runge_kutta import Step
-from .scene import Lane, Plan, Scene
+from .scene import LoopState, Plan, Scene
 
 
 class Guard(NamedTuple):
@@ -31,20 +31,20 @@ class Guard(NamedTuple):
     turn: Value  # the turning point, 1 where there is none
     top: Value  # the value there
     last: Value  # the value at the end
-    early: Flag  # broken before the turning point …
-    late: Flag  # … or after it
+    breaks_before_turn: Flag  # broken before the turning point …
+    breaks_after_turn: Flag  # … or after it
     inside: Value  # where it breaks
     ending: Quintic  # what is left of it, in the time past the end of the step …
-    ahead: Value  # … and when it is used up
+    time_past_end: Value  # … and when it is used up
     converges: Flag  # if it falls there
-    winds: Flag  # it turns more than once, and may break meanwhile
+    turns_twice: Flag  # it turns more than once, and may break meanwhile
 
 
-def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
-    """The guard over a step of length h from the lane's state, with accelerations a0, to `end`."""
+def watch(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
+    """The guard over a step of length h from a state, with accelerations a0, to `end`."""
     constant = jax.lax.stop_gradient
-    rocking = lane.sigma != 0
-    path, at_end = jax.lax.optimization_barrier(_paths(scene, how, lane, ground, h, a0, end))
+    rocking = state.sigma != 0
+    path, at_end = jax.lax.optimization_barrier(_paths(scene, plan, state, ground, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
@@ -56,38 +56,54 @@ def watch(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end
     last = constant(at_end.c0)
     top = jnp.where(turned, fixed.value(turn), last)
     turn, top = jax.lax.optimization_barrier((turn, top))
-    topple = constant(scene.topple)
+    overturn_angle = constant(scene.overturn_angle)
     uplift = constant(scene.c.uplift)
 
     def broken(value):
-        return jnp.where(rocking, (value < 0) | (value >= topple), jnp.abs(value) > uplift)
+        return jnp.where(rocking, (value < 0) | (value >= overturn_angle), jnp.abs(value) > uplift)
 
-    early = turned & broken(top)
-    late = broken(last) & ~early
-    early, late = jax.lax.optimization_barrier((early, late))
-    edge = jnp.where(early, top, last)
+    breaks_before_turn = turned & broken(top)
+    breaks_after_turn = broken(last) & ~breaks_before_turn
+    breaks_before_turn, breaks_after_turn = jax.lax.optimization_barrier((breaks_before_turn, breaks_after_turn))
+    edge = jnp.where(breaks_before_turn, top, last)
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
-    inside = crossing(margin, jnp.where(late & turned, turn, 0.0), jnp.where(early, turn, one))
+    inside = crossing(margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one))
     ending = _margin(scene, rocking, at_end, last, ~rises_on)
-    rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, topple, uplift)
-    ahead, converges = _newton_to(ending, 0.5 * h, rounding)
+    rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
+    time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
-    winds = turns_twice(fixed, rising, rises_on) & busy
-    ending, inside, ahead, converges, winds = jax.lax.optimization_barrier((ending, inside, ahead, converges, winds))
+    turns_twice = turns_more_than_once(fixed, rising, rises_on) & busy
+    ending, inside, time_past_end, converges, turns_twice = jax.lax.optimization_barrier(
+        (ending, inside, time_past_end, converges, turns_twice)
+    )
     return Guard(
-        path, at_end, rising, rises_on, turned, turn, top, last, early, late, inside, ending, ahead, converges, winds
+        path,
+        at_end,
+        rising,
+        rises_on,
+        turned,
+        turn,
+        top,
+        last,
+        breaks_before_turn,
+        breaks_after_turn,
+        inside,
+        ending,
+        time_past_end,
+        converges,
+        turns_twice,
     )
 
 
-def _paths(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, end: Step) -> tuple[Quintic, Quintic]:
+def _paths(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vector, end: Step) -> tuple[Quintic, Quintic]:
     """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
 
     Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
     value only, its slopes are differences of nearly equal numbers.
     """
-    c, sigma = scene.c, lane.sigma
-    angle = tuple(sigma * y for y in (lane.x[0], lane.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
-    if not how.elastic:
+    c, sigma = scene.c, state.sigma
+    angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
+    if not plan.elastic:
         return _through(angle, h)
 
     def jet(t, x, v, a):
@@ -97,7 +113,7 @@ def _paths(scene: Scene, how: Plan, lane: Lane, ground, h: Value, a0: Vector, en
         jerk = acceleration(c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:]))
         return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
 
-    demand = (*jet(lane.t, lane.x, lane.v, a0), *jet(lane.t + h, end.x, end.v, end.a))
+    demand = (*jet(state.t, state.x, state.v, a0), *jet(state.t + h, end.x, end.v, end.a))
     return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
 
 
@@ -111,7 +127,7 @@ def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
     """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full contact."""
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
-    limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.topple), scene.c.uplift)
+    limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.overturn_angle), scene.c.uplift)
     scaled = Quintic(*(sign * k for k in guard))
     return scaled._replace(c0=scaled.c0 + limit)
 
@@ -119,15 +135,15 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
 def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
     """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
     margin = jax.lax.stop_gradient(margin)
-    ahead = jnp.zeros_like(margin.c0)
+    time_past_end = jnp.zeros_like(margin.c0)
     falls = margin.c1 < 0
     for _ in range(3):
-        slope = margin.slope(ahead)
-        ahead = ahead - safe_ratio(margin.value(ahead), slope, falls & (slope < 0))
-        ahead = jax.lax.optimization_barrier(jnp.clip(ahead, -most, most))
+        slope = margin.slope(time_past_end)
+        time_past_end = time_past_end - safe_ratio(margin.value(time_past_end), slope, falls & (slope < 0))
+        time_past_end = jax.lax.optimization_barrier(jnp.clip(time_past_end, -most, most))
     # A margin that only touches zero makes Newton creep.
-    arrives = jnp.abs(margin.value(ahead)) <= 1e-3 * jnp.abs(margin.c0) + rounding
-    return ahead, falls & arrives
+    arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
+    return time_past_end, falls & arrives
 
 
 def safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:

@@ -101,7 +101,7 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     return _safeguarded_newton(polynomial, lo, hi, polynomial.value(lo), polynomial.value(hi), _TO_CROSS)
 
 
-def turns_twice(polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]) -> Bool[Array, ""]:
+def turns_more_than_once(polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]) -> Bool[Array, ""]:
     """Whether the slope, sampled inside, changes sign more than once between z = 0 and z = 1."""
     turns = jnp.zeros((), jnp.int32)
     before = rising

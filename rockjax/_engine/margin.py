@@ -30,9 +30,9 @@ from .sincos import sincos
 OTHERS = 0.02  # w: as much as others than gravity may add
 
 
-def at_turn(c: Coefficients, topple: Value, theta: Value, slowing: Value) -> Value:
+def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
     """M of a turning point at |θ| = `theta` with the angular deceleration `slowing` = −σθ̈ ≥ 0."""
-    sin_o, cos_o = sincos(c.alpha - topple)
+    sin_o, cos_o = sincos(c.alpha - overturn_angle)
     sin, cos = sincos(c.alpha - theta)
     push = jnp.maximum((c.inertia + c.centrifugal) * slowing / c.gravity - sin, 0.0)
     depth = cos_o - c.cos_alpha
@@ -40,14 +40,14 @@ def at_turn(c: Coefficients, topple: Value, theta: Value, slowing: Value) -> Val
     return (cos_o - cos) / depth + work / (1 + work / OTHERS)
 
 
-def at_fall(c: Coefficients, topple: Value, theta_dot: Value) -> Value:
+def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """M of a column that reaches the overturning angle with the speed θ̇."""
-    _, cos_o = sincos(c.alpha - topple)
+    _, cos_o = sincos(c.alpha - overturn_angle)
     return -0.5 * (c.inertia + c.centrifugal) * theta_dot**2 / (c.gravity * (cos_o - c.cos_alpha))
 
 
-def at_rest(c: Coefficients, topple: Value, theta: Value) -> Value:
+def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
     """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that angle."""
-    _, cos_o = sincos(c.alpha - topple)
+    _, cos_o = sincos(c.alpha - overturn_angle)
     _, cos = sincos(c.alpha - theta)
-    return jnp.where(theta < topple, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / topple)
+    return jnp.where(theta < overturn_angle, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / overturn_angle)

@@ -37,8 +37,8 @@ def summit(path, end: float) -> Value:
     path = jax.lax.stop_gradient(path)
     slope, curvature = path.slope(end), path.curvature(end)
     flat = curvature != 0
-    ahead = -slope / jnp.where(flat, curvature, 1.0)
-    return jnp.where(flat & (jnp.abs(ahead) <= ON_SUMMIT), end + ahead, end)
+    time_past_end = -slope / jnp.where(flat, curvature, 1.0)
+    return jnp.where(flat & (jnp.abs(time_past_end) <= ON_SUMMIT), end + time_past_end, end)
 
 
 class End(NamedTuple):

@@ -1,4 +1,4 @@
-"""A scene made ready for the loop, and the state that one lane of the loop carries."""
+"""A scene made ready for the loop, and the state that the loop carries of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Plan:
     tableau: Tableau
 
 
-def plan(podium: Podium, options: Options, history: bool) -> Plan:
+def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
     elastic = isinstance(podium.superstructure, Elastic)
     tab = tableau(options.solver)  # pyright: ignore[reportArgumentType]
     return Plan(
@@ -66,7 +66,7 @@ class Scene(NamedTuple):
     outlook: AbstractOutlook
     start: Value
     end: Value
-    topple: Value  # overturn_ratio·α [rad]
+    overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     rtol: Value
     atol: Value
@@ -75,11 +75,11 @@ class Scene(NamedTuple):
     quiet: Value  # end of the excitation
 
 
-class Lane(NamedTuple):
+class LoopState(NamedTuple):
     """The automaton's state. Times and steps are constants for derivatives; states at them carry the tangents."""
 
     t: Value
-    mark: Value  # t with its derivative: the moving time of the event or breakpoint that t stands on
+    event_time: Value  # t with its derivative: the moving time of the event or breakpoint that t stands on
     x: Vector
     v: Vector
     sigma: Value  # mode: 0 full contact, ±1 rocking
@@ -116,16 +116,16 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 
 def prepare(
-    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Value | None, options: Options, how: Plan
-) -> tuple[Scene, Lane]:
-    """The scene and its lane at the start of the excitation."""
+    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Value | None, options: Options, plan: Plan
+) -> tuple[Scene, LoopState]:
+    """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
     c = coefficients(podium)
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = 1 / c.p
-    if how.elastic:
+    if plan.elastic:
         longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
     longest = options.stride * longest
     # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in it.
@@ -140,10 +140,10 @@ def prepare(
     scene = Scene(
         c=c,
         excitation=excitation,
-        outlook=excitation.outlook(None if how.elastic else c.uplift),
+        outlook=excitation.outlook(None if plan.elastic else c.uplift),
         start=start,
         end=end,
-        topple=options.overturn_ratio * c.alpha,
+        overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
@@ -155,22 +155,22 @@ def prepare(
     piece = excitation.locate(t)
     moves = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = (initial.theta,), (initial.theta_dot,)
-    if how.elastic:
+    if plan.elastic:
         x, v = (*x, initial.u_t), (*v, initial.u_t_dot)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(moves, side, contact_mode(c, q)))
     # An initial rotation is where the scene begins; on θ = 0 an initial velocity starts to that side.
-    toppled = jnp.abs(initial.theta) >= scene.topple
+    toppled = jnp.abs(initial.theta) >= scene.overturn_angle
     sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
     code = jnp.where(toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING))
     absent: Any = None
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
-    lane = Lane(
+    state = LoopState(
         t=t,
-        mark=start,
+        event_time=start,
         x=x,
         v=v,
         sigma=sigma,
@@ -178,11 +178,11 @@ def prepare(
         h=0.05 * scene.longest_excited,
         cut=inf,
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
-        peak=jnp.minimum(jnp.abs(initial.theta), scene.topple),
+        peak=jnp.minimum(jnp.abs(initial.theta), scene.overturn_angle),
         peak_time=start,
-        deformation=jnp.zeros_like(t) if how.deformation else absent,
-        shear=jnp.zeros_like(t) if how.shear else absent,
-        margin=margin.at_rest(c, scene.topple, jnp.abs(initial.theta)) if how.margin else absent,
+        deformation=jnp.zeros_like(t) if plan.deformation else absent,
+        shear=jnp.zeros_like(t) if plan.shear else absent,
+        margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else absent,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
@@ -192,7 +192,7 @@ def prepare(
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
     )
-    return scene, lane
+    return scene, state
 
 
 @jax.custom_jvp

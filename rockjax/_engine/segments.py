@@ -1,13 +1,17 @@
 """The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between segments.
 
-A cross-check for the flat engine and a home for any Diffrax solver. It shares the equations, the guard, the impact map,
-the certificate and the leap of rigid scenes with it, and mends what an event alone gets wrong: the root on the
-interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard that was
-broken and mended between the ends of a step is found on a dense sample, and the segment cut there; a segment that
-starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not interpolated.
+A cross-check for the flat engine and a home for any Diffrax solver. It shares with it the equations, the guard, the impact
+map, the certificate and the direct way of rigid scenes to the next uplift, and corrects what an event alone gets wrong: the
+root on the interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard
+that was broken and met again between the ends of a step is found on a dense sample, and the segment cut there; a segment
+that starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not
+interpolated.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
@@ -16,53 +20,57 @@ import optimistix as optx
 
 from rockjax import _results as results
 from rockjax._options import Options
-from rockjax._types import Value, Vector
+from rockjax._types import Flag, Index, Value, Vector
 
 from .flat import Nodes, blank_nodes, closed, runs
 from .model import acceleration, beam, shear, uplift_demand
-from .scene import Lane, Plan, Scene, after_impact, contact_mode
+from .scene import LoopState, Plan, Scene, after_impact, contact_mode
 from .settled import certificate
-from .step import leap
+from .step import advance_to_uplift
 
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
 
 
-def run_segments(scene: Scene, how: Plan, lane: Lane, options: Options, capacity: int | None) -> tuple[Lane, Nodes | None]:
-    """The lane at its end and, if `capacity` is given, its accepted steps on the way."""
+def run_segments(
+    scene: Scene, plan: Plan, state: LoopState, options: Options, capacity: int | None
+) -> tuple[LoopState, Nodes | None]:
+    """The state at its end and, if `capacity` is given, its accepted steps on the way."""
     nodes = None
     if capacity is not None:
-        nodes = blank_nodes(lane, capacity)
-        nodes = _keep(nodes, lane, jnp.full((1,), lane.t), tuple(y[None] for y in lane.x), tuple(y[None] for y in lane.v))
+        nodes = blank_nodes(state, capacity)
+        nodes = _keep(
+            nodes, state, jnp.full((1,), state.t), tuple(y[None] for y in state.x), tuple(y[None] for y in state.v)
+        )
 
     def running(carry):
-        lane, _ = carry
-        return runs(lane, options.max_steps)
+        state, _ = carry
+        return runs(state, options.max_steps)
 
     def body(carry):
-        lane, nodes = carry
-        if how.elastic:
-            return _segment(scene, how, options, lane, nodes)
+        state, nodes = carry
+        if plan.elastic:
+            return _segment(scene, plan, options, state, nodes)
 
         def leaps(carry):
-            lane, nodes = carry
-            lane, _ = leap(scene, how, lane)
+            state, nodes = carry
+            state, _ = advance_to_uplift(scene, plan, state)
             if nodes is not None:
-                one = (lane.t[None], tuple(y[None] for y in lane.x), tuple(y[None] for y in lane.v))
-                nodes = _keep(nodes, lane, *one)
-            return lane, nodes
+                one = (state.t[None], tuple(y[None] for y in state.x), tuple(y[None] for y in state.v))
+                nodes = _keep(nodes, state, *one)
+            return state, nodes
 
-        return jax.lax.cond(lane.sigma == 0, leaps, lambda c: _segment(scene, how, options, *c), (lane, nodes))
+        return jax.lax.cond(state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes))
 
-    lane, nodes = jax.lax.while_loop(running, body, (lane, nodes))
-    code = closed(lane).code
+    state, nodes = jax.lax.while_loop(running, body, (state, nodes))
+    code = closed(state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
-    return lane._replace(code=code), nodes
+    return state._replace(code=code), nodes
 
 
-def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
+def _keep(nodes: Nodes, state: LoopState, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid) - 1, nodes.t.shape[0])
@@ -74,54 +82,68 @@ def _keep(nodes: Nodes, lane: Lane, ts, xs: Vector, vs: Vector, sigma=None, piec
         t=put(nodes.t, ts),
         x=tuple(put(s, y) for s, y in zip(nodes.x, xs, strict=True)),
         v=tuple(put(s, y) for s, y in zip(nodes.v, vs, strict=True)),
-        sigma=put(nodes.sigma, lane.sigma if sigma is None else sigma),
-        piece=put(nodes.piece, lane.piece if piece is None else piece),
+        sigma=put(nodes.sigma, state.sigma if sigma is None else sigma),
+        piece=put(nodes.piece, state.piece if piece is None else piece),
         impact_time=put(nodes.impact_time, jnp.nan if impact_time is None else impact_time),
         used=nodes.used + jnp.sum(valid, dtype=jnp.int32),
     )
 
 
-def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes | None):
-    c, sigma, t0 = scene.c, lane.sigma, lane.t
-    rocking = sigma != 0
-    ground = scene.excitation.piece(lane.piece)
+class _Mode(NamedTuple):
+    """The equations of one mode on one piece of the ground motion, in states (x, v) and over their units."""
+
+    scene: Scene
+    sigma: Value
+    ground: Callable[[Value], Value]
+    units: State2
+
+    @property
+    def rocking(self) -> Flag:
+        return self.sigma != 0
+
+    def scaled(self, y: State2) -> State2:
+        return jax.tree.map(lambda a, unit: a / unit, y, self.units)
+
+    def natural(self, y: State2) -> State2:
+        return jax.tree.map(lambda a, unit: a * unit, y, self.units)
+
+    def rates(self, t: Value, x: Vector, v: Vector) -> Vector:
+        return acceleration(self.scene.c, self.sigma, self.ground(t), x, v)
+
+    def field(self, t, y, args):
+        del args
+        x, v = self.natural(y)
+        return self.scaled((v, self.rates(t, x, v)))
+
+    def guard(self, t, x, v):
+        """Positive inside the mode, as in the flat engine."""
+        angle = self.sigma * x[0]
+        lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground(t), x, v))
+        return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
+
+
+def _mode(scene: Scene, plan: Plan, state: LoopState) -> _Mode:
+    c = scene.c
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
-    if how.elastic:
+    if plan.elastic:
         sway = c.two_R * c.sin_alpha
         x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.omega2)))
-    units: State2 = (x_unit, v_unit)
+    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), (x_unit, v_unit))
 
-    def scaled(y: State2) -> State2:
-        return jax.tree.map(lambda a, unit: a / unit, y, units)
 
-    def natural(y: State2) -> State2:
-        return jax.tree.map(lambda a, unit: a * unit, y, units)
-
-    def rates(t: Value, x: Vector, v: Vector) -> Vector:
-        return acceleration(c, sigma, ground(t), x, v)
-
-    def field(t, y, args):
-        del args
-        x, v = natural(y)
-        return scaled((v, rates(t, x, v)))
-
-    def guard(t, x, v):
-        """Positive inside the mode, as in the flat engine."""
-        angle = sigma * x[0]
-        lift = c.uplift - jnp.abs(uplift_demand(c, ground(t), x, v))
-        return jnp.where(rocking, jnp.minimum(angle, scene.topple - angle), lift)
-
-    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(lane.piece), scene.end), lane.cut)
-    start = scaled((lane.x, lane.v))
-    a0 = rates(t0, lane.x, lane.v)
-    fresh = rocking & (lane.x[0] == 0)
-    returns = fresh & (lane.v[0] * a0[0] < 0)
-    hop = jnp.where(returns, -0.5 * lane.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
+def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
+    """(t1, what to save, event) ↦ Diffrax's solution from the state to t1."""
+    scene, t0 = mode.scene, state.t
+    start = mode.scaled((state.x, state.v))
+    a0 = mode.rates(t0, state.x, state.v)
+    fresh = mode.rocking & (state.x[0] == 0)
+    returns = fresh & (state.v[0] * a0[0] < 0)
+    hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
     first = jnp.minimum(jnp.minimum(0.05 * scene.longest_excited, hop), stop - t0)
     controller = diffrax.PIDController(
         rtol=scene.rtol, atol=scene.atol, dtmax=jnp.where(t0 < scene.quiet, scene.longest_excited, scene.longest) / 4
     )
-    term, solver = diffrax.ODETerm(field), options.solver
+    term, solver = diffrax.ODETerm(mode.field), options.solver
 
     def solve(t1, saveat, event=None):
         return diffrax.diffeqsolve(
@@ -139,80 +161,69 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
             adjoint=diffrax.ForwardMode(),
         )
 
-    def solve_to(t1) -> State2:
+    return solve
+
+
+class _Path(NamedTuple):
+    """A segment as solved until its guard broke, or to its stop."""
+
+    mode: _Mode
+    solve: Callable[..., Any]
+    solution: Any
+    start: Value
+    stop: Value
+    reached: Value
+    fired: Flag  # the guard broke
+    times: Value  # samples, between the ends of the steps too
+    samples: State2
+
+    def solve_to(self, t1) -> State2:
         """The state at t1, by a solve that ends there."""
-        inside = jnp.maximum(t1, t0 + 4 * jnp.finfo(t0.dtype).eps * (jnp.abs(t0) + 1 / c.p))
-        solution = solve(inside, diffrax.SaveAt(t1=True))
-        return natural(jax.tree.map(lambda y: y[0], solution.ys))
+        t0, p = self.start, self.mode.scene.c.p
+        inside = jnp.maximum(t1, t0 + 4 * jnp.finfo(t0.dtype).eps * (jnp.abs(t0) + 1 / p))
+        solution = self.solve(inside, diffrax.SaveAt(t1=True))
+        return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
-    event = diffrax.Event(
-        lambda t, y, args, **_: guard(t, *natural(y)),
-        root_finder=optx.Bisection(rtol=1e-12, atol=1e-12, flip="detect", expand_if_necessary=True),
-        direction=False,
-    )
-    solution = solve(stop, diffrax.SaveAt(steps=True, dense=True), event)
-    assert solution.ts is not None
-    assert solution.ys is not None
-    count = solution.stats["num_accepted_steps"]
-    fired = solution.result == diffrax.RESULTS.event_occurred
-    exhausted = solution.result == diffrax.RESULTS.max_steps_reached
-    latest = jnp.max(jnp.where(jnp.isfinite(solution.ts), solution.ts, -jnp.inf))
-    reached = jnp.where(exhausted | fired, latest, stop)
+    def missed(self) -> tuple[Flag, Value]:
+        """Whether the guard was broken where the ends of the steps did not see it, and when first (else inf)."""
+        mode, c, times = self.mode, self.mode.scene.c, self.times
+        values = jax.vmap(mode.guard)(times, *self.samples)
+        scale = jnp.where(mode.rocking, c.alpha, c.uplift)
+        broken = (values < -1e-9 * scale) & (times < self.reached) & (times > self.start)
+        missed = jnp.any(broken)
+        return missed, jnp.where(missed, times[jnp.argmax(broken)], jnp.inf)
 
-    # What the ends of the steps did not see.
-    times = t0 + (reached - t0) * jnp.linspace(0.0, 1.0, SAMPLES)
-    path = jax.vmap(lambda t: natural(solution.evaluate(t)))(times)
-    samples = jax.vmap(guard)(times, *path)
-    scale = jnp.where(rocking, c.alpha, c.uplift)
-    broken = (samples < -1e-9 * scale) & (times < reached) & (times > t0)
-    missed = jnp.any(broken)
-    cut = jnp.where(missed, times[jnp.argmax(broken)], jnp.inf)
+    def end(self) -> tuple[Value, Vector, Vector]:
+        """Time and state at the end; on an event solved to the guess, finished by Newton."""
+        mode, fired, t0 = self.mode, self.fired, self.start
+        guess = jnp.where(fired, self.reached, t0 + 0.5 * (self.reached - t0))
+        x, v = self.solve_to(jnp.where(fired, guess, self.reached))
+        ended = jnp.where(fired, guess, self.reached)
 
-    # Land on the event: solve to the guess, finish by Newton.
-    guess = jnp.where(fired, reached, t0 + 0.5 * (reached - t0))
-    x, v = solve_to(jnp.where(fired, guess, reached))
-    ended = jnp.where(fired, guess, reached)
+        def newton(_, carry):
+            t, x, v = carry
+            a = mode.rates(t, x, v)
+            margin, slope = jax.jvp(mode.guard, (t, x, v), (jnp.ones_like(t), v, a))
+            delta = jnp.where(fired & (slope < 0), -margin / jnp.where(slope < 0, slope, -1.0), 0.0)
+            delta = jnp.clip(delta, t0 - t, self.stop - t)
+            x = tuple(y + delta * r + 0.5 * delta**2 * s for y, r, s in zip(x, v, a, strict=True))
+            v = tuple(r + delta * s for r, s in zip(v, a, strict=True))
+            return t + delta, x, v
 
-    def newton(_, carry):
-        t, x, v = carry
-        a = rates(t, x, v)
-        margin, slope = jax.jvp(guard, (t, x, v), (jnp.ones_like(t), v, a))
-        delta = jnp.where(fired & (slope < 0), -margin / jnp.where(slope < 0, slope, -1.0), 0.0)
-        delta = jnp.clip(delta, t0 - t, stop - t)
-        x = tuple(y + delta * r + 0.5 * delta**2 * s for y, r, s in zip(x, v, a, strict=True))
-        v = tuple(r + delta * s for r, s in zip(v, a, strict=True))
-        return t + delta, x, v
+        return jax.lax.fori_loop(0, 2, newton, (ended, x, v))
 
-    ended, x, v = jax.lax.fori_loop(0, 2, newton, (ended, x, v))
-    finite = jnp.all(jnp.isfinite(jnp.stack([ended, *x, *v])))
-    falling = sigma * v[0] < 0
-    hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
-
-    # The automaton's arrows.
-    piece = lane.piece + (ended >= scene.excitation.breakpoint(lane.piece))
-    ground_now = scene.excitation.piece(piece)(ended)
-    speed = jnp.abs(v[0])
-    side = jnp.sign(uplift_demand(c, ground(ended), x, v))
-    x = (jnp.where(hit | ~rocking, 0.0, x[0]), *x[1:])
-    v = (jnp.where(~rocking, 0.0, v[0]), *v[1:])
-    q = uplift_demand(c, ground_now, x, v)
-    onward, other = after_impact(scene, sigma, v[0], q)
-    v = (jnp.where(hit, onward, v[0]), *v[1:])
-    mode = jnp.where(hit, other, jnp.where(lifted, -side, jnp.where(rocking, sigma, contact_mode(c, q))))
-
-    # The records.
-    def peak_of(quantity, record):
+    def largest(self, quantity, record) -> tuple[Value, Value]:
         """(value, time) of the largest |quantity| of the segment: solved to if it lies inside and beats the record."""
-        values = jnp.abs(jax.vmap(quantity)(times, *path))
+        values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
-        here = times[k]
+        here = self.times[k]
 
         def along(t):
-            return quantity(t, *natural(solution.evaluate(t)))
+            return quantity(t, *self.mode.natural(self.solution.evaluate(t)))
 
         rate = lambda t: jax.jvp(along, (t,), (jnp.ones_like(t),))[1]
-        spacing = (reached - t0) / (SAMPLES - 1)
-        lo, hi = jnp.maximum(here - spacing, t0), jnp.minimum(here + spacing, reached)
+        spacing = (self.reached - self.start) / (SAMPLES - 1)
+        lo, hi = jnp.maximum(here - spacing, self.start), jnp.minimum(here + spacing, self.reached)
         sign = jnp.sign(along(here))
         inside = (sign * rate(lo) > 0) & (sign * rate(hi) < 0)
 
@@ -225,59 +236,127 @@ def _segment(scene: Scene, how: Plan, options: Options, lane: Lane, nodes: Nodes
         lo, _ = jax.lax.fori_loop(0, 40, halve, (lo, hi))
         at = jnp.where(inside, lo, here)
         worth = values[k] > record * (1 - 1e-2)
-        best = jax.lax.cond(worth & inside, lambda: jnp.abs(quantity(at, *solve_to(at))), lambda: values[k])
+        best = jax.lax.cond(worth & inside, lambda: jnp.abs(quantity(at, *self.solve_to(at))), lambda: values[k])
         return best, at
 
-    tip, tip_time = peak_of(lambda t, x, v: sigma * x[0], lane.peak)
-    tip, tip_time = (
-        jnp.where(toppled, scene.topple, jnp.minimum(tip, scene.topple)),
-        jnp.where(toppled, ended, tip_time),
+
+def _path(mode: _Mode, options: Options, state: LoopState) -> _Path:
+    scene, t0 = mode.scene, state.t
+    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(state.piece), scene.end), state.cut)
+    solve = _solver(mode, options, state, stop)
+    event = diffrax.Event(
+        lambda t, y, args, **_: mode.guard(t, *mode.natural(y)),
+        root_finder=optx.Bisection(rtol=1e-12, atol=1e-12, flip="detect", expand_if_necessary=True),
+        direction=False,
     )
-    raises = rocking & (tip > lane.peak)
-    deformation, force = lane.deformation, lane.shear
-    if how.deformation:
-        value, _ = peak_of(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], lane.deformation)
-        deformation = jnp.maximum(lane.deformation, value)
-    if how.shear:
-        value, _ = peak_of(lambda t, x, v: shear(c, sigma, ground(t), x, v, rates(t, x, v)), lane.shear)
-        force = jnp.maximum(lane.shear, value)
-    starts = ~rocking & (mode != 0)
-    advanced = lane._replace(
-        t=ended,
-        mark=ended,
-        x=x,
-        v=v,
-        sigma=mode,
-        piece=piece.astype(lane.piece.dtype),
-        cut=jnp.full_like(ended, jnp.inf),
-        peak=jnp.where(raises, tip, lane.peak),
-        peak_time=jnp.where(raises, tip_time, lane.peak_time),
+    solution = solve(stop, diffrax.SaveAt(steps=True, dense=True), event)
+    fired = solution.result == diffrax.RESULTS.event_occurred
+    exhausted = solution.result == diffrax.RESULTS.max_steps_reached
+    latest = jnp.max(jnp.where(jnp.isfinite(solution.ts), solution.ts, -jnp.inf))
+    reached = jnp.where(exhausted | fired, latest, stop)
+    times = t0 + (reached - t0) * jnp.linspace(0.0, 1.0, SAMPLES)
+    samples = jax.vmap(lambda t: mode.natural(solution.evaluate(t)))(times)
+    return _Path(mode, solve, solution, t0, stop, reached, fired, times, samples)
+
+
+class _Arrival(NamedTuple):
+    """The end of a segment, after the transition of the automaton."""
+
+    t: Value
+    x: Vector
+    v: Vector
+    sigma: Value
+    piece: Index
+    ground: Value  # ground acceleration on the piece that follows
+    speed: Value  # |θ̇| before an impact
+    hit: Flag
+    toppled: Flag
+    finite: Flag
+
+
+def _arrival(path: _Path, state: LoopState) -> _Arrival:
+    mode, scene, sigma = path.mode, path.mode.scene, state.sigma
+    c, rocking, fired = scene.c, mode.rocking, path.fired
+    ended, x, v = path.end()
+    finite = jnp.all(jnp.isfinite(jnp.stack([ended, *x, *v])))
+    falling = sigma * v[0] < 0
+    hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
+    piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece))
+    ground_now = scene.excitation.piece(piece)(ended)
+    speed = jnp.abs(v[0])
+    side = jnp.sign(uplift_demand(c, mode.ground(ended), x, v))
+    x = (jnp.where(hit | ~rocking, 0.0, x[0]), *x[1:])
+    v = (jnp.where(~rocking, 0.0, v[0]), *v[1:])
+    q = uplift_demand(c, ground_now, x, v)
+    onward, other = after_impact(scene, sigma, v[0], q)
+    v = (jnp.where(hit, onward, v[0]), *v[1:])
+    after = jnp.where(hit, other, jnp.where(lifted, -side, jnp.where(rocking, sigma, contact_mode(c, q))))
+    return _Arrival(ended, x, v, after, piece, ground_now, speed, hit, toppled, finite)
+
+
+def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
+    """The state after the segment, with the largest of everything on it."""
+    mode, scene = path.mode, path.mode.scene
+    c, sigma = scene.c, mode.sigma
+    peak, peak_time = path.largest(lambda t, x, v: sigma * x[0], state.peak)
+    peak = jnp.where(end.toppled, scene.overturn_angle, jnp.minimum(peak, scene.overturn_angle))
+    peak_time = jnp.where(end.toppled, end.t, peak_time)
+    raises = mode.rocking & (peak > state.peak)
+    deformation, force = state.deformation, state.shear
+    if plan.deformation:
+        value, _ = path.largest(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], state.deformation)
+        deformation = jnp.maximum(state.deformation, value)
+    if plan.shear:
+        value, _ = path.largest(lambda t, x, v: shear(c, sigma, mode.ground(t), x, v, mode.rates(t, x, v)), state.shear)
+        force = jnp.maximum(state.shear, value)
+    starts = ~mode.rocking & (end.sigma != 0)
+    stats = path.solution.stats
+    return state._replace(
+        t=end.t,
+        event_time=end.t,
+        x=end.x,
+        v=end.v,
+        sigma=end.sigma,
+        piece=end.piece.astype(state.piece.dtype),
+        cut=jnp.full_like(end.t, jnp.inf),
+        peak=jnp.where(raises, peak, state.peak),
+        peak_time=jnp.where(raises, peak_time, state.peak_time),
         deformation=deformation,
         shear=force,
-        uplifted=lane.uplifted | starts,
-        uplift_time=jnp.where(starts & ~lane.uplifted, ended, lane.uplift_time),
-        overturn_time=jnp.where(toppled, ended, lane.overturn_time),
-        impacts=lane.impacts + hit,
-        slowest=jnp.where(hit, jnp.minimum(lane.slowest, speed), lane.slowest),
-        slowest_before_peak=jnp.where(raises, lane.slowest, lane.slowest_before_peak),
-        steps=lane.steps + jnp.maximum(count, 1).astype(lane.steps.dtype),
-        rejected=lane.rejected + solution.stats["num_rejected_steps"].astype(lane.steps.dtype),
+        uplifted=state.uplifted | starts,
+        uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
+        overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
+        impacts=state.impacts + end.hit,
+        slowest=jnp.where(end.hit, jnp.minimum(state.slowest, end.speed), state.slowest),
+        slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),
+        rejected=state.rejected + stats["num_rejected_steps"].astype(state.steps.dtype),
     )
-    code = jnp.where(ended >= scene.end, results.END_OF_TIME, results.RUNNING)
-    if not how.to_the_end:
-        code = jnp.where(certificate(scene, how, advanced, piece, ground_now), results.SETTLED, code)
-    code = jnp.where(toppled, results.OVERTURNED, code)
-    advanced = advanced._replace(code=jnp.where(finite, code, results.NOT_FINITE).astype(lane.code.dtype))
-    again = lane._replace(cut=cut, rejected=lane.rejected + jnp.maximum(count, 1).astype(lane.steps.dtype))
+
+
+def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
+    """The state after one segment, or the same state with a cut where the guard was broken unseen; and the nodes kept."""
+    path = _path(_mode(scene, plan, state), options, state)
+    missed, cut = path.missed()
+    end = _arrival(path, state)
+    advanced = _advanced(path, plan, state, end)
+    code = jnp.where(end.t >= scene.end, results.END_OF_TIME, results.RUNNING)
+    if not plan.to_the_end:
+        code = jnp.where(certificate(scene, plan, advanced, end.piece, end.ground), results.SETTLED, code)
+    code = jnp.where(end.toppled, results.OVERTURNED, code)
+    advanced = advanced._replace(code=jnp.where(end.finite, code, results.NOT_FINITE).astype(state.code.dtype))
+    count = path.solution.stats["num_accepted_steps"]
+    again = state._replace(cut=cut, rejected=state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype))
     after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
     if nodes is not None:
         # The solver's own steps, short of the end, then the end itself.
-        inner = jnp.where((solution.ts < ended) & (solution.ts > t0) & ~missed, solution.ts, jnp.inf)
-        xs, vs = jax.vmap(natural)(solution.ys)
-        nodes = _keep(nodes, lane, inner, xs, vs)
-        end = jnp.where(missed, jnp.inf, ended)[None]
+        ts = path.solution.ts
+        inner = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
+        xs, vs = jax.vmap(path.mode.natural)(path.solution.ys)
+        nodes = _keep(nodes, state, inner, xs, vs)
+        at = jnp.where(missed, jnp.inf, end.t)[None]
         at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
-        nodes = _keep(nodes, lane, end, *at_end, mode, advanced.piece, jnp.where(hit, ended, jnp.nan))
+        nodes = _keep(nodes, state, at, *at_end, end.sigma, advanced.piece, jnp.where(end.hit, end.t, jnp.nan))
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
-        after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(lane.code.dtype))
+        after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype))
     return after, nodes

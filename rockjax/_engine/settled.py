@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from rockjax._types import Flag, Index, Value
 
 from .model import energy, energy_after, potential
-from .scene import Lane, Plan, Scene
+from .scene import LoopState, Plan, Scene
 
 
-def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value) -> Flag:
+def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value) -> Flag:
     """Whether everything that is wanted stands, whatever the rest of the excitation does.
 
     The energy can never exceed `energy_after` again. If that is less than the potential at the recorded peak (or at
@@ -19,9 +19,9 @@ def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value
     oscillator holds energy; where its bound and the rest of the ground's acceleration together stay under Eq. (9),
     the columns never lift again. Deformation and shear have bounds of their own.
     """
-    scene, lane = jax.lax.stop_gradient((scene, lane))
+    scene, state = jax.lax.stop_gradient((scene, state))
     c = scene.c
-    x, v, t, sigma = lane.x, lane.v, lane.t, lane.sigma
+    x, v, t, sigma = state.x, state.v, state.t, state.sigma
     impulse = scene.outlook.impulse(t, piece)
     to_come = scene.outlook.peak(t, piece, ground)
     now = energy(c, sigma, x, v)
@@ -29,29 +29,29 @@ def certificate(scene: Scene, how: Plan, lane: Lane, piece: Index, ground: Value
     one = jnp.ones_like(t)
     stays_inside = (jnp.abs(x[0]) <= c.alpha) & (most < potential(c, one, c.alpha))
     stays_under = stays_inside
-    if how.rotation:
-        stays_under &= most < potential(c, one, jnp.minimum(lane.peak, c.alpha))
-    if how.margin:
-        stays_under &= most < (1 - lane.margin) * potential(c, one, scene.topple)
-    if not how.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
-        if how.shear:
+    if plan.rotation:
+        stays_under &= most < potential(c, one, jnp.minimum(state.peak, c.alpha))
+    if plan.margin:
+        stays_under &= most < (1 - state.margin) * potential(c, one, scene.overturn_angle)
+    if not plan.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
+        if plan.shear:
             # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.
             angular = (c.gravity * c.sin_alpha + c.ground * to_come) / c.inertia + 2 * most / c.spin
-            stays_under &= to_come + c.two_R * angular < lane.shear * c.g
-        return stays_under & (not how.impacts)
+            stays_under &= to_come + c.two_R * angular < state.shear * c.g
+        return stays_under & (not plan.impacts)
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.
     contact = jnp.where(sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf)
     demand = to_come + c.demand / jnp.sqrt(jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)) * jnp.sqrt(
         2 * jnp.where(sigma == 0, contact, 0.0) * (c.omega2 + c.damping**2)
     )
     rests = (sigma == 0) & (demand < c.uplift)
-    stands = rests | (stays_under & (not how.impacts))
+    stands = rests | (stays_under & (not plan.impacts))
     most = jnp.where(rests, contact, most)
-    if how.deformation:
-        stands &= 0.5 * c.eta * c.omega2 * lane.deformation**2 > most
-    if how.shear:
+    if plan.deformation:
+        stands &= 0.5 * c.eta * c.omega2 * state.deformation**2 > most
+    if plan.shear:
         # max of ω²d + 2ζω(u̇_t − u̇_b) at given energy, by Cauchy–Schwarz; at rest u̇_b = 0.
         eta = jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)
         beam = jnp.where(rests, 0.0, (c.damping * c.two_R) ** 2 / c.spin)
-        stands &= lane.shear * c.g > jnp.sqrt(2 * most * ((c.omega2 + c.damping**2) / eta + beam))
+        stands &= state.shear * c.g > jnp.sqrt(2 * most * ((c.omega2 + c.damping**2) / eta + beam))
     return stands

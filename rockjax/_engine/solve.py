@@ -24,8 +24,8 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 from .derivatives import differentiable, known
-from .flat import Nodes, rehearse, replay, run, run_with_history
-from .scene import Lane, Plan, Scene, plan, prepare
+from .flat import Nodes, record_decisions, replay, run, run_with_history
+from .scene import LoopState, Plan, Scene, plan_for, prepare
 
 
 def solve(
@@ -42,8 +42,12 @@ def solve(
     programs are those that are kept between processes.
     """
     arguments = podium, excitation, initial, t_end, options
-    leaves, structure = jax.tree.flatten(arguments)
-    if options.engine == "flat" and any(isinstance(y, Tracer) for y in leaves) and all(map(known, leaves)):
+    leaves = jax.tree.leaves(arguments)
+    if options.engine != "flat" or not all(map(known, leaves)):
+        return PROGRAM(*arguments, history=history)
+    arguments = podium, excitation.common_form(), initial, t_end, options
+    if any(isinstance(y, Tracer) for y in leaves):
+        leaves, structure = jax.tree.flatten(arguments)
         return differentiable(PROGRAM, structure, history)(*leaves)
     return PROGRAM(*arguments, history=history)
 
@@ -56,33 +60,33 @@ def _solve(
     options: Options,
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
-    how = plan(podium, options, history is not None)
+    plan = plan_for(podium, options, history is not None)
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
 
-    def scene(leaves) -> tuple[Scene, Lane]:
+    def scene(leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
-        return prepare(podium, excitation, initial, t_end, options, how)
+        return prepare(podium, excitation, initial, t_end, options, plan)
 
     def function(*leaves):
-        ready, lane = scene(leaves)
+        ready, state = scene(leaves)
         if options.engine == "segments":
             from .segments import run_segments
 
-            lane, nodes = run_segments(ready, how, lane, options, history)
+            state, nodes = run_segments(ready, plan, state, options, history)
         elif history is None:
-            lane, nodes = run(ready, how, lane, options.max_steps), None
+            state, nodes = run(ready, plan, state, options.max_steps), None
         else:
-            lane, nodes = run_with_history(ready, how, lane, options.max_steps, history)
-        return _with_nodes(answers(ready, how, lane), nodes)
+            state, nodes = run_with_history(ready, plan, state, options.max_steps, history)
+        return _with_nodes(answers(ready, plan, state), nodes)
 
     def rehearsed(*leaves):
         """The same for derivatives with respect to arrays, in forward and reverse mode."""
         constant = jax.lax.stop_gradient
-        ready, lane = scene(leaves)
-        last, decisions, count = rehearse(constant(ready), how, constant(lane), options.max_steps)
-        lane, nodes = replay(ready, how, lane, decisions, count, history)
-        floats, _ = answers(ready, how, lane)
-        _, integers = answers(ready, how, last)
+        ready, state = scene(leaves)
+        last, decisions, count = record_decisions(constant(ready), plan, constant(state), options.max_steps)
+        state, nodes = replay(ready, plan, state, decisions, count, history)
+        floats, _ = answers(ready, plan, state)
+        _, integers = answers(ready, plan, last)
         return _with_nodes((floats, integers), nodes)
 
     return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
@@ -91,33 +95,33 @@ def _solve(
 PROGRAM = KeptProgram(_solve)
 
 
-def answers(scene: Scene, how: Plan, lane: Lane) -> tuple[dict[str, Array], dict[str, Array]]:
-    """What a lane at its end has to say: numbers with derivatives, and integers and flags."""
-    nan = jnp.full_like(lane.t, jnp.nan)
-    absent = jnp.zeros_like(lane.t)
-    ratio = lane.peak / scene.c.alpha
+def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
+    """What a scene at its end has to say: numbers with derivatives, and integers and flags."""
+    nan = jnp.full_like(state.t, jnp.nan)
+    absent = jnp.zeros_like(state.t)
+    ratio = state.peak / scene.c.alpha
     floats = {
-        "peak_rotation": ratio if how.rotation else nan,
-        "peak_rotation_time": lane.peak_time if how.rotation else nan,
-        "overturn_time": lane.overturn_time,
-        "uplift_time": lane.uplift_time,
-        "peak_deformation": lane.deformation if how.deformation else (nan if how.elastic else absent),
-        "peak_shear": lane.shear if how.shear else (nan if how.superstructure else absent),
-        "margin": lane.margin if how.margin else nan,
-        "smallest_impact_speed": lane.slowest_before_peak,
-        "end_time": lane.t,
+        "peak_rotation": ratio if plan.rotation else nan,
+        "peak_rotation_time": state.peak_time if plan.rotation else nan,
+        "overturn_time": state.overturn_time,
+        "uplift_time": state.uplift_time,
+        "peak_deformation": state.deformation if plan.deformation else (nan if plan.elastic else absent),
+        "peak_shear": state.shear if plan.shear else (nan if plan.superstructure else absent),
+        "margin": state.margin if plan.margin else nan,
+        "smallest_impact_speed": state.slowest_before_peak,
+        "end_time": state.t,
     }
-    if how.errors:
+    if plan.errors:
         # What is too much at the overturning angle, over the inertia.
-        floats["fall"] = jnp.where(lane.code == results.OVERTURNED, lane.v[0] ** 2, nan)
+        floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
     integers = {
         "exceeded_alpha": ratio >= 1,
-        "overturned": lane.code == results.OVERTURNED,
-        "uplifted": lane.uplifted,
-        "impacts": lane.impacts,
-        "code": lane.code,
-        "steps": lane.steps,
-        "rejected": lane.rejected,
+        "overturned": state.code == results.OVERTURNED,
+        "uplifted": state.uplifted,
+        "impacts": state.impacts,
+        "code": state.code,
+        "steps": state.steps,
+        "rejected": state.rejected,
     }
     return floats, integers
 

@@ -80,6 +80,10 @@ class AbstractExcitation(eqx.Module):
         """Index of the piece after the last breakpoint."""
         return self.breakpoints.shape[-1]
 
+    def common_form(self) -> AbstractExcitation:
+        """The same motion in a form whose programs serve more of its kind, whatever the length of a record."""
+        return self
+
     @property
     def own_dimensions(self) -> dict[str, int]:
         """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a batch."""

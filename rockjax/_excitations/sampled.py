@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from rockjax._types import Index, Value
 
@@ -44,6 +44,10 @@ class AbstractSampled(AbstractExcitation):
     @abc.abstractmethod
     def row(self, table: Float[Array, "*table n"]) -> Float[Array, " n"]:
         """The entries of this motion, and what fills up the row."""
+
+    def counts_of_rows(self) -> Int[Array, "*rows 1"]:
+        """How many of a row of the table are samples, for every row of it."""
+        return jnp.asarray(self.sampling.count)[..., None]
 
     @abc.abstractmethod
     def sizes(self) -> Float[Array, "*table n"]:
@@ -89,7 +93,12 @@ class AbstractSampled(AbstractExcitation):
         # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
-        to_come = jnp.flip(jnp.cumsum(jnp.flip(areas, -1), axis=-1), -1)
+        # Summed from the last sample on: however much fills up a row, the sums are the same to the last digit.
+        samples = jnp.arange(size.shape[-1]).reshape((1,) * (size.ndim - 1) + (-1,))
+        place = record.counts_of_rows() - 1 - samples
+        backwards = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
+        to_come = backwards(jnp.cumsum(jnp.where(place >= 0, backwards(areas), 0.0), axis=-1))
+        to_come = jnp.where(place >= 0, to_come, 0.0)
         highest = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
         if threshold is None:
             return SampledOutlook(record, None, to_come, highest, None)

@@ -9,7 +9,8 @@ from typing import Self
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
 
 from rockjax._checks import as_number, concrete, finite, positive, single
 from rockjax._excitations.sampled import AbstractSampled, Sampling
@@ -96,3 +97,32 @@ class Record(AbstractSampled):
     @property
     def own_dimensions(self) -> dict[str, int]:
         return {"acceleration": 1}
+
+    def common_form(self) -> PaddedRecord:
+        """The record filled up to one of few sizes: powers of two, and one and a half times these."""
+        samples = self.acceleration
+        count = samples.shape[-1]
+        power = 1 << max(8, (count - 1).bit_length())
+        size = 3 * power // 4 if count <= 3 * power // 4 else power
+        room = [(0, 0)] * (samples.ndim - 1) + [(0, size - count)]
+        # What JAX would do here it would compile for every length.
+        filled = jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
+        return PaddedRecord(filled, self.dt, self.scale, self.t_start, np.int32(count))
+
+
+class PaddedRecord(Record):
+    """A record filled up with zeros, so that records of many lengths share their programs; `count` are samples."""
+
+    count: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=0)
+
+    @property
+    def sampling(self) -> Sampling:
+        return Sampling(self.t_start, self.dt, self.count, self.scale)
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        i = jnp.arange(self.acceleration.shape[-1])
+        return jnp.where(i < self.count, super().breakpoints, jnp.inf)
+
+    def common_form(self) -> PaddedRecord:
+        return self

@@ -101,6 +101,9 @@ class Records(AbstractSampled):
     def row(self, table: Float[Array, "k n"]) -> Float[Array, " n"]:
         return table[self.which]
 
+    def counts_of_rows(self) -> Int[Array, "k 1"]:
+        return self.counts[:, None]
+
     def sizes(self) -> Float[Array, "k n"]:
         samples = jnp.arange(self.acceleration.shape[-1])[None] < self.counts[:, None]
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)

@@ -66,7 +66,13 @@ class KeptProgram:
             return self._jitted(fixed)(*passed)
         key = fixed, tuple(map(_type, passed)), _present_settings()
         ready = self._ready.get(key) or self._make(key, passed, fixed)
-        return ready(*passed)
+        try:
+            return ready(*passed)
+        except jax.errors.JaxRuntimeError as error:
+            if "NOT_FOUND" not in str(error):
+                raise
+            _LOG.debug("a kept program is not whole: %s", error)
+        return self._make_again(key, passed, fixed)(*passed)
 
     def traced(self, *arguments: Any, **named: Any) -> Any:
         """The same through `jax.jit`, for those who trace."""
@@ -106,6 +112,18 @@ class KeptProgram:
                 self._ready[key] = self._kept(passed, fixed)
             return self._ready[key]
 
+    def _make_again(self, key: Hashable, passed: list, fixed: _Fixed) -> Callable:
+        """In the place of a program that lacks some of its code: XLA notices only when it is run."""
+        with self._lock:
+            lock = self._making.setdefault(key, threading.Lock())
+        with lock:
+            place = store()
+            text = self._text(passed, fixed) if place else None
+            if place and text:
+                folder.discard(place, text)
+            self._ready[key] = self._jitted(fixed).lower(*passed).compile()
+            return self._ready[key]
+
     def _kept(self, passed: list, fixed: _Fixed) -> Callable:
         """The program from the folder; compiled, and kept there, where there is none."""
         place = store()
@@ -120,9 +138,9 @@ class KeptProgram:
                 found = _load(place, text)
             if found is not None:
                 return found
-            compiled = lowered.compile()
+            compiled, whole = _compiled(lowered)
         COUNTS["compiled"] += 1
-        if place and text:
+        if place and text and whole:
             _keep(place, text, compiled)
         return compiled
 
@@ -140,6 +158,29 @@ class KeptProgram:
             self._traced.clear()
             self._ready.clear()
             self._making.clear()
+
+
+_FOUND = threading.local()
+
+
+@functools.cache
+def _listen() -> None:
+    def happened(event: str, **_) -> None:
+        if event == "/jax/compilation_cache/cache_hits":
+            _FOUND.elsewhere = True
+
+    jax.monitoring.register_event_listener(happened)
+
+
+def _compiled(lowered: Any) -> tuple[Any, bool]:
+    """The compiled program, and whether it can be kept: not where JAX's own cache had it, if that is in use.
+
+    On the CPU XLA writes out only what it has compiled itself. What it has loaded would be kept without its code.
+    """
+    _listen()
+    _FOUND.elsewhere = False
+    compiled = lowered.compile()
+    return compiled, not _FOUND.elsewhere
 
 
 _ALL: list[KeptProgram] = []

@@ -152,7 +152,7 @@ class Response(AbstractPeak):
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not isinstance(self.podium.superstructure, Elastic))
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
-        return self.podium, self.excitation, history.padded(self.nodes), end, explicit
+        return self.podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit
 
 
 def _dataset(

@@ -55,6 +55,15 @@ def pga(records: Records) -> Measure:
     return Measure("PGA", np.asarray(jnp.max(records.sizes(), axis=1)), "m s-2")
 
 
+def _levels(owner: str, intensity) -> np.ndarray:
+    """Ascending levels of intensity, checked."""
+    levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
+    if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
+        raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
+    require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
+    return levels
+
+
 def incremental_dynamic_analysis(
     podium: Podium,
     records: AnyMotions,
@@ -93,10 +102,7 @@ def incremental_dynamic_analysis(
     check_types(owner, podium, options)
     records, known = as_records(owner, records)
     names = known if names is None else texts(owner, "names", names)
-    levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
-    if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
-        raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
-    require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
+    levels = _levels(owner, intensity)
     if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
     check_search(owner, width, resolution)

@@ -86,33 +86,14 @@ def rocking_spectra(
     for podium in podiums:
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
-    axes = {
-        "frequency_ratio": np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio")),
-        "acceleration_ratio": np.asarray(as_float(acceleration_ratio, f"{owner}: acceleration_ratio")),
-    }
-    for name, values in axes.items():
-        if values.ndim != 1 or values.size == 0:
-            raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")
-    require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
-    require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    axes = _axes(owner, frequency_ratio, acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
         raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
     require_memory("rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size)
-    kinds: dict[Any, list[int]] = {}
-    for k, podium in enumerate(podiums):
-        kinds.setdefault(jax.tree.structure(podium), []).append(k)
+    kinds = _kinds(podiums)
     derived = [derived_numbers(podium) for podium in podiums]
 
-    if isinstance(resume, str) or not isinstance(resume, Iterable | None):
-        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
-    known = list(resume) if resume is not None else [None] * len(podiums)
-    if len(known) != len(podiums):
-        raise ValueError(
-            f"rocking_spectrum: resume must hold one spectrum or None per podium, got {len(known)} for {len(podiums)}"
-        )
-    for podium, data in zip(podiums, known, strict=True):
-        if data is not None:
-            check_resumes("rocking_spectrum", data, _attributes(podium, pulse, options), axes)
+    known = _known(owner, resume, podiums, pulse, axes, options)
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
@@ -169,6 +150,43 @@ def rocking_spectra(
         total = len(podiums) * size[0] * size[1]
         raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
+
+
+def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
+    """Which podiums can share one batch: their numbers, by the structure of their pytrees."""
+    kinds: dict[Any, list[int]] = {}
+    for k, podium in enumerate(podiums):
+        kinds.setdefault(jax.tree.structure(podium), []).append(k)
+    return kinds
+
+
+def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
+    """Both axes, checked."""
+    axes = {
+        "frequency_ratio": np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio")),
+        "acceleration_ratio": np.asarray(as_float(acceleration_ratio, f"{owner}: acceleration_ratio")),
+    }
+    for name, values in axes.items():
+        if values.ndim != 1 or values.size == 0:
+            raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")
+    require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
+    require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    return axes
+
+
+def _known(owner: str, resume, podiums: Sequence[Podium], pulse, axes: dict[str, np.ndarray], options: Options) -> list:
+    """What is solved already, checked: a spectrum or None for each podium."""
+    if isinstance(resume, str) or not isinstance(resume, Iterable | None):
+        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
+    known = list(resume) if resume is not None else [None] * len(podiums)
+    if len(known) != len(podiums):
+        raise ValueError(
+            f"rocking_spectrum: resume must hold one spectrum or None per podium, got {len(known)} for {len(podiums)}"
+        )
+    for podium, data in zip(podiums, known, strict=True):
+        if data is not None:
+            check_resumes("rocking_spectrum", data, _attributes(podium, pulse, options), axes)
+    return known
 
 
 def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:

@@ -13,14 +13,14 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses
-from rockjax._batch.executors import crew
+from rockjax._batch.executors import executor
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.peak import Peak, peak_variables
 from rockjax._threads import precision
 
 from .numbers import Arguments, Numbers
-from .store import Row, Store
+from .store import ChunkRecord, Store
 
 Devices = Literal["all"] | Sequence[Any] | None
 
@@ -34,7 +34,7 @@ class Job(NamedTuple):
     options: Options
     precision: bool
 
-    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> Row:
+    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> ChunkRecord:
         """Solve a chunk and write it, unless another process has done so by now."""
         store, numbers = _opened(self.store, self.fingerprint, _Skeleton(self.skeleton))
         if (row := store.row(k)) is not None:
@@ -88,7 +88,7 @@ def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:
 
 
 def cores_of(devices: Devices, threads: int | None) -> int:
-    who = crew("sweep", **_hands(devices, threads))
+    who = executor("sweep", **_hands(devices, threads))
     return who.hosts * who.devices
 
 

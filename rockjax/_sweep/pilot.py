@@ -13,8 +13,8 @@ from rockjax._responses.peak import peak_variables
 from rockjax._threads import precision
 
 from .chunks import Devices, cores_of, solved, trial_steps
-from .store import Layout, compressed_size, stored_as
-from .study import Study
+from .store import ChunkLayout, compressed_size, stored_as
+from .study import SweepSpec
 
 SAMPLE = (256, 16384)  # scenes
 SHARE = 50  # of so many scenes one
@@ -44,7 +44,7 @@ class Pilot(NamedTuple):
         seconds = min(high, max(low, scenes * a_scene / (CHUNKS_EACH * cores)))
         return max(1, round(seconds * cores_of_chunk / a_scene))
 
-    def expected(self, layout: Layout) -> np.ndarray:
+    def expected(self, layout: ChunkLayout) -> np.ndarray:
         """Trial steps of every chunk: the mean of its sample, or of all where it has none."""
         chunks = layout.chunk_of(self.scenes)
         number = np.bincount(chunks, minlength=layout.number)
@@ -53,7 +53,7 @@ class Pilot(NamedTuple):
         return mean * layout.sizes()
 
 
-def pilot(study: Study, threads: int | None, devices: Devices) -> Pilot:
+def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     """Solve some scenes spread over all of them, and measure."""
     numbers, options = study.numbers, study.options
     low, high = SAMPLE

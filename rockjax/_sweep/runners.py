@@ -13,21 +13,21 @@ import numpy as np
 
 from .chunks import Devices, Job, cores_of
 from .pilot import Pilot, pilot
-from .store import Row, Store
-from .study import Study
+from .store import ChunkRecord, Store
+from .study import SweepSpec
 
 
-class Here:
+class LocalRunner:
     """Chunks one after the other, each on all cores or devices of this machine."""
 
     def __init__(self, devices: Devices):
         self.devices = devices
         self.cores = self.cores_of_chunk = cores_of(devices, None)
 
-    def pilot(self, study: Study) -> Pilot:
+    def pilot(self, study: SweepSpec) -> Pilot:
         return pilot(study, None, self.devices)
 
-    def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
+    def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks; returns what stopped it."""
         try:
             for k in map(int, todo):
@@ -39,20 +39,20 @@ class Here:
 
 
 @contextlib.contextmanager
-def _naming(job: Job, bar: Bar) -> Iterator[None]:
+def _naming(job: Job, bar: ChunkProgress) -> Iterator[None]:
     try:
         yield
     except OSError as error:
         raise _unwritten(job, bar, error) from error
 
 
-def _unwritten(job: Job, bar: Bar, error: BaseException) -> OSError:
+def _unwritten(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
     cause = getattr(error, "strerror", None) or error
     kept = f"{bar.done} of {bar.count} chunks are kept, the same call goes on from there"
     return OSError(f"{job.store} could not be written: {cause}; {kept}")
 
 
-class There:
+class DaskRunner:
     """Chunks as tasks of a Dask cluster, each on one core of a worker or on its devices."""
 
     cores_of_chunk = 1
@@ -71,12 +71,12 @@ class There:
         threads: Any = self.client.nthreads()
         return max(1, sum(threads.values()))
 
-    def pilot(self, study: Study) -> Pilot:
+    def pilot(self, study: SweepSpec) -> Pilot:
         held: Any = self.client.scatter([study])  # records may be long
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
         return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
 
-    def run(self, job: Job, todo: np.ndarray, bar: Bar) -> KeyboardInterrupt | None:
+    def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks; returns what stopped it."""
         from distributed import as_completed
 
@@ -100,7 +100,7 @@ class There:
         return None
 
 
-def _task(job: Job, k: int, devices: Devices) -> Row:
+def _task(job: Job, k: int, devices: Devices) -> ChunkRecord:
     return job.solve(k, 1, devices, False)
 
 
@@ -122,7 +122,7 @@ def _line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-class Bar:
+class ChunkProgress:
     """Progress in expected trial steps, so that the time left holds although chunks differ in cost."""
 
     def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
@@ -140,7 +140,7 @@ class Bar:
         self._show()
         self.ended = ticking(self.bar)
 
-    def __enter__(self) -> Bar:
+    def __enter__(self) -> ChunkProgress:
         return self
 
     def __exit__(self, *_) -> None:
@@ -169,7 +169,7 @@ class Bar:
 
 
 class _Inside:
-    def __init__(self, bar: Bar, each: float):
+    def __init__(self, bar: ChunkProgress, each: float):
         self.bar, self.each, self.counted = bar, each, 0.0
 
     def update(self, scenes: int) -> None:

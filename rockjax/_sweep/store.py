@@ -40,7 +40,7 @@ class TakenError(Exception):
     """Another process was the first to make a store at a path."""
 
 
-class Row(NamedTuple):
+class ChunkRecord(NamedTuple):
     """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an answer."""
 
     checksum: float
@@ -49,7 +49,7 @@ class Row(NamedTuple):
     failed: float
 
 
-class Layout(NamedTuple):
+class ChunkLayout(NamedTuple):
     """A grid of scenes in chunks: boxes that lie one after the other in the order of the scenes.
 
     - `shape`: scenes along each axis; `block`: those of a chunk
@@ -59,7 +59,7 @@ class Layout(NamedTuple):
     block: tuple[int, ...]
 
     @classmethod
-    def of(cls, shape: Sequence[int], chunk: int) -> Layout:
+    def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
         """Chunks of about so many scenes, no more than that: the last axes whole, the first one by one."""
         block, room = [], max(1, chunk)
         for n in reversed(shape):
@@ -141,7 +141,7 @@ class Store:
         self.path = path
         self.group = group
         self.about: dict[str, Any] = _about(group)
-        self.layout = Layout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
+        self.layout = ChunkLayout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
         self.variables: list[str] = list(self.about["variables"])
         self._arrays: dict[str, Any] = {name: group[name] for name in self.variables}
         self._rows: Any = group["progress/rows"]
@@ -187,7 +187,7 @@ class Store:
         """
         path = located(path)
         zarr = _zarr()
-        layout = Layout(tuple(about["shape"]), tuple(about["chunk"]))
+        layout = ChunkLayout(tuple(about["shape"]), tuple(about["chunk"]))
         with _in_one_move(path) as place:
             blocks = dict(zip(dims, layout.block, strict=True))
             # Axes whole; what is given for every scene in the chunks of the answers.
@@ -206,8 +206,8 @@ class Store:
                 group.create_array(f"inputs/{name}", **kind, **more)[...] = values
             progress = group.create_group("progress")
             progress.create_array(
-                "rows", shape=(layout.number, len(Row._fields)), dtype="f8", chunks=(1, len(Row._fields)),
-                fill_value=np.nan, attributes={"columns": list(Row._fields)}, **more,
+                "rows", shape=(layout.number, len(ChunkRecord._fields)), dtype="f8", chunks=(1, len(ChunkRecord._fields)),
+                fill_value=np.nan, attributes={"columns": list(ChunkRecord._fields)}, **more,
             )  # fmt: skip
             progress.create_array("expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more)[...] = (
                 expected
@@ -236,24 +236,27 @@ class Store:
         """A `Row` for every chunk, NaN for those that are not done, shape (chunks, 4)."""
         return np.asarray(self._rows[...])
 
-    def row(self, k: int) -> Row | None:
+    def row(self, k: int) -> ChunkRecord | None:
         """The row of a chunk, None where it is not done."""
-        row = Row(*map(float, self._rows[k]))
+        row = ChunkRecord(*map(float, self._rows[k]))
         return None if np.isnan(row.checksum) else row
 
     def forget(self, k: int) -> None:
         """A chunk is to be solved again."""
-        self._rows[k] = np.full(len(Row._fields), np.nan)
+        self._rows[k] = np.full(len(ChunkRecord._fields), np.nan)
 
     def intact(self, k: int, row: np.ndarray) -> bool:
         """Whether the answers of a chunk are those that its row was written for."""
         box = self.layout.box(k)
         try:
-            return checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables}) == Row(*row).checksum
+            return (
+                checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables})
+                == ChunkRecord(*row).checksum
+            )
         except (OSError, RuntimeError, ValueError):  # what zarr's codecs raise for bytes that are none of theirs
             return False
 
-    def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> Row:
+    def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> ChunkRecord:
         """The answers of a chunk, and then its row.
 
         Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
@@ -266,7 +269,7 @@ class Store:
         parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
         for name, values in parts.items():
             self._arrays[name][box] = values
-        row = Row(checksum(parts), seconds, steps, failed)
+        row = ChunkRecord(checksum(parts), seconds, steps, failed)
         self._rows[k] = np.array(row)
         return row
 
@@ -283,7 +286,7 @@ def _about(group: zarr.Group) -> dict[str, Any]:
     return dict(attrs.get(_ABOUT, {}))
 
 
-def _cut(shape: tuple[int, ...], layout: Layout) -> tuple[int, ...]:
+def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
     """Chunks of numbers that have the axes of the grid first, such as serve a chunk of answers; others are not cut."""
     axes = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < axes:

@@ -16,10 +16,10 @@ from rockjax._responses.arguments import as_end, as_start, check_range, check_ty
 from rockjax._responses.datasets import describe_versions
 
 from .numbers import Numbers
-from .store import FORMAT, Layout, Store, digest, fingerprint
+from .store import FORMAT, ChunkLayout, Store, digest, fingerprint
 
 
-class Study(NamedTuple):
+class SweepSpec(NamedTuple):
     """What is swept: the numbers of the scenes, the names and labels of their axes, and how they are solved."""
 
     numbers: Numbers
@@ -36,7 +36,7 @@ class Study(NamedTuple):
     def scenes(self) -> int:
         return self.numbers.size
 
-    def about(self, layout: Layout) -> dict[str, Any]:
+    def about(self, layout: ChunkLayout) -> dict[str, Any]:
         """Everything that tells this sweep from others, as JSON."""
         left_out = ("throw", "history")
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in left_out]
@@ -60,7 +60,7 @@ def _plain(y: Any) -> Any:
     return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
 
 
-def study_of(structures, excitations, coords, initial, t_end, options: Options, outputs) -> Study:
+def study_of(structures, excitations, coords, initial, t_end, options: Options, outputs) -> SweepSpec:
     of_kind("sweep", "options", options, Options, "rockjax.Options")
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
@@ -71,7 +71,7 @@ def study_of(structures, excitations, coords, initial, t_end, options: Options, 
     initial, t_end = as_start("sweep", initial), as_end("sweep", t_end)
     numbers = Numbers.of("sweep", structures, excitations, initial, t_end)
     dims, labels = _axes(coords, numbers.shape)
-    return Study(numbers, dims, labels, options, bool(jax.config.jax_enable_x64))  # pyright: ignore[reportAttributeAccessIssue]
+    return SweepSpec(numbers, dims, labels, options, bool(jax.config.jax_enable_x64))  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
@@ -91,9 +91,9 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
     return dims, labels
 
 
-def check_same(found: Store, study: Study, chunk: int | None) -> None:
+def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
     """Raise `ValueError` unless a store is of this very sweep."""
-    layout = found.layout if chunk is None else Layout.of(study.shape, chunk)
+    layout = found.layout if chunk is None else ChunkLayout.of(study.shape, chunk)
     differences = list(_differences(found.about, study.about(layout)))
     if differences:
         raise ValueError(
@@ -123,7 +123,7 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
                 yield f"{name} has other values" if group == "numbers" else f"the labels of {name} are others"
 
 
-def coords_of(study: Study) -> Iterator[tuple[str, Any]]:
+def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
     """The labels of the axes, and every number that varies between scenes along the axes on which it does."""
     for name, labels in study.labels.items():
         yield name, ((name,), labels, _ABOUT.get(name, {}))

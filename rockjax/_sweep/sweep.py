@@ -25,9 +25,9 @@ from rockjax._structures import Podium
 
 from .chunks import Devices, Job
 from .pilot import Pilot
-from .runners import Bar, Here, There
-from .store import Layout, Row, Store, TakenError, located, require_zarr
-from .study import Study, check_same, coords_of, study_of
+from .runners import ChunkProgress, DaskRunner, LocalRunner
+from .store import ChunkLayout, ChunkRecord, Store, TakenError, located, require_zarr
+from .study import SweepSpec, check_same, coords_of, study_of
 
 if TYPE_CHECKING:
     import xarray
@@ -86,17 +86,17 @@ def sweep(
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
-    where = Here(devices) if client is None else There(client, devices)
+    where = LocalRunner(devices) if client is None else DaskRunner(client, devices)
     if found is None or dry_run:
         pilot = where.pilot(study)
         size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
-        layout = Layout.of(study.shape, size) if found is None else found.layout
+        layout = ChunkLayout.of(study.shape, size) if found is None else found.layout
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
         found = _created(store, study, layout, pilot, chunk)
     job = Job(found.path, found.about["fingerprint"], study.numbers.skeleton, study.options, study.precision)
     todo, solved = _todo(found, progress)
-    with Bar(found, todo, solved, progress) as bar:
+    with ChunkProgress(found, todo, solved, progress) as bar:
         stopped = where.run(job, todo, bar)
     data = found.dataset()
     if stopped is not None:
@@ -104,7 +104,7 @@ def sweep(
             f"stopped with {bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
         )
         raise Interrupted(message, data) from stopped
-    failed = int(np.nansum(found.rows()[:, Row._fields.index("failed")]))
+    failed = int(np.nansum(found.rows()[:, ChunkRecord._fields.index("failed")]))
     if failed:
         message = f"{failed} of {study.scenes} scenes ended without an answer; their result says why"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
@@ -116,7 +116,7 @@ def _check_chunk(chunk) -> None:
         raise ValueError(f"sweep: chunk must be a whole number of scenes ≥ 1, got chunk = {chunk!r}")
 
 
-def _created(path, study: Study, layout: Layout, pilot: Pilot, chunk: int | None) -> Store:
+def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None) -> Store:
     """A new store; or, where another client was the first to start this very sweep, that one."""
     import xarray
 
@@ -195,7 +195,9 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
-def _plan(study: Study, layout: Layout, pilot: Pilot, found: Store | None, where: Here | There, path: str) -> SweepPlan:
+def _plan(
+    study: SweepSpec, layout: ChunkLayout, pilot: Pilot, found: Store | None, where: LocalRunner | DaskRunner, path: str
+) -> SweepPlan:
     expected = pilot.expected(layout)
     done = np.zeros(layout.number, bool) if found is None else np.isfinite(found.rows()[:, 0])
     sizes = layout.sizes()

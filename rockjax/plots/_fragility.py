@@ -108,10 +108,9 @@ def _legend(ax: Axes) -> None:
     entries: list[tuple[Any, str]] = []
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-        shape = handle.get_marker() if isinstance(handle, Line2D) else "None"
-        if shape != "None":
+        if isinstance(handle, Line2D) and (shape := handle.get_marker()) != "None":
             marks[shape] = max(marks.get(shape, ""), text, key=len)  # the longest explanation stands for all
-        elif text.endswith("band"):
+        elif isinstance(handle, Line2D) and text.endswith("band"):
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
         else:
             entries.append((handle, text))
