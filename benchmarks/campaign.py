@@ -35,6 +35,7 @@ class Kept:
     def solve(self, name: str, scenes: tuple[rj.Podium, rj.AbstractExcitation], **more: Any) -> Answers:
         """Answers of some scenes as named arrays, solved unless they are kept."""
         data = rj.sweep(*scenes, store=self.folder / f"{name}.zarr", chunk=CHUNK, progress=False, **more)
+        assert not isinstance(data, rj.SweepPlan)
         return {str(key): np.asarray(values) for key, values in data.data_vars.items()}
 
     def remember(self, name: str, work: Callable[[], Any]) -> Any:

@@ -335,7 +335,7 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
         found.results[name] = found.results.get(name, 0) + int((code == k).sum())
     found.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
     for k in np.flatnonzero(code == OUT_OF_STEPS):
-        found.fail(f"out of steps: {why_out_of_steps(of, k)}", np.arange(code.size) == k, line)
+        found.fail(f"out of steps: {why_out_of_steps(of, int(k))}", np.arange(code.size) == k, line)
     found.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, known = code <= 2, true_code <= 2
     ratio = float(of.options.overturn_ratio)

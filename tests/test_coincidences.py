@@ -71,9 +71,6 @@ def own_motion(kind: str):
                 (None, "OneSine"),
                 (None, "HalfSine"),
                 (None, "OneCosine"),
-                ("elastic", "kink"),
-                ("elastic", "jump"),
-                ("elastic", "OneCosine"),
             ]
         ),
     ],
