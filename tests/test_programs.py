@@ -197,6 +197,14 @@ def test_threads_compile_a_program_once(kept):
     assert all(np.array_equal(answers[0], y) for y in answers)
 
 
+def test_functions_of_no_module_have_no_name():
+    names: dict = {}
+    exec("def ask(x):\n    return x", {"__name__": None}, names)
+    for thing in (names["ask"], lambda x: x):
+        with pytest.raises(kind.Unknown):
+            kind.describe(thing)
+
+
 def test_classes_of_the_user_are_known_by_what_they_compute(kept):
     """A function of the user's may change while its name stays."""
 

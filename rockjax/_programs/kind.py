@@ -63,7 +63,7 @@ def _slots(kind: type) -> bool:
 
 def _name(thing: Any) -> str:
     """The name of a class or function at the top of a module whose source is known."""
-    module, name = thing.__module__, thing.__qualname__
+    module, name = thing.__module__ or "", thing.__qualname__  # None in code that is run from a text
     found = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
