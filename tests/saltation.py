@@ -24,7 +24,9 @@ _SCENES = (
     ("cosine, jump after the first impact", "OneCosine", "0.25", "1.5", "0.9", "-3.0", "0.8", "0.06", "0.0"),
     ("sine, after three impacts", "OneSine", "0.2", "2.0", "0.93", "-1.8", "1.5", "0.01", "0.0"),
 )
-SCENES: dict[str, dict[str, str]] = {name: dict(zip(("pulse", *PARAMETERS), numbers, strict=True)) for name, *numbers in _SCENES}
+SCENES: dict[str, dict[str, str]] = {
+    name: dict(zip(("pulse", *PARAMETERS), numbers, strict=True)) for name, *numbers in _SCENES
+}
 G = "9.80665"
 ORDER = 40
 DIGITS = 50  # worked with; the table keeps 30

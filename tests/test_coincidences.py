@@ -13,7 +13,7 @@ import rockjax as rj
 
 from .scenes import G, options, shaking
 
-FINE = options(1e-12, "dopri8", history=1024, throw=False)
+FINE = options(1e-12, "dopri8", history=256, throw=False)
 ULPS = (-64, -5, -2, -1, 0, 1, 2, 5, 64)
 FAR = 1e-9  # what the others are compared with
 
@@ -61,37 +61,24 @@ def own_motion(kind: str):
 
 
 @pytest.mark.parametrize(
-    ("top", "kind"),
-    [
-        (None, "jump"),
-        *(
-            pytest.param(top, kind, marks=pytest.mark.slow)
-            for top, kind in [
-                (None, "kink"),
-                (None, "OneSine"),
-                (None, "HalfSine"),
-                (None, "OneCosine"),
-            ]
-        ),
-    ],
+    "kind",
+    ["jump", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("kink", "OneSine", "HalfSine", "OneCosine"))],
 )
-def test_an_impact_on_a_breakpoint(top, kind):
+def test_an_impact_on_a_breakpoint(kind):
     """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40 %."""
     motion = own_motion(kind)
-    y = jnp.array([0.3, 2.0, 0.93, 1.0, 0.05, 1.0, 10.0, 0.4])
+    y = jnp.array([0.3, 2.0, 0.93, 1.0, 0.05, 1.0])
 
     def response(y, time):
-        superstructure = None if top is None else rj.Elastic(y[6], y[7], 0.05)
-        podium = rj.Podium(y[0], y[1], 0.0 if top is None else 10.0, superstructure, restitution=y[2])
-        initial = rj.State(y[4], 0.0, 0.01 if top else 0.0, 0.0)
-        return rj.simulate(podium, motion(y, time), initial=initial, t_end=2.5, options=FINE)
+        podium = rj.Podium(y[0], y[1], restitution=y[2])
+        return rj.simulate(podium, motion(y, time), initial=rj.State(y[4]), t_end=2.5, options=FINE)
 
     def late(y, time):
         state = response(y, time)(2.45)
-        return jnp.stack([state.theta, state.theta_dot] + ([] if top is None else [state.u_t, state.u_t_dot]))
+        return jnp.stack([state.theta, state.theta_dot])
 
     impact = jax.jit(lambda time: response(y, time).impact_times[1])
-    time = coincide(impact, 0.9 if top is None else 0.2)
+    time = coincide(impact, 0.9)
     slopes = continuous(late, y, around(time))
     jumps = kind in ("jump", "OneCosine")
     assert bool(np.abs(slopes[0] - slopes[-1]).max() > 1e-5 * np.abs(slopes).max()) is jumps

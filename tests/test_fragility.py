@@ -200,7 +200,7 @@ def test_boundaries_are_where_the_verdict_changes(analysis):
     scale = places[line, number] / data["measure"].values[line]
     below, above = (
         rj.peak_responses(BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=ENSEMBLE).overturned
-        for side in (1 - 1e-7, 1 + 1e-7)
+        for side in (1 - 1e-9, 1 + 1e-9)  # the capacity of record 4 is the end of a window 3e-6 wide
     )
     assert line.size > 8
     np.testing.assert_array_equal(below, number % 2 == 1)
@@ -226,7 +226,7 @@ def test_sensitivities_of_capacities_against_bisection(analysis):
     h = 1e-6
     for parameter in ("alpha", "R"):
         slopes = data["sensitivity"].sel(parameter=parameter).values
-        for j in (0, 4, 7):
+        for j in (0, 2, 7):  # alone within 3e-4: below that of record 4 is one more
             ends = []
             for sign in (1, -1):
                 podium = BLOCK.replace(**{parameter: getattr(BLOCK, parameter) * np.exp(sign * h)})
