@@ -118,7 +118,7 @@ def found():
         env=os.environ | cache | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": str(DEVICES), "PYTHONPATH": str(root)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    assert not [line for line in done.stderr.splitlines() if not line.startswith("compiling a program")], done.stderr
     return json.loads(done.stdout)
 
 
@@ -203,7 +203,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == (64, 1024)
-    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**16)
+    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17)  # of a record of 100 samples, and its padding
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 

@@ -125,7 +125,7 @@ def test_what_makes_no_sense_is_said(vary, said):
 
 
 def test_other_things_are_not_explored():
-    with pytest.raises(ValueError, match="ground motion"):
+    with pytest.raises(ValueError, match="must be a rockjax motion"):
         optimise.explore(COLUMN, "Ricker", {"width": (0.2, 1.0)})
     with pytest.raises(ValueError, match=r"optimise\.Dimensions"):
         optimise.explore("podium", PULSE, {"a_p": (1.0, 5.0)})

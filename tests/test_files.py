@@ -156,18 +156,19 @@ def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
     flags = ["--points", "40", "--T-s", "0", "--eta-over-gamma", "5,10", "--rtol", "1e-9"]
     script = """
         import signal, sys
-        from rockjax import _batch
-        _batch.CHUNK = 128
-        import tqdm
+        import os
+        from rockjax import _progress
+        from rockjax._batch import batch
+        batch.CHUNK = 128
         seen = 0
-        class Bar(tqdm.tqdm):
+        class Bar(_progress.Bar):
             def update(self, count=1):
                 global seen
                 seen += count
                 if seen - count <= 300 < seen and "--resume" not in sys.argv:
-                    import os; os.kill(os.getpid(), signal.SIGINT)
+                    os.kill(os.getpid(), signal.SIGINT)
                 return super().update(count)
-        tqdm.tqdm = Bar
+        _progress.Bar = Bar
         from rockjax._cli import main
         main()
     """

@@ -26,6 +26,8 @@ OPTIONS = rj.Options(
     max_steps=100_000,
 )
 KINDS = ("none", "rigid", "elastic")
+# What is drawn may be possible and not plausible, such as 455 g.
+pytestmark = pytest.mark.filterwarnings("ignore::rockjax.PlausibilityWarning")
 
 
 def examples(count):

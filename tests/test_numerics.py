@@ -87,9 +87,9 @@ def test_turning_points():
     p = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, 0.5, 0.1, -2.0, -3.0)), jnp.asarray(1.0))
     z = hermite.turning_point(p, jnp.asarray(True))
     assert abs(float(p.slope(z))) < 1e-7
-    assert not bool(hermite.turns_twice(p, jnp.asarray(True), jnp.asarray(False)))
+    assert not bool(hermite.turns_more_than_once(p, jnp.asarray(True), jnp.asarray(False)))
     wave = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, -20.0, 0.1, 1.0, 20.0)), jnp.asarray(1.0))
-    assert bool(hermite.turns_twice(wave, jnp.asarray(True), jnp.asarray(True)))
+    assert bool(hermite.turns_more_than_once(wave, jnp.asarray(True), jnp.asarray(True)))
 
 
 def test_backend_computes_right_numbers():

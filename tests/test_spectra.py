@@ -69,7 +69,8 @@ def test_pictures_have_the_axes_of_the_field(spectrum):
     with pytest.raises(ValueError, match="hold no rocking spectrum"):
         plots.rotation_bar(bar.ax.figure.add_subplot())
     curve = plots.overturning_curve(spectrum, label="rigid")
-    assert len(curve.lines) == 1
+    assert curve.lines[0].get_label() == "rigid"
+    assert {line.get_marker() for line in curve.lines[1:]} <= {"^"}  # where nothing overturns beside it
     figure = plots.response(rj.simulate(PODIUMS["elastic"], pulse(), t_end=2.0))
     assert [ax.get_ylabel()[:5] for ax in figure.axes] == [r"$\the", "defor", r"$\ddo"]
     plots.plt.close("all")
@@ -89,7 +90,7 @@ def test_command_line_spectrum(tmp_path):
     assert "256 scenes" in done.stdout
     assert "0 without an answer" in done.stdout
     with xarray.open_dataset(tmp_path / "out" / "s.nc") as data:
-        assert data.sizes == {"eta_over_gamma": 2, "T_s": 2, "acceleration_ratio": 8, "frequency_ratio": 8}
+        assert data["peak_rotation"].sizes == {"eta_over_gamma": 2, "T_s": 2, "acceleration_ratio": 8, "frequency_ratio": 8}
         panel = data.sel(eta_over_gamma=10, T_s=0.5)
         direct = rj.rocking_spectrum(
             PODIUMS["elastic"], rj.Ricker, np.linspace(1, 8, 8), np.linspace(1, 12, 8),

@@ -231,7 +231,9 @@ def overturning_distribution(
 
     def least(which):
         motion = records.pick(which)
-        return overturning_boundary(podium, motion, max_scale=max_scale, options=options, width=width).scale
+        return overturning_boundary(
+            podium, motion, max_scale=max_scale, options=options, width=width, resolution=resolution
+        ).scale
 
     scale = jax.vmap(least)(jnp.arange(len(records), dtype=jnp.int32))
     return fit_capacities(scale * unit, max_scale * unit)
