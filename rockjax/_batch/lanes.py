@@ -16,11 +16,12 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 
 from rockjax import _results as results
-from rockjax._engine.contact import cross_full_contact
+from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.scene import LoopState, Plan, Scene, plan_for, prepare
+from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
-from rockjax._engine.step import advance_to_uplift, trial
+from rockjax._engine.state import LoopState, Plan, Scene
+from rockjax._engine.step import trial
 from rockjax._options import Options
 from rockjax._programs.program import remembered
 from rockjax._types import Flag
