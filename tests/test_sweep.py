@@ -137,7 +137,7 @@ def test_several_motions_are_an_axis():
     [
         ({"alpha": [0.1], "tan_alpha": [0.1]}, "alpha and tan_alpha say the same"),
         ({"width": [0.1], "R": [1.0]}, "R and width say the same"),
-        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "acceleration_ratio and a_p say the same"),
+        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio say the same"),
         ({"T_s": [0.5]}, "axes must be some of"),
         ({"restitution": [0.9]}, "axes must be some of"),
         ({"alpha": [[0.1]]}, "one-dimensional"),

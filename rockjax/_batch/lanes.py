@@ -160,13 +160,13 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
 
 
 def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Whether a lane has trials to make; with nothing elastic, full contact is left by a leap at the next exchange."""
+    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next exchange."""
     going = runs(lane, options.max_steps)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 
 def _automaton(plan: Plan, options: Options):
-    """One trial of a lane that moves; and what a lane in full contact does before it can: leap to its next uplift."""
+    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next uplift at once."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
         going = _moves(plan, options, lane)
