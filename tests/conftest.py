@@ -39,6 +39,17 @@ def _forget_programs():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
+# Where numbers of different types meet only on purpose; what these folders do not reach is not looked at.
+STRICT = ("engine", "excitations", "motions", "parameters")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _strict_types(request):
+    strict = request.path.parent.name in STRICT
+    with jax.numpy_dtype_promotion("strict" if strict else "standard"):
+        yield
+
+
 @pytest.fixture(params=["block", "frame", "rigid", "elastic"])
 def podium(request):
     from .scenes import PODIUMS

@@ -104,7 +104,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
             [load(y, True, now) for y, now in zip(chunk.parts, state.parts, strict=True)] if refill else state.parts,
             jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type),
         )
-        return _Loop(state, jnp.minimum(loop.following + jnp.sum(free), count), done)
+        return _Loop(state, jnp.minimum(loop.following + jnp.sum(free, dtype=index_type), count), done)
 
     def waiting(loop: _Loop) -> jax.Array:
         """How many lanes an exchange would help."""

@@ -88,8 +88,13 @@ def _goes_on(state: _State, limit: Array) -> Array:
     return (state.stage < NARROWING) | wide
 
 
+def _steps(like: Array) -> Array:
+    """1 … WIDTH."""
+    return jnp.arange(1, WIDTH + 1, dtype=like.dtype)
+
+
 def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    return limit * jnp.arange(1, WIDTH + 1) / WIDTH
+    return limit * _steps(limit) / WIDTH
 
 
 def _coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -100,7 +105,7 @@ def _coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: 
 
 
 def _next_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    return jnp.minimum(state.start + spacing * jnp.arange(1, WIDTH + 1), limit)
+    return jnp.minimum(state.start + spacing * _steps(limit), limit)
 
 
 def _scanned(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -141,7 +146,7 @@ def _scanned(state: _State, scales: Array, margin: Array, impacts: Array, limit:
 def _bracket_scales(state: _State, limit: Array, spacing: Array) -> Array:
     """From the survivor before the last one to a step beyond the first that overturns."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
-    return state.before + (end - state.before) * jnp.arange(1, WIDTH + 1) / WIDTH
+    return state.before + (end - state.before) * _steps(limit) / WIDTH
 
 
 def _confirmed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:

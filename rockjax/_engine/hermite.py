@@ -31,13 +31,13 @@ class Quintic(NamedTuple):
     c4: Value
     c5: Value
 
-    def value(self, z: Value) -> Value:
+    def value(self, z: Value | float) -> Value:
         return self.c0 + z * (self.c1 + z * (self.c2 + z * (self.c3 + z * (self.c4 + z * self.c5))))
 
     def slope(self, z: Value | float) -> Value:
         return self.c1 + z * (2 * self.c2 + z * (3 * self.c3 + z * (4 * self.c4 + z * (5 * self.c5))))
 
-    def curvature(self, z: Value) -> Value:
+    def curvature(self, z: Value | float) -> Value:
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
 

@@ -17,6 +17,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import optimistix as optx
+from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._options import Options
@@ -33,6 +34,7 @@ from .transitions import transition
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
+Rows = tuple[Float[Array, " n"], ...]  # of several nodes, for each degree of freedom
 
 
 def run_segments(
@@ -72,7 +74,7 @@ def run_segments(
     return state._replace(code=code), nodes
 
 
-def _keep(nodes: Nodes, state: LoopState, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
+def _keep(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, sigma=None, piece=None, impact_time=None) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])

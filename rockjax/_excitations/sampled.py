@@ -76,7 +76,7 @@ class AbstractSampled(AbstractExcitation):
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
         # Rounding may be one off; the sample times decide.
-        guess = jnp.clip(jnp.floor((t - start) / dt), -1, count - 1).astype(jnp.int32)
+        guess = jnp.clip(jnp.floor((t - start) / dt), -1, jnp.asarray(count - 1, dt.dtype)).astype(jnp.int32)
         guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
         guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
         return guess + 1

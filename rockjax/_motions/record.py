@@ -76,7 +76,7 @@ class Record(AbstractSampled):
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1]) * self.dt[..., None]
+        return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1], dtype=self.dt.dtype) * self.dt[..., None]
 
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, scale=factor * self.scale)
@@ -121,7 +121,7 @@ class PaddedRecord(Record):
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        i = jnp.arange(self.acceleration.shape[-1])
+        i = jnp.arange(self.acceleration.shape[-1], dtype=jnp.asarray(self.count).dtype)
         return jnp.where(i < self.count, super().breakpoints, jnp.inf)
 
     def common_form(self) -> PaddedRecord:

@@ -85,8 +85,8 @@ class Records(AbstractSampled):
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         start, dt, count, _ = (jnp.asarray(y)[..., None] for y in self.sampling)
-        i = jnp.arange(self.acceleration.shape[-1]).reshape((1,) * self.which.ndim + (-1,))
-        return jnp.where(i < count, start + i * dt, jnp.inf)
+        i = jnp.arange(self.acceleration.shape[-1], dtype=count.dtype).reshape((1,) * self.which.ndim + (-1,))
+        return jnp.where(i < count, start + i.astype(dt.dtype) * dt, jnp.inf)
 
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, scale=factor * self.scale)

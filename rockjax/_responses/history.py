@@ -169,9 +169,10 @@ def balance(scene: Solved, t, left):
     c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
     # All steps to their ends, and from the nodes before t to t. Padding has no length.
-    k = jnp.where(jnp.arange(size) < nodes.used, jnp.arange(size), 0)
+    every = jnp.arange(size, dtype=nodes.used.dtype)
+    k = jnp.where(every < nodes.used, every, 0)
     last = k + 1 >= nodes.used
-    stops = jnp.where(last | (jnp.arange(size) >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
+    stops = jnp.where(last | (every >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
     before = jax.vmap(lambda s, left: _before(nodes, s, left))(t, left)
     starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
 

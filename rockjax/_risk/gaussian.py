@@ -140,7 +140,7 @@ class GaussianMotion(eqx.Module):
     @property
     def t(self) -> Float[Array, " n"]:
         """Times of the samples [s]."""
-        return jnp.arange(self.n) * self.dt
+        return jnp.arange(self.n, dtype=float) * self.dt
 
     def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
         """ü_g at the samples [m/s²], for u of shape (…, dimension)."""
