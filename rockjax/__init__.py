@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from ._responses.peak import Peak
     from ._responses.response import Response
     from ._responses.simulate import peak_response, simulate
-    from ._results import RESULTS, Errors, Interrupted, State, Stats
     from ._restrainers.damper import Damper
     from ._restrainers.inerter import Inerter
     from ._restrainers.tendon import Tendon
+    from ._results import RESULTS, Errors, Interrupted, State, Stats
     from ._risk.annual import AnnualFrequency, annual_frequency, disaggregation
     from ._risk.files import read_fragility_model, write_fragility_model
     from ._risk.gaussian import Envelope, GaussianMotion, RandomPulse

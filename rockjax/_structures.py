@@ -256,9 +256,8 @@ class Podium(eqx.Module):
         else:
             superstructure = Rigid(eta=eta)
         R = 0.5 * jnp.sqrt(width**2 + height**2)
-        devices = _devices(
-            owner, column_mass, R, as_float(g), tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        )
+        numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
+        devices = _devices(owner, column_mass, R, as_float(g), *numbers)
         return cls(
             alpha=jnp.arctan(width / height),
             R=R,
@@ -351,7 +350,8 @@ class Podium(eqx.Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic superstructure: nothing oscillates.
+        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic superstructure: nothing
+        oscillates.
         """
         if not isinstance(self.superstructure, Elastic):
             raise ValueError("Podium.uplifted_frequency: only an Elastic superstructure oscillates")
@@ -383,9 +383,7 @@ class Podium(eqx.Module):
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
         ratio = weight / inertia
         devices = tuple(each.of_block(weight, inertia, jnp.sqrt(ratio)) for each in self.restrainers)
-        return Podium(
-            alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g, restrainers=devices
-        )
+        return Podium(alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g, restrainers=devices)
 
     def replace(self, **changes) -> Podium:
         """A variant with some fields changed, as `dataclasses.replace`."""

@@ -160,7 +160,7 @@ def overturning_boundary(
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be
     return _boundary(
-        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options)
+        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options, podium)
     )
 
 

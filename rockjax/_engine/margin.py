@@ -17,9 +17,9 @@ hold the columns as well, the potential V of (C3) stands for that of gravity, (C
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
-The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its fall. Turning points come
-and go with the parameters, and each has its own f: W is kept below w, so that away from the boundary M follows the largest
-rotation, which is continuous.
+The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its fall. Turning
+points come and go with the parameters, and each has its own f: W is kept below w, so that away from the boundary M follows
+the largest rotation, which is continuous.
 """
 
 from __future__ import annotations

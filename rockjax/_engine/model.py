@@ -62,6 +62,11 @@ class Coefficients(NamedTuple):
     def elastic(self) -> bool:
         return self.omega2 is not None
 
+    @property
+    def steep(self) -> bool:
+        """Whether a force has no slope where θ̇ = 0."""
+        return any(each.steep for each in self.restrainers)
+
 
 SLIP = 1e-8  # over pα: the rate of rotation below which forces without a slope are rounded, unless it is said
 
@@ -121,6 +126,22 @@ def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
         "apparent_mass": apparent_mass(restrainers),
         "restrained_frequency": None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),
     }
+
+
+def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
+    """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
+
+    Half as long as it takes to stop, or as long as it has taken to come to its rate. Steps that are no longer close in on a
+    moment without motion in halves, so that their error is that of the method although the forces have no slope there; not
+    in states alone, whose error tells, but in their derivatives as well, whose error does not.
+    """
+    speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
+    rounded = c.slip / (2 * c.sin_alpha)  # over p
+    share = jnp.where(theta_dot * theta_ddot < 0, 0.5, 1.0)
+    still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
+    span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
+    span = jnp.where(change > 0, span, jnp.inf)
+    return jnp.where(speed > 0, span, jnp.minimum(span, still))
 
 
 class Elongation(NamedTuple):

@@ -24,7 +24,7 @@ from . import margin
 from .guard import Guard, safe_ratio, watch
 from .hermite import quintic
 from .maxima import NEAR_RECORD, WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
-from .model import acceleration, beam, beam_acceleration, shear, uplift_demand
+from .model import acceleration, beam, beam_acceleration, shear, steady_for, uplift_demand
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
 from .scene import LoopState, Plan, Scene, after_impact, contact_mode, restart
@@ -379,6 +379,9 @@ def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: V
     returns = fresh & (speed * angular < 0)
     hop = jnp.where(returns, -2 * speed / jnp.where(returns, angular, 1.0), jnp.inf)
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
+    if scene.c.steep:
+        steady = jax.lax.stop_gradient(steady_for(scene.c, speed, angular))
+        h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= room
 
 

@@ -18,15 +18,13 @@ from rockjax._repr import card, readable
 from rockjax._types import Number, Value
 
 
-def as_joints(value) -> int:
-    """The converter of a field `joints`."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 class AbstractRestrainer(eqx.Module):
     """A device of each column. To add a kind, say what it does over its own elongation; what it does not do is zero."""
 
-    joints: eqx.AbstractVar[int]
+    @property
+    @abc.abstractmethod
+    def joints(self) -> int:
+        """How many of the two joints it spans."""
 
     def __check_init__(self):
         owner = type(self).__name__
@@ -95,6 +93,11 @@ class AbstractRestrainer(eqx.Module):
     def stores(self) -> bool:
         """Whether there is a static force, known before tracing."""
         return type(self)._potential is not AbstractRestrainer._potential
+
+    @property
+    def steep(self) -> bool:
+        """Whether the force has no slope where nothing moves, known before tracing: steps then close in on such moments."""
+        return False
 
     @property
     def apparent_mass(self) -> Number | None:

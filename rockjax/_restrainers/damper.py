@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._checks import as_float, as_number, not_negative, require
 from rockjax._types import Number, Value
 
-from .base import AbstractRestrainer, as_joints
+from .base import AbstractRestrainer
 
 
 class Linear(float):
@@ -47,7 +47,7 @@ class Damper(AbstractRestrainer):
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))
     exponent: Number | float = eqx.field(converter=_as_exponent, default=1.0)
-    joints: int = eqx.field(static=True, converter=as_joints, default=2)
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def _check(self, owner: str) -> None:
         not_negative(owner, coefficient=self.coefficient)
@@ -58,6 +58,10 @@ class Damper(AbstractRestrainer):
     def linear(self) -> bool:
         """Whether ν is known to be 1."""
         return isinstance(self.exponent, Linear)
+
+    @property
+    def steep(self) -> bool:
+        return not self.linear
 
     def _growth(self, rate: Value, slip: Value) -> Value | float:
         """|rate|^(ν−1), rounded where it would be infinite."""

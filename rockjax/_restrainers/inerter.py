@@ -7,7 +7,7 @@ import equinox as eqx
 from rockjax._checks import as_number, not_negative
 from rockjax._types import Number
 
-from .base import AbstractRestrainer, as_joints
+from .base import AbstractRestrainer
 
 
 class Inerter(AbstractRestrainer):
@@ -22,7 +22,7 @@ class Inerter(AbstractRestrainer):
     """
 
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))
-    joints: int = eqx.field(static=True, converter=as_joints, default=2)
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def _check(self, owner: str) -> None:
         not_negative(owner, inertance=self.inertance)

@@ -7,7 +7,7 @@ import equinox as eqx
 from rockjax._checks import as_number, not_negative
 from rockjax._types import Number, Value
 
-from .base import AbstractRestrainer, as_joints
+from .base import AbstractRestrainer
 
 
 class Tendon(AbstractRestrainer):
@@ -23,7 +23,7 @@ class Tendon(AbstractRestrainer):
 
     prestress: Number = eqx.field(converter=as_number("Tendon: prestress"))
     stiffness: Number = eqx.field(converter=as_number("Tendon: stiffness"), default=0.0)
-    joints: int = eqx.field(static=True, converter=as_joints, default=2)
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def _check(self, owner: str) -> None:
         not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)

@@ -34,7 +34,8 @@ def check_restrainers(value: tuple) -> None:
 
 def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number:
     """τ: all forces at uplift, over m_c g."""
-    return sum((each.static_force(jnp.zeros_like(like)) for each in restrainers if each.stores), jnp.zeros_like(like))
+    zero = jnp.zeros_like(like)
+    return zero + sum(each.static_force(zero) for each in restrainers if each.stores)
 
 
 def apparent_mass(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
@@ -61,8 +62,11 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     holding = [each for each in restrainers if each.stores]
     if not holding:
         return alpha
-    alpha, weight = jnp.broadcast_arrays(alpha, weight)
+    return _search(alpha, weight, holding)
 
+
+@jax.jit
+def _search(alpha: Number, weight: Number, holding: Sequence[AbstractRestrainer]) -> Number:
     def moment(angle):
         """V'(A)/(Rg)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
