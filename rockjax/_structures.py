@@ -159,6 +159,11 @@ def _doubt_size(width, height) -> None:
         doubt(f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3)
 
 
+def column_of(width: Number, height: Number) -> tuple[Number, Number]:
+    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq. (1)."""
+    return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
+
+
 def _devices(
     owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
@@ -255,11 +260,11 @@ class Podium(eqx.Module):
             superstructure = None
         else:
             superstructure = Rigid(eta=eta)
-        R = 0.5 * jnp.sqrt(width**2 + height**2)
+        alpha, R = column_of(width, height)
         numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
         devices = _devices(owner, column_mass, R, as_float(g), *numbers)
         return cls(
-            alpha=jnp.arctan(width / height),
+            alpha=alpha,
             R=R,
             gamma=as_float(beam_mass) / columns_mass,
             superstructure=superstructure,

@@ -10,7 +10,9 @@ from jaxtyping import Array
 
 from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
+from rockjax._plausibility import doubt
 from rockjax._results import State
 from rockjax._structures import Podium
 
@@ -56,3 +58,21 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         least = float(limit.min())
         accepted = f"<= θ_s/α = {least:.6g} for the margin: past the stability angle a column may still come back"
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
+
+
+IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly anything in m/s²
+
+
+def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
+    """Of a pulse that cannot lift the columns, and would if its amplitude were in g."""
+    size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
+    alpha, g = concrete(podium.alpha), concrete(podium.g)
+    if size is None or alpha is None or g is None or not IN_G[0] <= abs(size) < IN_G[1]:
+        return
+    uplift = float(np.tan(alpha))  # in g
+    if abs(size) / g < uplift <= abs(size):
+        doubt(
+            f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at {uplift:.3g} g; "
+            f"was it meant in g? rockjax takes m/s²: a_p = {float(size):g} * 9.80665",
+            stacklevel=4,
+        )

@@ -27,10 +27,11 @@ class Linear(float):
 jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Linear())
 
 
-def _as_exponent(value) -> Any:
+def as_exponent(value) -> Any:
+    """The converter of an exponent."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
         return Linear()
-    return as_float(value, "Damper: exponent")
+    return as_float(value, "exponent of a damper")
 
 
 class Damper(AbstractRestrainer):
@@ -46,7 +47,7 @@ class Damper(AbstractRestrainer):
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))
-    exponent: Number | float = eqx.field(converter=_as_exponent, default=1.0)
+    exponent: Number | float = eqx.field(converter=as_exponent, default=1.0)
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def _check(self, owner: str) -> None:
