@@ -8,6 +8,7 @@ each other on the beam. Vertical ground acceleration is added to gravity where s
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -119,6 +120,11 @@ class _Motion:
         return math.tan(self.frame.alpha) * weight / self.half - abs(q), q
 
 
+def _event(function: Any, direction: int, terminal: bool = True) -> Any:
+    function.direction, function.terminal = direction, terminal
+    return function
+
+
 def simulate(
     frame: Frame, end, horizontal=lambda t: 0.0, vertical=lambda t: 0.0, *, breaks=(), state=(), limit=None, rest=1e-12
 ) -> Answer:
@@ -139,17 +145,18 @@ def simulate(
             s = -int(np.sign(m.spare(clip(t), y)[1]))
             out.uplift_time = t if math.isnan(out.uplift_time) else out.uplift_time
         if s:
-            events = [lambda time, yy, s=s: s * yy[0], lambda time, yy, s=s: s * yy[0] - limit, lambda time, yy: yy[1]]
-            (events[0].terminal, events[0].direction), (events[1].terminal, events[1].direction) = (True, -1), (True, 1)
             # A power law has no slope where the columns turn: begin anew there.
-            events[2].terminal, events[2].direction = f.nu < 1 and y[1] != 0, -s
+            events = [
+                _event(lambda time, yy, s=s: s * yy[0], -1),
+                _event(lambda time, yy, s=s: s * yy[0] - limit, 1),
+                _event(lambda time, yy: yy[1], -s, f.nu < 1 and y[1] != 0),
+            ]
             kick = m.rocking(clip(t), y, s)[1]
             hop = abs(y[1] / kick) if y[0] == 0 and y[1] * kick < 0 else 1.0
             first = min(1e-3 / f.p if f.nu == 1 else 1e-9, 0.3 * hop, stop - t)
             flow = lambda time, yy, s=s, clip=clip: m.rocking(clip(time), yy, s)
         else:
-            events = [lambda time, yy, clip=clip: -m.spare(clip(time), yy)[0]]
-            events[0].terminal, events[0].direction = True, 1
+            events = [_event(lambda time, yy, clip=clip: -m.spare(clip(time), yy)[0], 1)]
             first, flow = min(1e-3, stop - t), lambda time, yy, clip=clip: m.contact(clip(time), yy)
         found = solve_ivp(
             flow, (t, stop), y, method="DOP853", rtol=3e-14, atol=1e-16, events=events, first_step=first,

@@ -1,6 +1,7 @@
 """Tendons, dampers and inerters: exact statements, an independent integrator, balances, derivatives, bad input."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +15,13 @@ from rockjax._responses.datasets import describe_podium, podium_of
 from . import restrained
 from .restrained import Frame
 
-S = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
+S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
 ELASTIC = rj.Elastic(30.0, 0.5, 0.05)
 EXACT = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation", "impacts"))
 FINE = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "peak_deformation", "peak_shear"))
 
 
-def podium(*restrainers, **changes) -> rj.Podium:
+def podium(*restrainers, **changes: Any) -> rj.Podium:
     return rj.Podium(**(S | changes), restrainers=restrainers)
 
 

@@ -62,7 +62,7 @@ class Energies(eqx.Module):
 
 
 # Podium, excitation, nodes, end, the method between the nodes, and the tolerance where restrainers depend on it.
-Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Value | None]
+Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
 class _Sample(NamedTuple):
