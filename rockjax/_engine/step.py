@@ -30,7 +30,6 @@ from .runge_kutta import step as runge_kutta
 from .scene import LoopState, Plan, Scene, after_impact, contact_mode, restart
 from .settled import certificate
 
-LANDED = 10.0  # times √rtol of the step, at most 2 %: the quintic of the step carries the state over the rest
 NEARLY = 0.95  # of the uplift demand
 AT_ONCE = 100  # times the resolution of time: what the end of the scene follows so closely is not told from it
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
@@ -146,7 +145,7 @@ def _classify(
 ) -> _StepOutcome:
     constant = jax.lax.stop_gradient
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, state.sigma != 0
-    near = jnp.maximum(jnp.minimum(LANDED * jnp.sqrt(scene.rtol), 0.02) * h, tiny)
+    near = jnp.maximum(scene.landing * h, tiny)
     in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + tiny
     left, slope = guard.ending.value(guard.time_past_end), guard.ending.slope(guard.time_past_end)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
