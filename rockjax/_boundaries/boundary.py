@@ -105,7 +105,7 @@ def overturning_acceleration(
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    limit = as_float(max_acceleration_ratio) * podium.g * jnp.tan(podium.alpha)
+    limit = as_float(max_acceleration_ratio) * podium.uplift_ground_acceleration
     motion = as_pulse(owner, pulse)(1.0, T_p)
     return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
 
