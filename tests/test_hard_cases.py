@@ -262,6 +262,22 @@ def test_scenes_on_the_boundary_are_undecided():
     np.testing.assert_array_equal(peaks.errors.undecided, np.abs(away) < 1e-9)
 
 
+def test_estimates_on_records_see_errors_of_landing():
+    """Where samples set the steps, both solutions landed on impacts alike, and one estimate in twenty was far too small."""
+    rng = np.random.default_rng(6)
+    n = 400
+    suite = rj.Records.of(rj.synthetic_motions(8, seed=11, duration=10.0, dt=0.02, pga=UP))
+    motion = suite.pick(rng.integers(0, 8, n).astype(np.int32)).scaled(rng.uniform(1.5, 6.0, n))
+    podium = rj.Podium(math.atan(0.15), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), rj.Rigid(50.0))
+    o = rj.Options(rtol=1e-4, atol=1e-6, outputs=("peak_rotation", "errors"))
+    peaks, truth = (rj.peak_responses(podium, motion, options=o.replace(**k)) for k in ({}, {"rtol": 1e-12, "atol": 1e-14}))
+    stands = truth.uplifted & ~truth.overturned & ~peaks.overturned
+    error = np.abs(peaks.peak_rotation - truth.peak_rotation)[stands]
+    assert stands.sum() > 100
+    assert error.max() > 1e-7
+    assert np.mean(error > 10 * peaks.errors.peak_rotation[stands] + 1e-11) < 0.01
+
+
 def test_an_estimate_beside_a_scene_out_of_steps():
     """Out of steps: no estimate is an infinite one, and the class is open."""
     o = rj.Options(outputs=("peak_rotation", "errors"), max_steps=20, throw=False)
