@@ -88,12 +88,15 @@ def compared(name: str, function, y: np.ndarray) -> dict:
 
 def main(count: int = 10_240) -> None:
     part = lambda share: max(PART, round(share * count / PART) * PART)
-    rows = [
-        compared("rigid, numbers", lambda y: by_numbers(y, False), numbers(part(0.5), False)),
-        compared("elastic, numbers", lambda y: by_numbers(y, True), numbers(part(0.3), True)),
-        compared("rigid, samples", by_samples, samples(part(0.2))),
-    ]
-    keep("modes", rows)
+    kinds = {
+        "rigid, numbers": (lambda y: by_numbers(y, False), numbers(part(0.5), False)),
+        "rigid, samples": (by_samples, samples(part(0.2))),
+        "elastic, numbers": (lambda y: by_numbers(y, True), numbers(part(0.3), True)),
+    }
+    rows = []
+    for name, (function, y) in kinds.items():
+        rows.append(compared(name, function, y))
+        keep("modes", rows)
     show(
         rows,
         {"scenes": "", "number": "d", "derivatives": ",d", "not zero": ".3f", "not finite": "d"}
