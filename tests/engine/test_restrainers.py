@@ -404,7 +404,7 @@ def test_problem_files():
     assert read(column).restrainers == ()
     with pytest.raises(ValueError, match="exponent needs the coefficient of a damper"):
         read(column | {"exponent": 0.5})
-    with pytest.raises(ValueError, match="structure: prestress must be a number >= 0"):
+    with pytest.raises(ValueError, match="structure\\.prestress: must be a number >= 0"):
         read(column | {"prestress": -1.0})
 
 
