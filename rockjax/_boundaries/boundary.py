@@ -32,6 +32,7 @@ from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._parameters.variants import pulse_acceleration
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -105,7 +106,7 @@ def overturning_acceleration(
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    limit = as_float(max_acceleration_ratio) * podium.uplift_ground_acceleration
+    limit = pulse_acceleration(podium, as_float(max_acceleration_ratio))
     motion = as_pulse(owner, pulse)(1.0, T_p)
     return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
 
@@ -160,7 +161,7 @@ def overturning_boundary(
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be
     return _boundary(
-        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options)
+        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options, podium)
     )
 
 
