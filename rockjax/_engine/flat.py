@@ -75,7 +75,8 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
     if scene.c.elastic:
         radians = jax.lax.stop_gradient(scene.c.uplifted_frequency * (scene.end - scene.start))
         cause = jnp.where(many & (radians > MANY_RADIANS), results.TOO_STIFF, cause)
-    cause = jnp.where(many & (state.impacts > BOUNCING * state.steps), results.CHATTERING, cause)
+    impacts, steps = (count.astype(state.t.dtype) for count in (state.impacts, state.steps))
+    cause = jnp.where(many & (impacts > BOUNCING * steps), results.CHATTERING, cause)
     return state._replace(code=jnp.where(state.code == results.RUNNING, cause, state.code))
 
 
