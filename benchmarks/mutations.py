@@ -32,7 +32,8 @@ FUNCTIONS = {
     ),
     "_structures.py": ("factor", "omega_s", "p", "width", "height", "uplift_acceleration", "restitution_factor",
                        "uplifted_frequency", "equivalent_block", "from_dimensions"),
-    "_engine/scene.py": ("contact_mode", "after_impact", "default_end"),
+    "_engine/scene.py": ("default_end",),
+    "_engine/transitions.py": ("contact_mode", "after_impact"),
     "_engine/guard.py": ("broken", "_margin", "_paths"),
 }  # fmt: skip
 # Changes that change nothing, or nothing that can be held against them: (file, part of the line, change) and why.

@@ -8,9 +8,20 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import BOUNDARY, as_float, as_pulse, boundaries, describe_options, has_margin, of_kind, require, shown
+from rockjax.internal import (
+    BOUNDARY,
+    about,
+    as_float,
+    as_pulse,
+    boundaries,
+    describe_options,
+    has_margin,
+    of_kind,
+    require,
+    shown,
+)
 
-from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, replaced, variables
+from ._variables import Structure, as_podium, parameter, replaced, variables
 
 if TYPE_CHECKING:
     import xarray
@@ -87,15 +98,15 @@ def design_chart(
         cost.append(found.cost["scenes"])
     width = max(part.shape[1] for part in rows)
     whole = np.stack([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows])
-    unit = {"units": (FIELDS if isinstance(podium, rj.Podium) else DIMENSIONS)[name].replace("–", "1")}
+    unit = {"units": parameter(podium, name).unit}
     data = xarray.Dataset(
         {
             "least_safe": (("a_p", "T_p"), np.stack(least), unit | {"long_name": f"least {name} above which all survive"}),
             "boundaries": (("a_p", "T_p", "boundary"), whole, unit | {"long_name": f"{name} where survival changes"}),
         },
         coords={
-            "a_p": ("a_p", amplitudes, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
-            "T_p": ("T_p", periods, {"units": "s", "long_name": "pulse period T_p"}),
+            "a_p": ("a_p", amplitudes, about("a_p")),
+            "T_p": ("T_p", periods, about("T_p")),
         },
     )
     data.attrs = {

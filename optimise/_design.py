@@ -44,9 +44,9 @@ def design(
     """The structure that keeps all targets and minimises an objective (host).
 
     - `podium`: where to start from; what is not varied stays. An `optimise.Dimensions` lets masses vary
-    - `vary`: name → (lowest, highest) in user units. Fields of a `Podium` (`alpha`, `R`, `gamma`, `lam`, `restitution`,
-      `superstructure.eta`, `superstructure.T_s`, `superstructure.zeta`) or its `width` and `height`, of which one keeps the
-      other; of `Dimensions` its numbers. A positive range wider than a factor of 10 is scaled logarithmically
+    - `vary`: name → (lowest, highest) in user units. Parameters of a `Podium` (`alpha`, `tan_alpha`, `R`, `gamma`, `lam`,
+      `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height`, of which one keeps the other; of `Dimensions`
+      its numbers. A positive range wider than a factor of 10 is scaled logarithmically
     - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts. None looks for
       the nearest design that satisfies the targets
     - `targets`: what must hold. Those on the same motions share their simulations

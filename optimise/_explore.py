@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax.internal import AnyMotion, as_excitation, of_kind, shown
+from rockjax.internal import DIMENSIONS, STRUCTURE, AnyMotion, as_excitation, of_kind, of_motion, shown, written
 
-from ._variables import DIMENSIONS, FIELDS, Structure, as_podium, numbers_as_arrays, replaced, value_of, variables
+from ._variables import Structure, as_podium, numbers_as_arrays, parameter, replaced, value_of, variables
 
 if TYPE_CHECKING:
     import ipywidgets
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "margin")
 POINTS = 1001  # of the curves
 SHOWN = 12.0  # of the time after the motion, over 1/p
-_MOTION = {"a_p": "m/s²", "T_p": "s", "A": "m/s", "f_p": "Hz", "gamma": "–", "nu": "rad", "scale": "–", "t_start": "s"}
 _WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
 SHARP = 2  # pixels for each of the screen's points, as many screens have
 PLACES = 500  # of a slider, about
@@ -168,7 +167,7 @@ def _outputs(options: rj.Options) -> tuple[str, ...]:
 def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]) -> list[str]:
     """Those of the names that are single numbers of the motion, and none of the structure."""
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
-    own = FIELDS if isinstance(structure, rj.Podium) else DIMENSIONS
+    own = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
     fields = [name for name, y in numbers.items() if eqx.is_inexact_array(y) and y.ndim == 0]
     return [name for name in names if name in fields and name not in own]
 
@@ -189,10 +188,9 @@ class _Study(eqx.Module):
     def now(self, name: str) -> tuple[float, str]:
         """The present value of a number, and its unit."""
         if name in _moved(self.structure, self.excitation, self.names):
-            return float(getattr(self.excitation, name)), _MOTION.get(name, "")
-        table = FIELDS if isinstance(self.structure, rj.Podium) else DIMENSIONS
+            return float(getattr(self.excitation, name)), written(of_motion(name).unit)
         value: Any = value_of(self.structure, name)
-        return float(value), table[name]
+        return float(value), written(parameter(self.structure, name).unit)
 
 
 class _Answer(eqx.Module):

@@ -7,7 +7,7 @@ seed = 0
 width = [0.2, 1.5]
 
 [minimise]                       # optional
-quantity = "alpha"               # a number of the podium: alpha, R, gamma, width, height, or
+quantity = "alpha"               # a parameter of the podium: alpha, R, gamma, width, height, eta …, or
                                  # peak-rotation, peak-shear, peak-deformation with motions = "…"
 
 [[targets]]
@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import rockjax as rj
-from rockjax.internal import POSITIVE, TEXT, TRUTH, Kind, Reader, load_table, readable, whole_number
+from rockjax.internal import POSITIVE, TEXT, TRUTH, Kind, Reader, load_table, parameters_of, read, readable, whole_number
 
 from ._answer import Design, aligned
 from ._design import design
@@ -68,7 +68,6 @@ TARGET: dict[str, Kind] = {
     "ratio": TRUTH,
     "name": TEXT,
 }
-NUMBERS = ("alpha", "R", "gamma", "width", "height")
 WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
 
 
@@ -128,13 +127,13 @@ def problem_of(table: dict[str, Any], path: Path, where: str | None = None) -> P
 
 
 class _Number:
-    """One number of a podium, named in reports."""
+    """One parameter of a podium, named in reports."""
 
     def __init__(self, name: str):
         self.__name__ = name
 
     def __call__(self, podium: rj.Podium):
-        return getattr(podium, self.__name__)
+        return read(podium, self.__name__)
 
 
 class _Reader(Reader):
@@ -159,22 +158,22 @@ class _Reader(Reader):
             self.fail("targets", "must be an array of tables, [[targets]]")
         targets = tuple(self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(entries))
         options = self.options(table)
-        minimise = self.minimise(table["minimise"], motions) if "minimise" in table else None
+        minimise = self.minimise(table["minimise"], motions, podium) if "minimise" in table else None
         if minimise is None and not targets:
             self.fail("targets", "nothing to do: give [minimise], [[targets]] or both")
         return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions)
 
-    def minimise(self, value, motions: dict):
+    def minimise(self, value, motions: dict, podium: rj.Podium):
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
         quantity = entry["quantity"]
         if not isinstance(quantity, str):
             self.fail("minimise.quantity", f"must be a text, got {quantity!r}")
-        if quantity in NUMBERS:
+        if quantity in parameters_of(podium):
             if "motions" in entry:
                 self.fail("minimise.motions", f"has no meaning for {quantity}")
             return _Number(quantity)
         if quantity not in WORST:
-            self.fail("minimise.quantity", f"must be one of {', '.join((*NUMBERS, *WORST))}, got {quantity!r}")
+            self.fail("minimise.quantity", f"must be one of {', '.join((*parameters_of(podium), *WORST))}, got {quantity!r}")
         if "motions" not in entry:
             self.fail("minimise", f"motions is missing: {quantity} under which?")
         return WORST[quantity](self.chosen(entry, "minimise", motions))

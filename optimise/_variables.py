@@ -14,32 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._repr import card, readable
+from rockjax import internal
+from rockjax.internal import DIMENSIONS, Parameter, card, clash, find, readable, written
 
-FIELDS = {
-    "alpha": "rad",
-    "R": "m",
-    "gamma": "–",
-    "lam": "–",
-    "restitution": "–",
-    "superstructure.eta": "–",
-    "superstructure.T_s": "s",
-    "superstructure.zeta": "–",
-    "width": "m",
-    "height": "m",
-}
-DIMENSIONS = {
-    "width": "m",
-    "height": "m",
-    "column_mass": "kg",
-    "beam_mass": "kg",
-    "top_mass": "kg",
-    "period": "s",
-    "damping": "–",
-    "lam": "–",
-    "restitution": "–",
-    "g": "m/s²",
-}
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
 
 
@@ -107,8 +84,8 @@ class Variables(eqx.Module):
 
     @property
     def units(self) -> tuple[str, ...]:
-        table = FIELDS if isinstance(self.base, rj.Podium) else DIMENSIONS
-        return tuple(table[name] for name in self.names)
+        """The units of the variables, "–" for ratios."""
+        return tuple(written(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """User units from scaled variables; the ends of the range are met exactly."""
@@ -156,12 +133,13 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
     for name in vary:
         _check_name(owner, base, name)
     names = tuple(vary)
-    both = {"alpha", "R"} & set(names), {"width", "height"} & set(names)
-    if isinstance(base, rj.Podium) and all(both):
-        raise ValueError(
-            f"{owner}: vary names {sorted(both[0])} and {sorted(both[1])}, which are the same two numbers of a column; "
-            "vary alpha and R, or width and height"
-        )
+    called = [parameter(base, name).name for name in names]
+    twice = [name for name in called if called.count(name) > 1]
+    if twice:
+        raise ValueError(f"{owner}: vary names {twice[0]} twice")
+    twice = clash(called)
+    if twice is not None:
+        raise ValueError(f"{owner}: vary names {twice[0]} and {twice[1]}, which say the same of a column; vary one of them")
     bounds = []
     for name, pair in vary.items():
         try:
@@ -190,50 +168,55 @@ def numbers_as_arrays(base: Structure) -> Structure:
 
 def _check_name(owner: str, base: Structure, name: str) -> None:
     if isinstance(base, Dimensions):
-        if name not in DIMENSIONS:
-            raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(DIMENSIONS)}")
-        if name == "restitution" and isinstance(base.restitution, str):
-            raise ValueError(_no_factor(owner, base.restitution))
-        if name == "period" and base.period is None:
-            raise ValueError(f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period")
-        if name == "top_mass" and jnp.all(jnp.asarray(base.top_mass) == 0):
-            raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
-        if name == "damping" and base.period is None:
-            raise ValueError(f"{owner}: vary names 'damping', but nothing elastic stands on the podium")
+        _check_dimension(owner, base, name)
         return
-    if name not in FIELDS:
+    entry = find(name)
+    if entry is None:
         hint = " (masses vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
-        raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of a Podium is {', '.join(FIELDS)}")
-    top = base.superstructure
-    if name.startswith("superstructure.") and not hasattr(top, name.split(".")[1]):
-        kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
-        raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")
-    if name == "restitution" and not hasattr(base.restitution, "e"):
+        known = ", ".join(internal.parameters_of(base))
+        raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of this podium is {known}")
+    if internal.has(base, entry):
+        return
+    if entry.name == "restitution":
         raise ValueError(_no_factor(owner, base.restitution))
+    top = base.superstructure
+    kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
+    raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")
+
+
+def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
+    may_vary = [entry.name for entry in DIMENSIONS.values() if not entry.whole]
+    if name not in may_vary:
+        raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(may_vary)}")
+    if name == "restitution" and isinstance(base.restitution, str):
+        raise ValueError(_no_factor(owner, base.restitution))
+    if name == "period" and base.period is None:
+        raise ValueError(f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period")
+    if name == "top_mass" and jnp.all(jnp.asarray(base.top_mass) == 0):
+        raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
+    if name == "damping" and base.period is None:
+        raise ValueError(f"{owner}: vary names 'damping', but nothing elastic stands on the podium")
 
 
 def _no_factor(owner: str, law) -> str:
     return f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
 
 
+def parameter(base: Structure, name: str) -> Parameter:
+    """What a name of a variable is. Raises `KeyError` for a name that is none."""
+    if isinstance(base, Dimensions):
+        return DIMENSIONS[name]
+    found = find(name)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
 def value_of(base: Structure, name: str):
-    if name == "restitution" and isinstance(base, rj.Podium):
-        return base.restitution.e  # pyright: ignore[reportAttributeAccessIssue]
-    value = base
-    for part in name.split("."):
-        value = getattr(value, part)
-    return value
+    """The number that a variable is."""
+    return getattr(base, name) if isinstance(base, Dimensions) else internal.read(base, name)
 
 
 def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
-    if isinstance(base, Dimensions):
-        return base.replace(**values)
-    own = {name: value for name, value in values.items() if name not in ("width", "height") and "." not in name}
-    top = {name.split(".")[1]: value for name, value in values.items() if "." in name}
-    if top:
-        assert base.superstructure is not None
-        own["superstructure"] = dataclasses.replace(base.superstructure, **top)
-    if "width" in values or "height" in values:
-        width, height = values.get("width", base.width), values.get("height", base.height)
-        own["alpha"], own["R"] = jnp.arctan2(width, height), 0.5 * jnp.hypot(width, height)
-    return base.replace(**own)
+    """A variant with other numbers."""
+    return base.replace(**values) if isinstance(base, Dimensions) else internal.varied(base, values)

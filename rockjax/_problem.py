@@ -99,6 +99,7 @@ from ._motions.motion import Motions
 from ._motions.readers import read_motion, read_suite
 from ._motions.synthetic import synthetic_motions
 from ._options import Options
+from ._parameters.variants import pulse_acceleration, pulse_period
 from ._problem_keys import (
     BY_DIMENSIONS,
     BY_RATIOS,
@@ -307,13 +308,13 @@ class Reader:
         if not (numbers > 0).all():
             name = "frequency_ratio" if ratio else "T_p"
             self.fail(f"{key}.{name}", f"must be > 0, got {entry[name]!r}")
-        return 2 * math.pi / (float(podium.p) * numbers) if ratio else numbers
+        return pulse_period(float(podium.p), numbers) if ratio else numbers
 
     def pulses(self, entry: dict, key: str, podium: Podium) -> list[AbstractExcitation]:
         self.table(entry, key, ("kind",), ("a_p", "acceleration_ratio", "T_p", "frequency_ratio"))
         kind = self.pulse(entry["kind"], f"{key}.kind")
         a_p, ratio = self.either(entry, key, "a_p", "acceleration_ratio")
-        a_p = a_p * float(podium.g) * math.tan(float(podium.alpha)) if ratio else a_p
+        a_p = np.asarray(pulse_acceleration(podium, a_p)) if ratio else a_p
         T_p = self.periods(entry, key, podium)
         if a_p.ndim and T_p.ndim and len(a_p) != len(T_p):
             self.fail(key, f"has {len(a_p)} amplitudes and {len(T_p)} periods; give as many of both, or one")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from ._excitations.pulses import PULSES
+from ._parameters import table
 
 # Everything that a file may hold: one file can serve all commands.
 DESIGN = ("vary", "minimise", "targets", "starts", "seed", "tolerance", "max_iterations")
@@ -42,9 +43,14 @@ def _is_range(value: Any) -> bool:
     return is_list(value, is_number) and len(value) == 2 and value[0] < value[1]
 
 
+def _number_in(allowed: table.Range) -> Kind:
+    words = f"a number {allowed.words}".rstrip()
+    return Kind(words, lambda value: is_number(value) and bool(allowed.holds(value)))
+
+
 NUMBER = Kind("a number", is_number)
-POSITIVE = Kind("a number > 0", lambda value: is_number(value) and value > 0)
-NOT_NEGATIVE = Kind("a number >= 0", lambda value: is_number(value) and value >= 0)
+POSITIVE = _number_in(table.POSITIVE)
+NOT_NEGATIVE = _number_in(table.NOT_NEGATIVE)
 NOT_NEGATIVES = Kind("a list of numbers >= 0", lambda value: is_list(value, NOT_NEGATIVE.holds))
 ONE_OR_MORE = Kind("a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number))
 RANGE = Kind("two numbers [lowest, highest], the lowest first", _is_range)
@@ -74,34 +80,27 @@ def one_of(names: Iterable[str]) -> Kind:
     return Kind(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
 
 
-BY_RATIOS: dict[str, Kind] = {
-    "alpha": Kind("an angle in (0, π/2) rad", lambda value: is_number(value) and 0 < value < math.pi / 2),
-    "tan_alpha": POSITIVE,
-    "R": POSITIVE,
-    "gamma": NOT_NEGATIVE,
+def kind_of(parameter: table.Parameter) -> Kind:
+    """What the key of a parameter may hold."""
+    if parameter.name == "restitution":
+        return LAW
+    if parameter.whole:
+        return whole(int(parameter.range.low))
+    words, holds = _number_in(parameter.range)
+    return Kind(f"{words}; {parameter.note}" if parameter.note else words, holds)
+
+
+def _kinds(parameters: Mapping[str, table.Parameter]) -> dict[str, Kind]:
+    return {name: kind_of(parameter) for name, parameter in parameters.items()}
+
+
+_RATIOS = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
+SUPERSTRUCTURE = _kinds({name: y for name, y in _RATIOS.items() if y.place.startswith("superstructure.")})
+BY_RATIOS = {
+    **_kinds({name: y for name, y in _RATIOS.items() if name not in SUPERSTRUCTURE}),
     "superstructure": TABLE,
-    "lam": NOT_NEGATIVE,
-    "restitution": LAW,
-    "g": POSITIVE,
 }
-SUPERSTRUCTURE: dict[str, Kind] = {
-    "eta": NOT_NEGATIVE,
-    "T_s": Kind("a number > 0; without it the superstructure is rigid", POSITIVE.holds),
-    "zeta": NOT_NEGATIVE,
-}
-BY_DIMENSIONS: dict[str, Kind] = {
-    "width": POSITIVE,
-    "height": POSITIVE,
-    "column_mass": POSITIVE,
-    "beam_mass": NOT_NEGATIVE,
-    "columns": whole(1),
-    "top_mass": NOT_NEGATIVE,
-    "period": Kind("a number > 0; without it the superstructure is rigid", POSITIVE.holds),
-    "damping": NOT_NEGATIVE,
-    "lam": NOT_NEGATIVE,
-    "restitution": LAW,
-    "g": POSITIVE,
-}
+BY_DIMENSIONS = _kinds(table.DIMENSIONS)
 OPTIONS: dict[str, Kind] = {
     "rtol": POSITIVE,
     "atol": POSITIVE,

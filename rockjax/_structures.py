@@ -140,6 +140,11 @@ def _doubt_size(width, height) -> None:
         doubt(f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3)
 
 
+def column_of(width: Number, height: Number) -> tuple[Number, Number]:
+    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq. (1)."""
+    return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
+
+
 class Podium(eqx.Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
@@ -206,9 +211,10 @@ class Podium(eqx.Module):
             superstructure = None
         else:
             superstructure = Rigid(eta=eta)
+        alpha, R = column_of(width, height)
         return cls(
-            alpha=jnp.arctan(width / height),
-            R=0.5 * jnp.sqrt(width**2 + height**2),
+            alpha=alpha,
+            R=R,
             gamma=as_float(beam_mass) / columns_mass,
             superstructure=superstructure,
             lam=lam,

@@ -6,46 +6,61 @@ from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
+from ._parameters.table import DIMENSIONS, STRUCTURE, Parameter, about, clash, of_motion, written
+from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
 from ._problem_keys import whole as whole_number
 from ._progress import bar
-from ._repr import readable
+from ._repr import card, readable
 from ._responses.datasets import describe_options
 from ._studies.lognormal import fit_capacities
 from ._tables import html, lines
 
 __all__ = [
     "BOUNDARY",
+    "DIMENSIONS",
     "NARROWEST",
     "POSITIVE",
+    "STRUCTURE",
     "TEXT",
     "TRUTH",
     "AnyMotion",
     "AnyMotions",
     "Kind",
+    "Parameter",
     "Reader",
+    "about",
     "as_excitation",
     "as_float",
     "as_json",
     "as_pulse",
     "bar",
     "boundaries",
+    "card",
+    "clash",
     "concrete",
     "describe_options",
+    "find",
     "fit_capacities",
+    "has",
     "has_margin",
     "html",
     "lines",
     "load_table",
     "of_kind",
+    "of_motion",
+    "parameters_of",
+    "read",
     "readable",
     "require",
     "several",
     "shown",
     "single",
+    "varied",
     "whole",
     "whole_number",
     "write_figure",
     "write_whole",
+    "written",
 ]

@@ -190,7 +190,7 @@ WRONG = [
     ("response good.toml --R -1", "good.toml with --R: structure.R: must be a number > 0, got -1.0"),
     ("response good.toml --width 1", "structure: is given by ratios: --width cannot change it"),
     ("response --alpha 0.1 --tan-alpha 0.1", "--tan-alpha and --alpha: give one of them"),
-    ("response --T-p 1 --frequency-ratio 2", "--T-p and --frequency-ratio: give one of them"),
+    ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p: give one of them"),
     ("response --width 0.4", "--height is missing: dimensions need --width, --height and --column-mass"),
     ("response --width 0.4 --R 2", "--R and --width: give the structure by ratios or by dimensions, not both"),
     ("response --restitution lawless", "restitution must be 'paper', 'compatible' or a factor"),

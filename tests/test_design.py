@@ -88,9 +88,9 @@ def test_scaling_meets_the_bounds_and_inverts():
     ("podium", "vary", "words"),
     [
         (BLOCK, {}, "at least one variable"),
-        (BLOCK, {"slenderness": (0, 1)}, "what may vary of a Podium is alpha"),
+        (BLOCK, {"slenderness": (0, 1)}, "what may vary of this podium is alpha"),
         (BLOCK, {"beam_mass": (0, 1)}, r"masses vary with an optimise\.Dimensions"),
-        (BLOCK, {"alpha": (0.1, 0.2), "width": (0.1, 0.2)}, "the same two numbers"),
+        (BLOCK, {"alpha": (0.1, 0.2), "width": (0.1, 0.2)}, "alpha and width, which say the same of a column"),
         (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
         (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
         (BLOCK, {"alpha": 0.2}, "must be a pair"),

@@ -8,7 +8,8 @@ import pytest
 import rockjax as rj
 from rockjax._engine import guard, hermite, model
 from rockjax._engine.runge_kutta import Step
-from rockjax._engine.scene import after_impact, contact_mode, default_end, plan_for, prepare
+from rockjax._engine.scene import default_end, plan_for, prepare
+from rockjax._engine.transitions import after_impact, contact_mode
 
 from .scenes import PODIUMS, G
 

@@ -580,6 +580,10 @@ def test_what_readers_return_goes_into_everything(suite):
     [
         (lambda: rj.Podium.from_dimensions(450, 3000, 1500.0), "450 m by 3000 m has R = 1517 m; .* meant in mm"),
         (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; .* meant in gal"),
+        (
+            lambda: rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(0.4, 1.0)),
+            r"a_p = 0\.4 m/s² is 0\.0408 g, and the columns lift at 0\.203 g; was it meant in g\?",
+        ),
     ],
 )
 def test_numbers_of_another_system_are_doubted(make, words):

@@ -137,7 +137,7 @@ def test_several_motions_are_an_axis():
     [
         ({"alpha": [0.1], "tan_alpha": [0.1]}, "alpha and tan_alpha say the same"),
         ({"width": [0.1], "R": [1.0]}, "R and width say the same"),
-        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "acceleration_ratio and a_p say the same"),
+        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio say the same"),
         ({"T_s": [0.5]}, "axes must be some of"),
         ({"restitution": [0.9]}, "axes must be some of"),
         ({"alpha": [[0.1]]}, "one-dimensional"),
@@ -520,6 +520,33 @@ def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large,
     data = sweep(store, LARGE, chunk=LARGE_CHUNK)
     assert sorted(counted) == sorted(set(range(30)) - done)
     same(data, large)
+
+
+AT_ONCE = """
+    import sys, time
+    from pathlib import Path
+    from tests import test_sweep as t
+
+    me, other = sys.argv[1:]
+    for k in range(ROUNDS):
+        Path(f"{me}{k}").touch()
+        while not Path(f"{other}{k}").exists():
+            pass
+        t.sweep(Path(f"{k}.zarr"))
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_that_start_one_store_at_once(tmp_path, cache, batch):
+    """Each waits for the other just before; both end well, and the answers are there once."""
+    rounds = 4
+    code = textwrap.dedent(AT_ONCE).replace("ROUNDS", str(rounds))
+    both = [start([sys.executable, "-c", code, *names], tmp_path, cache) for names in (("a", "b"), ("b", "a"))]
+    for process in both:
+        assert process.wait(240) == 0, (tmp_path / "log.txt").read_text()[-2000:]
+    for k in range(rounds):
+        same(sweep(tmp_path / f"{k}.zarr"), batch)
+    assert not list(tmp_path.glob("*.partial*"))
 
 
 @pytest.mark.slow

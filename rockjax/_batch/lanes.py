@@ -16,11 +16,12 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 
 from rockjax import _results as results
-from rockjax._engine.contact import cross_full_contact
+from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.scene import LoopState, Plan, Scene, plan_for, prepare
+from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
-from rockjax._engine.step import advance_to_uplift, trial
+from rockjax._engine.state import LoopState, Plan, Scene
+from rockjax._engine.step import trial
 from rockjax._options import Options
 from rockjax._programs.program import remembered
 from rockjax._types import Flag
@@ -160,13 +161,13 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
 
 
 def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Whether a lane has trials to make; with nothing elastic, full contact is left by a leap at the next exchange."""
+    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next exchange."""
     going = runs(lane, options.max_steps)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 
 def _automaton(plan: Plan, options: Options):
-    """One trial of a lane that moves; and what a lane in full contact does before it can: leap to its next uplift."""
+    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next uplift at once."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
         going = _moves(plan, options, lane)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ._given import Given, flag, names, problem_file
+from ._given import Given, names, problem_file
 from ._motions import Pattern, read
 from ._options import ACCURACY, GRID, MOTION, Component, Example, Output, Rtol, SamplingInterval, Structure, Units
 from ._outputs import Outputs, outputs
-from ._run import Flags, Report, argument, option, prepare
+from ._run import Flags, Report, argument, flag, option, prepare
 
 if TYPE_CHECKING:
     import xarray

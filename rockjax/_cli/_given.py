@@ -10,23 +10,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import typer
 
+from rockjax._parameters.table import DIMENSIONS, MOTION, SIDES, STRUCTURE
+
 from ._options import EXAMPLES, Accuracy, Column, Motion, Panels
-from ._run import Flags
+from ._run import Flags, flag
 
 if TYPE_CHECKING:
     import rockjax as rj
 
 F = TypeVar("F", bound=Flags)
 
-_RATIOS = ("tan_alpha", "alpha", "R", "gamma", "eta", "T_s", "zeta")
-_DIMENSIONS = ("width", "height", "column_mass", "beam_mass", "columns", "top_mass", "period")
+# Parameters of the column itself, of what stands on it, and those that only dimensions have; "zeta" is of both.
+_COLUMN = tuple(name for name, y in STRUCTURE.items() if name not in (*SIDES, "restitution") and "." not in y.place)
+_TOP = tuple(name for name, y in STRUCTURE.items() if y.place.startswith("superstructure."))
+_RATIOS = tuple(name for name in (*_COLUMN, *_TOP) if name not in (*DIMENSIONS, "zeta"))
+_DIMENSIONS = tuple(name for name in DIMENSIONS if name in SIDES or name not in (*STRUCTURE, "damping"))
 _PULSE = ("pulse", "acceleration_ratio", "a_p", "T_p", "frequency_ratio")
 _RECORD = ("units", "dt", "component", "scale")
-_EITHER = {"tan_alpha": "alpha", "acceleration_ratio": "a_p", "T_p": "frequency_ratio"}
-
-
-def flag(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
+_EITHER = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
 
 
 def numbers(name: str, value: str | list) -> list[float]:
@@ -113,7 +114,7 @@ class Given:
         if isinstance(flags, Panels):  # what stands on the columns is set panel by panel
             explicit = {name: value for name, value in explicit.items() if name not in ("T_s", "zeta")}
         by_dimensions = [name for name in _DIMENSIONS if name in explicit]
-        by_ratios = [name for name in _RATIOS if name in explicit and name != "zeta"]
+        by_ratios = [name for name in _RATIOS if name in explicit]
         if by_dimensions and by_ratios:
             raise ValueError(
                 f"{flag(by_ratios[0])} and {flag(by_dimensions[0])}: give the structure by ratios or by dimensions, not both"
@@ -155,7 +156,7 @@ class Given:
             periods = [float(top.T_s) if isinstance(top, rj.Elastic) else 0.0]
         else:
             periods = numbers("T_s", swept.T_s)
-        zeta = top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.zeta
+        zeta = top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.values()["zeta"]
         zeta = float(0.05 if zeta is None else zeta)
         if whole and not {"T_s", "eta_over_gamma"} & swept.given and "zeta" not in flags.given:
             return PanelsOf([podium], ratios, periods, zeta)
@@ -243,11 +244,11 @@ def _restitution(text: Any) -> Any:
 
 
 def _over_ratios(table: Mapping[str, Any], values: Mapping[str, Any], explicit: Mapping[str, Any]) -> dict[str, Any]:
-    merged = _over(table, values, explicit, ("tan_alpha", "alpha", "R", "gamma"))
+    merged = _over(table, values, explicit, _COLUMN)
     if "restitution" in values:
         merged["restitution"] = _restitution(values["restitution"])
     top = merged.get("superstructure", {})
-    changes = {name: values[name] for name in ("eta", "T_s", "zeta") if name in values}
+    changes = {name: values[name] for name in _TOP if name in values}
     if not changes or not isinstance(top, dict):
         return merged
     top = top | changes
@@ -264,7 +265,7 @@ def _over_ratios(table: Mapping[str, Any], values: Mapping[str, Any], explicit: 
 
 
 def _over_dimensions(table: Mapping[str, Any], explicit: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(table) | {name: explicit[name] for name in _DIMENSIONS if name in explicit}
+    merged = dict(table) | {name: explicit[name] for name in DIMENSIONS if name in explicit}
     if "zeta" in explicit:
         merged["damping"] = explicit["zeta"]
     if "restitution" in explicit:

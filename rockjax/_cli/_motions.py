@@ -9,7 +9,7 @@ import typer
 
 from ._given import component as channel
 from ._given import numbers
-from ._options import GRID, MOTION, OUTPUT, STRUCTURE, Component, SamplingInterval, Units
+from ._options import GRID, MOTION, OUTPUT, Component, SamplingInterval, Units, said
 from ._outputs import outputs, require_writable
 from ._run import Report, argument, option
 
@@ -30,12 +30,8 @@ def motions(
         str, option("--periods", panel=GRID, help="Periods of Sa(T) [s], separated by commas.")
     ] = "0.2,0.5,1,2",
     damping: Annotated[float, option("--damping", panel=GRID, help="Damping ratio of Sa(T) [–].")] = 0.05,
-    tan_alpha: Annotated[
-        float | None, option("--tan-alpha", panel=STRUCTURE, help="Slenderness of the columns tan α [–]; with --R.")
-    ] = None,
-    R: Annotated[
-        float | None, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m]; with --tan-alpha.")
-    ] = None,
+    tan_alpha: Annotated[float | None, said("tan_alpha", "; with --R")] = None,
+    R: Annotated[float | None, said("R", "; with --tan-alpha")] = None,
     output: Annotated[
         str | None,
         option(

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import enum
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
-from ._run import Flags, argument, option
+from rockjax._parameters import table
+
+from ._run import Flags, argument, flag, option
+
+C = TypeVar("C")
 
 EXAMPLES = ("column", "fragility", "response", "risk", "spectrum", "sweep")
 STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
@@ -89,98 +95,74 @@ def _laws() -> list[str]:
     return ["paper", "compatible"]
 
 
-TanAlpha = Annotated[
-    float | None, option("--tan-alpha", panel=STRUCTURE, help="Slenderness of the columns tan α = B/H [–].")
-]
-Alpha = Annotated[
-    float | None, option("--alpha", panel=STRUCTURE, help="The slenderness as an angle α [rad], instead of --tan-alpha.")
-]
-Radius = Annotated[float | None, option("--R", panel=STRUCTURE, help="Half diagonal of a column R [m].")]
-Gamma = Annotated[
-    float | None,
-    option("--gamma", panel=STRUCTURE, help="Mass ratio of the beam γ = m_b/(N m_c) [–]; 0 is a solitary block."),
-]
-Eta = Annotated[
-    float | None, option("--eta", panel=STRUCTURE, help="Mass ratio of the superstructure η = m_t/(N m_c) [–]; 0 is none.")
-]
-Period = Annotated[float | None, option("--T-s", panel=STRUCTURE, help="Period of the superstructure T_s [s]; 0 is rigid.")]
-Zeta = Annotated[float | None, option("--zeta", panel=STRUCTURE, help="Damping ratio of the superstructure ζ [–].")]
-Law = Annotated[
-    str | None,
-    option(
-        "--restitution",
-        panel=STRUCTURE,
-        metavar="LAW",
-        help="Velocity factor of an impact: paper, Eq. (27); compatible, with Eq. (26); or a number in 0…1 [–].",
-        autocompletion=_laws,
-    ),
-]
+def said(name: str, note: str = "", panel: str = STRUCTURE) -> Any:
+    """The option of a parameter, in the words of the tables of parameters."""
+    entry = (table.MOTION if panel == MOTION else table.DIMENSIONS | table.STRUCTURE)[name]
+    note = note or (f"; {entry.note}" if entry.note else "")
+    return option(flag(name), panel=panel, help=f"{entry.heading}{note}.")
 
 
-@dataclass
+_LAW = option(
+    "--restitution",
+    panel=STRUCTURE,
+    metavar="LAW",
+    help="Velocity factor of an impact: paper, Eq. (27); compatible, with Eq. (26); or a number in 0…1 [–].",
+    autocompletion=_laws,
+)
+_NOTES = {
+    "alpha": ", instead of --tan-alpha",
+    "eta": "; 0 is none",
+    "T_s": "; 0 is rigid",
+    "columns": "; 2 where not given",
+}
+
+
+def structure_options(**defaults: Any) -> Callable[[type[C]], type[C]]:
+    """Gives a group of options one for every parameter of a structure, by ratios or by dimensions, with these defaults.
+
+    What a group declares itself stays as it is. A new parameter needs no line here.
+    """
+
+    def give(cls: type[C]) -> type[C]:
+        own = inspect.get_annotations(cls)
+        made: dict[str, Any] = {}
+        for name, entry in (table.STRUCTURE | table.DIMENSIONS).items():
+            if name == "damping" or entry.place.count(".") > 1:  # --zeta serves both; parts have no options
+                continue
+            made[name] = Annotated[int | None if entry.whole else float | None, said(name, _NOTES.get(name, ""))]
+            if name == "restitution":
+                made[name] = Annotated[str | None, _LAW]
+            if name not in own:
+                setattr(cls, name, defaults.get(name))
+        cls.__annotations__ = made | own
+        return cls
+
+    return give
+
+
 class Column(Flags):
     """The columns and what they carry, by ratios or by dimensions."""
 
-    tan_alpha: TanAlpha = None
-    alpha: Alpha = None
-    R: Radius = None
-    gamma: Gamma = None
-    eta: Eta = None
-    T_s: Any = None
-    zeta: Zeta = None
-    restitution: Law = None
-    width: Annotated[float | None, option("--width", panel=STRUCTURE, help="Full width of a column 2B [m].")] = None
-    height: Annotated[float | None, option("--height", panel=STRUCTURE, help="Full height of a column 2H [m].")] = None
-    column_mass: Annotated[float | None, option("--column-mass", panel=STRUCTURE, help="Mass of one column m_c [kg].")] = (
-        None
-    )
-    beam_mass: Annotated[float | None, option("--beam-mass", panel=STRUCTURE, help="Mass of the beam m_b [kg].")] = None
-    columns: Annotated[int | None, option("--columns", panel=STRUCTURE, help="Number of columns N; 2 where not given.")] = (
-        None
-    )
-    top_mass: Annotated[float | None, option("--top-mass", panel=STRUCTURE, help="Mass of the superstructure m_t [kg].")] = (
-        None
-    )
-    period: Annotated[
-        float | None,
-        option("--period", panel=STRUCTURE, help="Period of the superstructure T_s [s]; without it a top mass is rigid."),
-    ] = None
-
 
 @dataclass
+@structure_options()
 class Changes(Column):
     """Changes of the structure of a file."""
 
-    T_s: Period = None
-
 
 @dataclass
+@structure_options(tan_alpha=0.15, R=1.5, gamma=10.0, eta=100.0, T_s=0.5, zeta=0.05, restitution="paper")
 class Structure(Column):
     """One structure."""
 
-    tan_alpha: TanAlpha = 0.15
-    R: Radius = 1.5
-    gamma: Gamma = 10.0
-    eta: Eta = 100.0
-    T_s: Period = 0.5
-    zeta: Zeta = 0.05
-    restitution: Law = "paper"
-
 
 @dataclass
+@structure_options(tan_alpha=0.15, R=1.5, gamma=10.0, zeta=0.05, restitution="paper")
 class Panels(Column):
     """Structures that differ in what stands on them."""
 
-    tan_alpha: TanAlpha = 0.15
-    R: Radius = 1.5
-    gamma: Gamma = 10.0
-    eta: Annotated[
-        float | None,
-        option("--eta", panel=STRUCTURE, help="One mass ratio η = m_t/(N m_c) [–] instead of --eta-over-gamma; 0 is none."),
-    ] = None
+    eta: Annotated[float | None, said("eta", " instead of --eta-over-gamma; 0 is none")] = None
     T_s: Periods = "0,0.1,0.5,1"
-    zeta: Zeta = 0.05
-    restitution: Law = "paper"
     eta_over_gamma: MassRatios = "1,5,10"
 
 
@@ -189,16 +171,10 @@ class Motion(Flags):
     """One pulse or one record."""
 
     pulse: Pulse = PulseName.ricker
-    acceleration_ratio: Annotated[
-        float, option("--acceleration-ratio", panel=MOTION, help="Amplitude of the pulse a_p/(g tan α) [–].")
-    ] = 2.5
-    a_p: Annotated[
-        float | None, option("--a-p", panel=MOTION, help="Amplitude of the pulse a_p [m/s²], instead of the ratio.")
-    ] = None
-    T_p: Annotated[float, option("--T-p", panel=MOTION, help="Period of the pulse T_p [s].")] = 1.0
-    frequency_ratio: Annotated[
-        float | None, option("--frequency-ratio", panel=MOTION, help="ω_p/p of the pulse [–], instead of its period.")
-    ] = None
+    acceleration_ratio: Annotated[float, said("acceleration_ratio", panel=MOTION)] = 2.5
+    a_p: Annotated[float | None, said("a_p", ", instead of the ratio", MOTION)] = None
+    T_p: Annotated[float, said("T_p", panel=MOTION)] = 1.0
+    frequency_ratio: Annotated[float | None, said("frequency_ratio", ", instead of its period", MOTION)] = None
     record: Annotated[
         Path | None, option("--record", panel=MOTION, help="File of a record, instead of a pulse: .AT2, .V2, text, .npy …")
     ] = None

@@ -24,6 +24,11 @@ NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 COMMAND: ContextVar[str] = ContextVar("command")
 
 
+def flag(name: str) -> str:
+    """The option of a name."""
+    return f"--{name.replace('_', '-')}"
+
+
 def option(*names: str, panel: str, help: str, **more) -> Any:
     """An option; brackets in its help are units, not markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **more)

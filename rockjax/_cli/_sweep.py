@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._given import Given, flag, names, problem_file
+from ._given import Given, names, problem_file
 from ._options import GRID, OUTPUT, Accuracy, Example, Motion, ProblemFile, Structure
 from ._outputs import store_place
-from ._run import INTERRUPTED, Flags, Report, option, prepare
+from ._run import INTERRUPTED, Flags, Report, flag, option, prepare
 
 if TYPE_CHECKING:
     import rockjax as rj

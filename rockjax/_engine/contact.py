@@ -4,6 +4,8 @@ Before the first uplift nothing happens but Eq. (4). The ground motion over a pa
 for smooth pulses, by Chebyshev interpolation; exactly for a sampled record, whose panels are its intervals); under it
 the oscillator moves along another polynomial plus a free vibration. As long as a bound of the demand over the panel
 stays under Eq. (9), the columns provably stay down, and the panel is crossed at once, however stiff the superstructure.
+
+Where nothing is elastic, nothing moves before the next uplift, which is a root of the excitation.
 """
 
 from __future__ import annotations
@@ -19,8 +21,11 @@ from rockjax import _results as results
 from rockjax._types import Flag, Index, Value
 
 from .hermite import derivative
-from .scene import LoopState, Plan, Scene, restart
+from .ratio import safe_ratio
+from .records import larger
 from .settled import certificate
+from .state import Decision, LoopState, Plan, Scene, StepInfo, present
+from .transitions import restart
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
@@ -51,9 +56,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         half, turn, free = kinds[0]
         for k, kind in enumerate(kinds[1:], start=1):
             half, turn, free = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free))
-        ground, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
+        ground_at, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
-        values = jax.lax.optimization_barrier(jax.vmap(ground)(state.t + half * (1 + jnp.asarray(nodes))))
+        values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
         rates = [*derivative(path), jnp.zeros_like(half)]
@@ -72,9 +77,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
         goes = _size(demand) + c.demand * shaken < c.uplift
         if plan.deformation:
-            goes &= _size(path) + vibration < jnp.maximum(state.deformation, scene.atol * c.two_R * c.sin_alpha)
+            goes &= _size(path) + vibration < jnp.maximum(present(state.deformation), scene.atol * c.two_R * c.sin_alpha)
         if plan.shear:
-            goes &= _size(spring) + shaken < jnp.maximum(state.shear * c.g, scene.atol * c.uplift)
+            goes &= _size(spring) + shaken < jnp.maximum(present(state.shear) * c.g, scene.atol * c.uplift)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
@@ -86,7 +91,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
         event_time = jnp.where(reaches, edge, state.t + length)
         past = event_time - constant(event_time)
-        u_ddot = -ground(constant(event_time)) - (c.omega2 * x + c.damping * v)
+        u_ddot = -ground_at(constant(event_time)) - (c.omega2 * x + c.damping * v)
         x, v = x + past * v, v + past * u_ddot
         piece = state.piece + reaches
         xs, vs = restart(scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
@@ -101,6 +106,52 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return (level < len(kinds)) & (state.code == results.RUNNING) & (state.sigma == 0) & (state.t < scene.quiet)
 
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
+
+
+@functools.partial(jax.jit, static_argnames="plan")
+def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopState, StepInfo]:
+    """Full contact with nothing elastic: the next uplift is a root of the excitation."""
+    constant = jax.lax.stop_gradient
+    c, t, excitation = scene.c, state.t, scene.excitation
+    lifts_at = constant(scene.outlook.next_exceedance(t, state.piece))
+    end = constant(scene.end)
+    lifts = lifts_at < end
+    stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
+    piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
+    side = constant(-jnp.sign(excitation.piece(piece)(stamp)))
+    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above. A crossing that
+    # falls on a breakpoint, but for rounding, is that of the piece before.
+    edge = excitation.breakpoint(piece - 1)
+    on_edge = constant(edge) == stamp
+    jump = excitation.piece(piece)(stamp) - excitation.piece(piece - 1)(stamp)
+    jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
+    crossed = excitation.piece(piece - (on_edge & ~jumps))
+    ground, slope = jax.jvp(crossed, (stamp,), (jnp.ones_like(stamp),))
+    time_past_end = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
+    now = jnp.where(jumps, edge, stamp - (time_past_end - constant(time_past_end)))
+    now = jnp.where(lifts, now, stamp)
+    mode = jnp.where(lifts, side, 0.0)
+    x, v = restart(scene, stamp, now - constant(now), state.x, state.v, mode, piece)
+    code = jnp.where(lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME))
+    force = state.shear
+    if plan.shear:
+        highest = scene.outlook.highest_time(t, jnp.minimum(lifts_at, end))
+        force = larger(jnp.abs(excitation(constant(highest))) / c.g, present(state.shear))
+    lifted = state._replace(
+        t=stamp,
+        event_time=now,
+        x=x,
+        v=v,
+        sigma=mode,
+        piece=piece.astype(jnp.int32),
+        shear=force,
+        code=code.astype(jnp.int32),
+        uplifted=state.uplifted | lifts,
+        uplift_time=jnp.where(lifts & ~state.uplifted, now, state.uplift_time),
+        steps=state.steps + 1,
+    )
+    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
+    return lifted, StepInfo(yes, jnp.full_like(t, jnp.nan), Decision(jnp.zeros_like(t), no, no, no, mode))
 
 
 def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:

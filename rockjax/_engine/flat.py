@@ -13,8 +13,8 @@ from rockjax import _results as results
 from rockjax._types import Index, Value
 
 from .contact import cross_full_contact
-from .scene import LoopState, Plan, Scene
-from .step import Decision, StepInfo, step
+from .state import Decision, LoopState, Plan, Scene, StepInfo
+from .step import step
 
 
 class Nodes(NamedTuple):

@@ -12,8 +12,9 @@ from rockjax._types import Flag, Value, Vector
 
 from .hermite import Quintic, crossing, quintic, turning_point, turns_more_than_once
 from .model import acceleration, uplift_demand
+from .ratio import safe_ratio
 from .runge_kutta import Step
-from .scene import LoopState, Plan, Scene
+from .state import LoopState, Plan, Scene
 
 
 class Guard(NamedTuple):
@@ -40,11 +41,11 @@ class Guard(NamedTuple):
     turns_twice: Flag  # it turns more than once, and may break meanwhile
 
 
-def watch(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
+def watch(scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
     """The guard over a step of length h from a state, with accelerations a0, to `end`."""
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
-    path, at_end = jax.lax.optimization_barrier(_paths(scene, plan, state, ground, h, a0, end))
+    path, at_end = jax.lax.optimization_barrier(_paths(scene, plan, state, ground_at, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
@@ -95,7 +96,9 @@ def watch(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vect
     )
 
 
-def _paths(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vector, end: Step) -> tuple[Quintic, Quintic]:
+def _paths(
+    scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
+) -> tuple[Quintic, Quintic]:
     """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
 
     Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
@@ -108,8 +111,8 @@ def _paths(scene: Scene, plan: Plan, state: LoopState, ground, h: Value, a0: Vec
 
     def jet(t, x, v, a):
         one = jnp.ones_like(t)
-        rate = lambda s: jax.jvp(ground, (s,), (one,))[1]
-        g0, (g1, g2) = ground(t), jax.jvp(rate, (t,), (one,))
+        rate = lambda s: jax.jvp(ground_at, (s,), (one,))[1]
+        g0, (g1, g2) = ground_at(t), jax.jvp(rate, (t,), (one,))
         jerk = acceleration(c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:]))
         return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
 
@@ -144,9 +147,3 @@ def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Fl
     # A margin that only touches zero makes Newton creep.
     arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
     return time_past_end, falls & arrives
-
-
-def safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:
-    """a/b where wanted, else 0; never a NaN, in derivatives neither."""
-    good = wanted & (b != 0)
-    return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)

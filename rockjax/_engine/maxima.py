@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from rockjax._types import Value
 
-from .guard import safe_ratio
 from .hermite import Quintic, derivative, turning_point
+from .ratio import safe_ratio
 
 # An extremum is landed on when it would raise the record and lies well inside the step; near the ends the polynomial is
 # as good as the step itself.

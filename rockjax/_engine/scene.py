@@ -1,40 +1,22 @@
-"""A scene made ready for the loop, and the state that the loop carries of it."""
+"""A scene made ready for the loop: the plan, the constants, and the state at the start."""
 
 from __future__ import annotations
-
-import dataclasses
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._excitations.base import AbstractExcitation, AbstractOutlook
+from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._results import State
 from rockjax._structures import Elastic, Podium
-from rockjax._types import Flag, Index, Value, Vector
+from rockjax._types import Value
 
 from . import margin
-from .model import Coefficients, acceleration, coefficients, impact, uplift_demand
-from .runge_kutta import Tableau, tableau
-
-
-@dataclasses.dataclass(frozen=True)
-class Plan:
-    """What is decided before tracing."""
-
-    elastic: bool
-    superstructure: bool
-    rotation: bool
-    deformation: bool
-    shear: bool
-    impacts: bool
-    margin: bool
-    errors: bool
-    to_the_end: bool  # a history goes on until t_end, or rest for good
-    refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
-    tableau: Tableau
+from .model import coefficients, uplift_demand
+from .runge_kutta import tableau
+from .state import LoopState, Plan, Scene
+from .transitions import contact_mode, restart
 
 
 def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
@@ -56,55 +38,6 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
-
-
-class Scene(NamedTuple):
-    """One podium under one excitation, with everything the loop needs computed once."""
-
-    c: Coefficients
-    excitation: AbstractExcitation
-    outlook: AbstractOutlook
-    start: Value
-    end: Value
-    overturn_angle: Value  # overturn_ratio·α [rad]
-    rest: Value  # rest velocity [rad/s]
-    rtol: Value
-    atol: Value
-    longest: Value  # longest step [s] …
-    longest_excited: Value  # … and while the ground moves
-    quiet: Value  # end of the excitation
-
-
-class LoopState(NamedTuple):
-    """The automaton's state. Times and steps are constants for derivatives; states at them carry the tangents."""
-
-    t: Value
-    event_time: Value  # t with its derivative: the moving time of the event or breakpoint that t stands on
-    x: Vector
-    v: Vector
-    sigma: Value  # mode: 0 full contact, ±1 rocking
-    piece: Index
-    h: Value  # the controller's step
-    cut: Value  # a shorter one to land on an event, inf where there is none
-    code: Index  # results.RUNNING, or how the scene ended
-    peak: Value  # max|θ| so far
-    peak_time: Value
-    deformation: Value  # None where not wanted
-    shear: Value  # likewise
-    margin: Value  # likewise
-    uplifted: Flag
-    uplift_time: Value
-    overturn_time: Value
-    impacts: Index
-    slowest: Value  # least impact speed so far …
-    slowest_before_peak: Value  # … and up to the peak
-    steps: Index
-    rejected: Index
-
-
-def contact_mode(c: Coefficients, q: Value) -> Value:
-    """The mode of columns at rest under the demand q: they lift where |q| exceeds Eq. (9), touching it is not uplift."""
-    return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
@@ -165,7 +98,6 @@ def prepare(
     sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
     code = jnp.where(toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING))
-    absent: Any = None
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(
@@ -180,9 +112,9 @@ def prepare(
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
         peak=jnp.minimum(jnp.abs(initial.theta), scene.overturn_angle),
         peak_time=start,
-        deformation=jnp.zeros_like(t) if plan.deformation else absent,
-        shear=jnp.zeros_like(t) if plan.shear else absent,
-        margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else absent,
+        deformation=jnp.zeros_like(t) if plan.deformation else None,
+        shear=jnp.zeros_like(t) if plan.shear else None,
+        margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else None,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
@@ -193,32 +125,3 @@ def prepare(
         rejected=jnp.zeros((), jnp.int32),
     )
     return scene, state
-
-
-@jax.custom_jvp
-def restart(scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index) -> tuple[Vector, Vector]:
-    """The state (x, v) at the time of an event, seen at the fixed time stamp t.
-
-    The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state taken to
-    the event by the field before it, mapped, and brought back by the field after it, the pair is the saltation matrix.
-    The way back is zero in value, so only derivatives pay for it.
-    """
-    del scene, t, delta, sigma, piece
-    return x, v
-
-
-@restart.defjvp
-def _restart_jvp(primals, tangents):
-    scene, t, _, x, v, sigma, piece = primals
-    delta_dot, x_dot, v_dot = tangents[2], tangents[3], tangents[4]
-    a = acceleration(scene.c, sigma, scene.excitation.piece(piece)(t), x, v)
-    x_dot = tuple(dx - delta_dot * rate for dx, rate in zip(x_dot, v, strict=True))
-    v_dot = tuple(dv - delta_dot * rate for dv, rate in zip(v_dot, a, strict=True))
-    return (x, v), (x_dot, v_dot)
-
-
-def after_impact(scene: Scene, sigma: Value, theta_dot: Value, q: Value) -> tuple[Value, Value]:
-    """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or uplift anew."""
-    onward = impact(scene.c, theta_dot)
-    moves = jnp.abs(onward) > scene.rest
-    return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))

@@ -22,11 +22,13 @@ from rockjax import _results as results
 from rockjax._options import Options
 from rockjax._types import Flag, Index, Value, Vector
 
+from .attempt import units
+from .contact import advance_to_uplift
 from .flat import Nodes, blank_nodes, closed, runs
 from .model import acceleration, beam, shear, uplift_demand
-from .scene import LoopState, Plan, Scene, after_impact, contact_mode
 from .settled import certificate
-from .step import advance_to_uplift
+from .state import LoopState, Plan, Scene, present
+from .transitions import transition
 
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
@@ -94,7 +96,7 @@ class _Mode(NamedTuple):
 
     scene: Scene
     sigma: Value
-    ground: Callable[[Value], Value]
+    ground_at: Callable[[Value], Value]
     units: State2
 
     @property
@@ -108,7 +110,7 @@ class _Mode(NamedTuple):
         return jax.tree.map(lambda a, unit: a * unit, y, self.units)
 
     def rates(self, t: Value, x: Vector, v: Vector) -> Vector:
-        return acceleration(self.scene.c, self.sigma, self.ground(t), x, v)
+        return acceleration(self.scene.c, self.sigma, self.ground_at(t), x, v)
 
     def field(self, t, y, args):
         del args
@@ -118,17 +120,12 @@ class _Mode(NamedTuple):
     def guard(self, t, x, v):
         """Positive inside the mode, as in the flat engine."""
         angle = self.sigma * x[0]
-        lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground(t), x, v))
+        lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
 
 
-def _mode(scene: Scene, plan: Plan, state: LoopState) -> _Mode:
-    c = scene.c
-    x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
-    if plan.elastic:
-        sway = c.two_R * c.sin_alpha
-        x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.omega2)))
-    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), (x_unit, v_unit))
+def _mode(scene: Scene, state: LoopState) -> _Mode:
+    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), units(scene.c))
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
@@ -284,13 +281,8 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece))
     ground_now = scene.excitation.piece(piece)(ended)
     speed = jnp.abs(v[0])
-    side = jnp.sign(uplift_demand(c, mode.ground(ended), x, v))
-    x = (jnp.where(hit | ~rocking, 0.0, x[0]), *x[1:])
-    v = (jnp.where(~rocking, 0.0, v[0]), *v[1:])
-    q = uplift_demand(c, ground_now, x, v)
-    onward, other = after_impact(scene, sigma, v[0], q)
-    v = (jnp.where(hit, onward, v[0]), *v[1:])
-    after = jnp.where(hit, other, jnp.where(lifted, -side, jnp.where(rocking, sigma, contact_mode(c, q))))
+    demand = uplift_demand(c, mode.ground_at(ended), x, v)
+    x, v, after = transition(scene, sigma, x, v, ground_now, hit, lifted, demand)
     return _Arrival(ended, x, v, after, piece, ground_now, speed, hit, toppled, finite)
 
 
@@ -304,11 +296,11 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
     raises = mode.rocking & (peak > state.peak)
     deformation, force = state.deformation, state.shear
     if plan.deformation:
-        value, _ = path.largest(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], state.deformation)
-        deformation = jnp.maximum(state.deformation, value)
+        value, _ = path.largest(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], present(deformation))
+        deformation = jnp.maximum(present(deformation), value)
     if plan.shear:
-        value, _ = path.largest(lambda t, x, v: shear(c, sigma, mode.ground(t), x, v, mode.rates(t, x, v)), state.shear)
-        force = jnp.maximum(state.shear, value)
+        along = lambda t, x, v: shear(c, sigma, mode.ground_at(t), x, v, mode.rates(t, x, v))
+        force = jnp.maximum(present(force), path.largest(along, present(force))[0])
     starts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
     return state._replace(
@@ -336,7 +328,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """The state after one segment, or the same state with a cut where the guard was broken unseen; and the nodes kept."""
-    path = _path(_mode(scene, plan, state), options, state)
+    path = _path(_mode(scene, state), options, state)
     missed, cut = path.missed()
     end = _arrival(path, state)
     advanced = _advanced(path, plan, state, end)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from rockjax._types import Flag, Index, Value
 
 from .model import energy, energy_after, potential
-from .scene import LoopState, Plan, Scene
+from .state import LoopState, Plan, Scene, present
 
 
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value) -> Flag:
@@ -32,12 +32,12 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     if plan.rotation:
         stays_under &= most < potential(c, one, jnp.minimum(state.peak, c.alpha))
     if plan.margin:
-        stays_under &= most < (1 - state.margin) * potential(c, one, scene.overturn_angle)
+        stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
     if not plan.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
         if plan.shear:
             # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.
             angular = (c.gravity * c.sin_alpha + c.ground * to_come) / c.inertia + 2 * most / c.spin
-            stays_under &= to_come + c.two_R * angular < state.shear * c.g
+            stays_under &= to_come + c.two_R * angular < present(state.shear) * c.g
         return stays_under & (not plan.impacts)
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.
     contact = jnp.where(sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf)
@@ -48,10 +48,10 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     stands = rests | (stays_under & (not plan.impacts))
     most = jnp.where(rests, contact, most)
     if plan.deformation:
-        stands &= 0.5 * c.eta * c.omega2 * state.deformation**2 > most
+        stands &= 0.5 * c.eta * c.omega2 * present(state.deformation) ** 2 > most
     if plan.shear:
         # max of ω²d + 2ζω(u̇_t − u̇_b) at given energy, by Cauchy–Schwarz; at rest u̇_b = 0.
         eta = jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)
         beam = jnp.where(rests, 0.0, (c.damping * c.two_R) ** 2 / c.spin)
-        stands &= state.shear * c.g > jnp.sqrt(2 * most * ((c.omega2 + c.damping**2) / eta + beam))
+        stands &= present(state.shear) * c.g > jnp.sqrt(2 * most * ((c.omega2 + c.damping**2) / eta + beam))
     return stands

@@ -25,7 +25,8 @@ from rockjax._structures import Podium
 
 from .derivatives import differentiable, known
 from .flat import Nodes, record_decisions, replay, run, run_with_history
-from .scene import LoopState, Plan, Scene, plan_for, prepare
+from .scene import plan_for, prepare
+from .state import LoopState, Plan, Scene
 
 
 def solve(

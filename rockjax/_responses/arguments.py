@@ -10,7 +10,9 @@ from jaxtyping import Array
 
 from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
+from rockjax._plausibility import doubt
 from rockjax._results import State
 from rockjax._structures import Podium
 
@@ -45,3 +47,21 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     start = concrete(excitation.support[0])
     if start is not None and start.ndim == 0:
         require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
+
+
+IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly anything in m/s²
+
+
+def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
+    """Of a pulse that cannot lift the columns, and would if its amplitude were in g."""
+    size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
+    alpha, g = concrete(podium.alpha), concrete(podium.g)
+    if size is None or alpha is None or g is None or not IN_G[0] <= abs(size) < IN_G[1]:
+        return
+    uplift = float(np.tan(alpha))  # in g
+    if abs(size) / g < uplift <= abs(size):
+        doubt(
+            f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at {uplift:.3g} g; "
+            f"was it meant in g? rockjax takes m/s²: a_p = {float(size):g} * 9.80665",
+            stacklevel=4,
+        )

@@ -13,6 +13,8 @@ from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._files import CONVENTIONS
 from rockjax._options import Options
+from rockjax._parameters import variants
+from rockjax._parameters.table import attribute, of_motion
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
 
@@ -41,17 +43,12 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
     """The parameters of a podium, for the attributes of a file."""
     top = podium.superstructure
     law, derived = podium.restitution, derived_numbers(podium)
+    kept = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
     return {
-        "alpha_rad": float(podium.alpha),
-        "R_m": float(podium.R),
-        "gamma": float(podium.gamma),
+        **{attribute(parameter): float(variants.read(podium, parameter.name)) for parameter in kept},
         "superstructure": "none" if top is None else type(top).__name__.lower(),
-        **({} if top is None else {"eta": float(top.eta)}),
-        **({"T_s_s": float(top.T_s), "zeta": float(top.zeta)} if isinstance(top, Elastic) else {}),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
-        "lambda": float(podium.lam),
-        "restitution": float(law.e) if isinstance(law, GivenRestitution) else repr(law).strip("'"),
-        "g_m_s2": float(podium.g),
+        **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
         **derived,
     }
 
@@ -76,11 +73,15 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
     """Name and numbers of a ground motion, for the attributes of a file; arrays are left out."""
-    names = {"a_p": "a_p_m_s2", "A": "A_m_s2", "T_p": "T_p_s", "f_p": "f_p_Hz", "dt": "dt_s", "t_start": "t_start_s"}
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     return {"pulse": type(excitation).__name__} | {
-        names.get(name, f"pulse_{name}"): float(y) for name, y in numbers.items() if isinstance(y, jax.Array) and y.ndim == 0
+        _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, jax.Array) and y.ndim == 0
     }
+
+
+def _of_motion(name: str) -> str:
+    named = attribute(of_motion(name))
+    return f"pulse_{name}" if named == name else named  # a ratio could be of the podium
 
 
 def describe_options(options: Options) -> dict[str, Any]:

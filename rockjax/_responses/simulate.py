@@ -17,7 +17,7 @@ from rockjax._options import Options
 from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 
-from .arguments import as_end, as_start, check_range, check_types
+from .arguments import as_end, as_start, check_range, check_types, doubt_amplitude
 from .estimate import companion, errors
 from .peak import Peak, peak_fields
 from .response import Response
@@ -127,4 +127,5 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     for name, value in zip(("theta", "theta_dot", "u_t", "u_t_dot"), jax.tree.leaves(initial), strict=True):
         require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
+    doubt_amplitude(owner, podium, excitation)
     return podium, excitation, initial, t_end, options

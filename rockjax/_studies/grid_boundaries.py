@@ -6,7 +6,6 @@ grid that end alike is not seen; [`rockjax.overturning_spectrum`][] looks closer
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ import numpy as np
 from rockjax._batch.batch import responses
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._parameters.variants import pulse_period
 from rockjax._responses.datasets import derived_numbers
 from rockjax._responses.simulate import REST
 from rockjax._results import Interrupted
@@ -74,7 +74,7 @@ def _overturns(
     derived = [derived_numbers(podium) for podium in podiums]
     unit = np.array([numbers["uplift_ground_acceleration_m_s2"] for numbers in derived])[which, None]
     p = np.array([numbers["p_rad_s"] for numbers in derived])[which]
-    T_p = (2 * math.pi / (spectra[0]["frequency_ratio"].values[column] * p))[:, None]
+    T_p = (pulse_period(p, spectra[0]["frequency_ratio"].values[column]))[:, None]
     # One number where it is common to all, as for the grid: the same program.
     pick = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[which, None]
     together = jax.tree.map(pick, *podiums)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +18,8 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._parameters.table import about
+from rockjax._parameters.variants import pulse_period
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
@@ -92,7 +93,7 @@ def overturning_spectrum(
     unit, p = derived["uplift_ground_acceleration_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
-        return podium, pulse(y * unit, 2 * math.pi / (x * p))
+        return podium, pulse(y * unit, pulse_period(p, x))
 
     top = float(max_acceleration_ratio)
     import_meanwhile(*TABLES)
@@ -136,7 +137,7 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
     import xarray
 
     places, impacts = found.crossings.table(x.size)
-    T_p = 2 * math.pi / (x * derived["p_rad_s"])
+    T_p = pulse_period(derived["p_rad_s"], x)
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
         {
@@ -156,8 +157,8 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
         },
         coords={
             "boundary": ("boundary", np.arange(1, places.shape[1] + 1), {"long_name": "boundaries from below"}),
-            "frequency_ratio": ("frequency_ratio", x, {"units": "1", "long_name": "ω_p/p"}),
-            "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
+            "frequency_ratio": ("frequency_ratio", x, about("frequency_ratio")),
+            "T_p": ("frequency_ratio", T_p, about("T_p")),
             "minimum_a_p": (
                 "frequency_ratio",
                 places[:, 0] * derived["uplift_ground_acceleration_m_s2"],

@@ -2,46 +2,36 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from rockjax._checks import texts
-from rockjax._structures import Elastic, GivenRestitution, Podium
-
-PARAMETERS = {
-    "alpha": "alpha",
-    "R": "R",
-    "gamma": "gamma",
-    "lam": "lam",
-    "eta": "superstructure.eta",
-    "T_s": "superstructure.T_s",
-    "zeta": "superstructure.zeta",
-    "restitution": "restitution.e",
-}
+from rockjax import _checks
+from rockjax._parameters import variants
+from rockjax._parameters.table import clash
+from rockjax._structures import Podium
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
-    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`."""
-    known = ["alpha", "R", "gamma", "lam", *more]
-    known += ["eta"] if podium.superstructure is not None else []
-    known += ["T_s", "zeta"] if isinstance(podium.superstructure, Elastic) else []
-    known += ["restitution"] if isinstance(podium.restitution, GivenRestitution) else []
-    for name in texts(owner, "sensitivities", names):
+    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`, or for two that say the same."""
+    names = _checks.texts(owner, "sensitivities", names)
+    known = [*variants.parameters_of(podium), *more]
+    for name in names:
         if name not in known:
             raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
+    twice = clash(names)
+    if twice is not None:
+        raise ValueError(f"{owner}: sensitivities name {twice[0]} and {twice[1]}, of which one at a time can vary")
 
 
 def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"]) -> Podium:
     """The podium with named parameters times factors."""
-    for name, factor in zip(names, factors, strict=True):
-        where = operator.attrgetter(PARAMETERS[name])
-        podium = eqx.tree_at(where, podium, replace_fn=lambda y, factor=factor: y * factor)
-    return podium
+    return variants.varied(
+        podium,
+        {name: factor * variants.read(podium, name) for name, factor in zip(names, factors, strict=True)},
+    )
 
 
 def along_boundary(footing: Callable[[Float[Array, " n+1"]], Float[Array, ""]], number: int, dtype) -> Float[Array, " n"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import concurrent.futures
-import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,8 @@ from rockjax._checks import as_float, of_kind, require, shown
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._parameters.table import about
+from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._responses.peak import Peak, peak_variables
@@ -99,7 +100,7 @@ def rocking_spectra(
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
         group = [podiums[k] for k in members]
-        T_p = np.stack([2 * math.pi / (axes["frequency_ratio"] * derived[k]["p_rad_s"]) for k in members])
+        T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["uplift_ground_acceleration_m_s2"] for k in members])
         # One number where it is common to all, else one per podium.
         stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
@@ -231,14 +232,14 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
     dataset = xarray.Dataset(
         {name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)},
         coords={
-            "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], {"units": "1", "long_name": "ω_p/p"}),
+            "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], about("frequency_ratio")),
             "acceleration_ratio": (
                 "acceleration_ratio",
                 axes["acceleration_ratio"],
-                {"units": "1", "long_name": "a_p/(g tan α)"},
+                about("acceleration_ratio"),
             ),
-            "T_p": ("frequency_ratio", T_p, {"units": "s", "long_name": "pulse period T_p"}),
-            "a_p": ("acceleration_ratio", a_p, {"units": "m s-2", "long_name": "pulse acceleration a_p"}),
+            "T_p": ("frequency_ratio", T_p, about("T_p")),
+            "a_p": ("acceleration_ratio", a_p, about("a_p")),
         },
     )
     dataset.attrs = _attributes(podium, pulse, options)

@@ -12,13 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._checks import as_float, of_kind, positive
+from rockjax._checks import as_float, of_kind
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, several, together
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import Records
-from rockjax._structures import Elastic, GivenRestitution, Podium
+from rockjax._parameters.table import MOTION, STRUCTURE, clash
+from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
+from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
 
@@ -93,7 +95,9 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
             motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
         else:
             motion = jax.tree.map(lambda y: y.reshape(place), motion)
-    podium = _podium(structure, along)
+    of_podium = {name: along[name] for name in parameters_of(structure) if name in along}
+    check_values("grid", of_podium)
+    podium = varied(structure, of_podium)
     return Grid(podium, _motion(motion, podium, along), coords)
 
 
@@ -109,30 +113,19 @@ def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
     return together("grid", members, "excitation"), np.arange(len(members)) if names is None else np.array(names)
 
 
-_ANGLES = ("alpha", "tan_alpha")
-_SIDES = ("width", "height")
-_OWN = ("R", "gamma", "lam", "g")
-_TOP = ("eta", "T_s", "zeta")
-_RATIOS = {"acceleration_ratio": "a_p", "frequency_ratio": "T_p"}
+_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    top, of_motion = structure.superstructure, _numbers(motion) if single else []
-    of_structure = [*_ANGLES, *_SIDES, *_OWN]
-    of_structure += ["restitution"] if isinstance(structure.restitution, GivenRestitution) else []
-    of_structure += [] if top is None else _TOP if isinstance(top, Elastic) else ["eta"]
-    ratios = list(_RATIOS) if isinstance(motion, AbstractPulse) and single else []
-    known = of_structure + [_name(field) for field in of_motion] + ratios + ["scale"]
+    of_motion = _numbers(motion) if single else []
+    ratios = _RATIOS if isinstance(motion, AbstractPulse) and single else ()
+    known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
     for name in names:
         if name not in known:
             raise ValueError(f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}")
-    for group in (
-        _ANGLES,
-        *((angle, side) for angle in (*_ANGLES, "R") for side in _SIDES),
-        *_RATIOS.items(),
-    ):
-        if set(group) <= set(names):
-            raise ValueError(f"grid: {group[0]} and {group[1]} say the same of a scene: give one of them as an axis")
+    twice = clash(names)
+    if twice is not None:
+        raise ValueError(f"grid: {twice[0]} and {twice[1]} say the same of a scene: give one of them as an axis")
 
 
 def _numbers(motion: AbstractExcitation) -> list[str]:
@@ -143,33 +136,15 @@ def _numbers(motion: AbstractExcitation) -> list[str]:
 
 
 def _name(field: str) -> str:
-    return f"excitation.{field}" if field in (*_OWN, *_TOP, *_ANGLES) else field
-
-
-def _podium(base: Podium, along: dict[str, np.ndarray]) -> Podium:
-    changes: dict[str, Any] = {name: along[name] for name in ("alpha", *_OWN, "restitution") if name in along}
-    if "tan_alpha" in along:
-        positive("grid", tan_alpha=along["tan_alpha"])
-        changes["alpha"] = np.arctan(along["tan_alpha"])
-    if any(name in along for name in _SIDES):
-        width, height = along.get("width", float(base.width)), along.get("height", float(base.height))
-        for name, side in (("width", width), ("height", height)):
-            positive("grid", **{name: side})
-        changes["alpha"], changes["R"] = np.arctan2(width, height), 0.5 * np.hypot(width, height)
-    top = {name: along[name] for name in _TOP if name in along}
-    if top:
-        assert base.superstructure is not None
-        changes["superstructure"] = dataclasses.replace(base.superstructure, **top)
-    return base.replace(**changes)
+    return f"excitation.{field}" if field in STRUCTURE else field
 
 
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
     changes: dict[str, Any] = {field: along[_name(field)] for field in _numbers(base) if _name(field) in along}
+    check_values("grid", {name: along[name] for name in _RATIOS if name in along})
     if "acceleration_ratio" in along:
-        changes["a_p"] = along["acceleration_ratio"] * np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
+        changes["a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
     if "frequency_ratio" in along:
-        positive("grid", frequency_ratio=along["frequency_ratio"])
-        p = np.sqrt(0.75 * np.asarray(podium.g) / np.asarray(podium.R))  # Eq. (25)
-        changes["T_p"] = 2 * np.pi / (p * along["frequency_ratio"])
+        changes["T_p"] = pulse_period(podium.p, along["frequency_ratio"])
     motion = dataclasses.replace(base, **changes)
     return motion.scaled(along["scale"]) if "scale" in along else motion

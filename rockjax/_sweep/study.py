@@ -12,6 +12,7 @@ import numpy as np
 from rockjax._checks import of_kind, texts
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
+from rockjax._parameters.table import about
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
 
@@ -126,7 +127,8 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
 def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
     """The labels of the axes, and every number that varies between scenes along the axes on which it does."""
     for name, labels in study.labels.items():
-        yield name, ((name,), labels, _ABOUT.get(name, {}))
+        of_axis = {"units": "1", "long_name": "ground motion"} if name == "motion" else about(name)
+        yield name, ((name,), labels, of_axis)
     taken = {*study.labels, *study.dims}
     for name, y in study.numbers.varying().items():
         short = name.rsplit(".", 1)[-1]
@@ -134,29 +136,5 @@ def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
         values = y.reshape([n for n in y.shape if n > 1])
         if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
             continue  # they are the labels
-        yield (name if short in taken else short), (along, values, _ABOUT.get(short, {}))
+        yield (name if short in taken else short), (along, values, about(name))
         taken.add(short)
-
-
-_ABOUT: dict[str, dict[str, str]] = {
-    name: {"units": unit, "long_name": text}
-    for name, unit, text in (
-        ("alpha", "rad", "slenderness of the columns α"),
-        ("tan_alpha", "1", "slenderness of the columns tan α"),
-        ("width", "m", "width of a column 2B"),
-        ("height", "m", "height of a column 2H"),
-        ("R", "m", "half diagonal of a column"),
-        ("gamma", "1", "mass ratio of the beam γ"),
-        ("eta", "1", "mass ratio of the superstructure η"),
-        ("T_s", "s", "period of the superstructure"),
-        ("zeta", "1", "damping ratio of the superstructure ζ"),
-        ("lam", "1", "inertia factor of a column λ"),
-        ("g", "m s-2", "acceleration of gravity"),
-        ("a_p", "m s-2", "amplitude of the pulse"),
-        ("T_p", "s", "period of the pulse"),
-        ("scale", "1", "factor on the motion"),
-        ("motion", "1", "ground motion"),
-        ("acceleration_ratio", "1", "a_p/(g tan α)"),
-        ("frequency_ratio", "1", "ω_p/p"),
-    )
-}

@@ -1,0 +1,147 @@
+"""A trial step: how long it is, how accurate, what becomes of it, and how long the next one is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._types import Flag, Value, Vector
+
+from .hermite import quintic
+from .model import Coefficients, acceleration
+from .ratio import safe_ratio
+from .runge_kutta import Step
+from .runge_kutta import step as runge_kutta
+from .state import Decision, LoopState, Plan, Scene
+
+AT_ONCE = 100  # times the resolution of time: what the end of the scene follows so closely is not told from it
+SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
+GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
+
+
+class Attempt(NamedTuple):
+    """A trial step, and how accurate it is."""
+
+    h: Value
+    reaches: Flag  # the stop
+    stop: Value  # the next breakpoint or the end of the scene; moves with the parameters
+    ends: Flag  # the scene
+    fresh: Flag  # on θ = 0, after an impact or an uplift
+    a0: Vector
+    end: Step
+    error: Value  # over tolerance
+    finite: Flag
+    accurate: Flag
+    tiny: Value  # the resolution of time
+
+
+class StepOutcome(NamedTuple):
+    """What becomes of a trial."""
+
+    accepted: Flag
+    cut: Value  # fraction of the step to try instead, inf where there is no need
+    lands: Flag  # ends on an event …
+    after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
+    false_uplift: Flag  # a lift that the next step does not confirm is none: back to full contact
+    peaks: Flag  # |θ| has a maximum at the guard's turning point
+    deformation: Value
+    force: Value
+    margin: Value  # of that maximum
+
+
+def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
+    constant = jax.lax.stop_gradient
+    c, t = scene.c, state.t
+
+    @jax.jit  # traced once for all stages
+    def field(t, x, v):
+        return acceleration(c, state.sigma, ground_at(t), x, v)
+
+    # How far: to the next breakpoint at most, and over a hop in one step.
+    tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
+    edge = scene.excitation.breakpoint(state.piece)
+    # A breakpoint that the end follows at once is not looked at: the end is what moves the step.
+    last = constant(scene.end) <= constant(edge) + AT_ONCE * tiny
+    stop = jnp.where(last, scene.end, edge)
+    a0 = field(t, state.x, state.v)
+    fresh = (state.sigma != 0) & (state.x[0] == 0)
+    h, reaches = _length(scene, state, constant(a0[0]), fresh, constant(stop))
+    if replayed is not None:
+        h, reaches = replayed.h, replayed.reaches
+    h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
+    end = jax.lax.optimization_barrier(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
+    error = constant(_error(scene, state, end))
+    finite = jnp.isfinite(error)
+    return Attempt(
+        h, reaches, stop, reaches & last, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny
+    )
+
+
+def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: Value) -> tuple[Value, Flag]:
+    """The length of the trial, and whether it reaches the stop."""
+    room = stop - state.t
+    h = jnp.where(state.h > 0.999 * room, room, jnp.where(state.h > 0.5 * room, 0.5 * room, state.h))
+    # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈|.
+    speed = jax.lax.stop_gradient(state.v[0])
+    returns = fresh & (speed * angular < 0)
+    hop = jnp.where(returns, -2 * speed / jnp.where(returns, angular, 1.0), jnp.inf)
+    h = jnp.minimum(h, jnp.minimum(state.cut, hop))
+    return h, h >= room
+
+
+def _error(scene: Scene, state: LoopState, trial: Step) -> Value:
+    """Root mean square of the estimated error over tolerance, in natural units."""
+    x_unit, v_unit = units(scene.c)
+    total = jnp.zeros_like(state.t)
+    for old, new, error, of_each in (
+        (state.x, trial.x, trial.x_error, x_unit),
+        (state.v, trial.v, trial.v_error, v_unit),
+    ):
+        for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
+            scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
+            total = total + (e / scale) ** 2
+    return jnp.sqrt(total / (2 * len(state.x)))
+
+
+def units(c: Coefficients) -> tuple[Vector, Vector]:
+    """Natural units of positions and velocities: α and pα, and for the superstructure the sway of the beam's corner."""
+    x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
+    if c.elastic:
+        sway = c.two_R * c.sin_alpha
+        x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.omega2)))
+    return x_unit, v_unit
+
+
+def factor(plan: Plan, error: Value) -> Value:
+    """How much longer the next step may be for this error."""
+    # x^(−1/order) through exp and log, which vectorise; pow does not.
+    growth = SAFETY * jnp.exp(-jnp.log(jnp.maximum(error, 1e-30)) / plan.tableau.order)
+    return jnp.clip(growth, SHRINK, GROW)
+
+
+def next_length(scene: Scene, plan: Plan, state: LoopState, h: Value, error: Value, t: Value) -> Value:
+    """The controller's next step. A step that an event or a breakpoint cut short says little about it."""
+    proposed = h * factor(plan, error)
+    shortened = (h < 0.99 * state.h) & (error < 0.5)
+    proposed = jnp.where(shortened, jnp.maximum(proposed, state.h), proposed)
+    return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
+
+
+def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> tuple[Vector, Vector]:
+    """The state shortly after the end of the step: along the quintic through both of its ends, from the end on."""
+    h = trial.h
+    z = safe_ratio(after, h, h > 0)
+    # Over a very short step the quintic is a difference of nearly equal numbers, and the mean jerk is enough.
+    long = h > 0.01 * scene.longest
+    x, v = [], []
+    for x0, v0, a0, x1, v1, a1 in zip(state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True):
+        c3, c4, c5 = quintic(x0, v0, a0, x1, v1, a1, h)[3:]
+        # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by differences.
+        d3 = jnp.where(long, c3 + 4 * c4 + 10 * c5, (a1 - a0) * h**2 / 6)
+        d4, d5 = jnp.where(long, c4 + 5 * c5, 0.0), jnp.where(long, c5, 0.0)
+        x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))
+        v.append(v1 + after * a1 + safe_ratio(z**2 * (3 * d3 + z * (4 * d4 + z * 5 * d5)), h, h > 0))
+    return tuple(x), tuple(v)

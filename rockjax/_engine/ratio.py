@@ -1,0 +1,13 @@
+"""Quotients that are safe to differentiate."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from rockjax._types import Flag, Value
+
+
+def safe_ratio(a: Value, b: Value, wanted: Flag) -> Value:
+    """a/b where wanted, else 0; never a NaN, in derivatives neither."""
+    good = wanted & (b != 0)
+    return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)

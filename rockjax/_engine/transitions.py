@@ -1,0 +1,84 @@
+"""What an event does to mode and state, and how its moving time enters derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._types import Flag, Index, Value, Vector
+
+from .model import Coefficients, acceleration, impact, uplift_demand
+from .state import Scene
+
+
+class Transition(NamedTuple):
+    """State and mode after an event, or after a step without one."""
+
+    x: Vector
+    v: Vector
+    sigma: Value
+
+
+def transition(
+    scene: Scene,
+    sigma: Value,
+    x: Vector,
+    v: Vector,
+    ground: Value,
+    hit: Flag,
+    lifted: Flag,
+    demand: Value,
+    halted: Flag | bool = False,
+) -> Transition:
+    """The transition of the automaton from the state (x, v) in mode σ, under the ground acceleration that follows.
+
+    - `hit`: an impact; `lifted`: an uplift under the demand `demand` before the event; else the mode stays, but columns
+      at rest lift where the ground has jumped
+    - `halted`: a lift that is none: back to full contact
+    """
+    c, rocking = scene.c, sigma != 0
+    rests = halted | ~rocking
+    x = (jnp.where(hit | rests, 0.0, x[0]), *x[1:])
+    v = (jnp.where(rests, 0.0, v[0]), *v[1:])
+    q = uplift_demand(c, ground, x, v)
+    onward, other = after_impact(scene, sigma, v[0], q)
+    v = (jnp.where(hit, onward, v[0]), *v[1:])
+    stays = jnp.where(rocking, sigma, contact_mode(c, q))
+    mode = jnp.where(hit, other, jnp.where(lifted, -jnp.sign(demand), stays))
+    return Transition(x, v, jnp.where(halted, 0.0, mode))
+
+
+def contact_mode(c: Coefficients, q: Value) -> Value:
+    """The mode of columns at rest under the demand q: they lift where |q| exceeds Eq. (9), touching it is not uplift."""
+    return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
+
+
+def after_impact(scene: Scene, sigma: Value, theta_dot: Value, q: Value) -> tuple[Value, Value]:
+    """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or uplift anew."""
+    onward = impact(scene.c, theta_dot)
+    moves = jnp.abs(onward) > scene.rest
+    return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
+
+
+@jax.custom_jvp
+def restart(scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index) -> tuple[Vector, Vector]:
+    """The state (x, v) at the time of an event, seen at the fixed time stamp t.
+
+    The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state taken to
+    the event by the field before it, mapped, and brought back by the field after it, the pair is the saltation matrix.
+    The way back is zero in value, so only derivatives pay for it.
+    """
+    del scene, t, delta, sigma, piece
+    return x, v
+
+
+@restart.defjvp
+def _restart_jvp(primals, tangents):
+    scene, t, _, x, v, sigma, piece = primals
+    delta_dot, x_dot, v_dot = tangents[2], tangents[3], tangents[4]
+    a = acceleration(scene.c, sigma, scene.excitation.piece(piece)(t), x, v)
+    x_dot = tuple(dx - delta_dot * rate for dx, rate in zip(x_dot, v, strict=True))
+    v_dot = tuple(dv - delta_dot * rate for dv, rate in zip(v_dot, a, strict=True))
+    return (x, v), (x_dot, v_dot)

@@ -1,0 +1,181 @@
+"""The parameters of structures and ground motions: name, symbol, unit, range, meaning, and where each is kept.
+
+Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the documentation
+read these tables: a new parameter is an entry here. Nothing here needs JAX.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+
+class Range(NamedTuple):
+    """Which numbers a parameter may be; the ends count where they are closed."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    closed: tuple[bool, bool] = (False, False)
+    unit: str = ""  # of the words
+
+    def holds(self, value: Any) -> Any:
+        """Whether a number, or each of an array, is inside."""
+        above = value >= self.low if self.closed[0] else value > self.low
+        below = value <= self.high if self.closed[1] else value < self.high
+        return above & below
+
+    @property
+    def words(self) -> str:
+        """Such as `> 0` or `in [0, 1]`; nothing where every number is inside."""
+        low, high = (_WRITTEN.get(end, f"{end:g}") for end in (self.low, self.high))
+        if math.isinf(self.high):
+            return "" if math.isinf(self.low) else f"{'>=' if self.closed[0] else '>'} {low}"
+        opening, closing = "(["[self.closed[0]], ")]"[self.closed[1]]
+        return f"in {opening}{low}, {high}{closing} {self.unit}".rstrip()
+
+
+_WRITTEN = {math.pi / 2: "π/2"}
+ANY = Range()
+POSITIVE = Range(0.0)
+NOT_NEGATIVE = Range(0.0, closed=(True, False))
+FACTOR = Range(0.0, 1.0, (True, True))
+ANGLE = Range(0.0, math.pi / 2, unit="rad")
+
+
+class Parameter(NamedTuple):
+    """One number of a structure or ground motion.
+
+    - `name`: as axes, options, keys of problem files and variables call it; `symbol`, `unit` (as in datasets, "1" for a
+      ratio), `range`, `meaning`
+    - `place`: where the structure keeps it, attribute after attribute, with the class of a member of a tuple in between:
+      `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for what is worked out
+    - `formula`: what the symbol stands for; `note`: what a special value, or none, means
+    - `instead_of`: parameters that say the same, of which only one can be given
+    - `whole`: whether it is a whole number, which neither varies nor has a derivative
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    range: Range
+    meaning: str
+    place: str = ""
+    formula: str = ""
+    note: str = ""
+    instead_of: tuple[str, ...] = ()
+    whole: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Meaning, symbol and unit in words."""
+        symbol = f"{self.symbol} = {self.formula}" if self.formula else self.symbol
+        return f"{self.meaning[:1].upper()}{self.meaning[1:]} {symbol} [{written(self.unit)}]"
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Attributes of a variable of a dataset."""
+        return {"units": self.unit, "long_name": f"{self.meaning} {self.symbol}"}
+
+
+def _named(entries: Iterable[Parameter]) -> dict[str, Parameter]:
+    return {entry.name: entry for entry in entries}
+
+
+SIDES = ("width", "height")  # of a column: together they are its slenderness and size
+_COLUMN = ("alpha", "tan_alpha", "R")
+_RIGID = "without it the superstructure is rigid"
+
+# Of a podium. What it keeps has a place; the others are worked out in variants.py.
+STRUCTURE = _named(
+    (
+        Parameter("alpha", "α", "rad", ANGLE, "slenderness of the columns", "alpha"),
+        Parameter("tan_alpha", "tan α", "1", POSITIVE, "slenderness of the columns", "", "B/H", "", ("alpha",)),
+        Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
+        Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN),
+        Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN),
+        Parameter(
+            "gamma", "γ", "1", NOT_NEGATIVE, "mass ratio of the beam", "gamma", "m_b/(N m_c)", "0 is a solitary block"
+        ),
+        Parameter("eta", "η", "1", NOT_NEGATIVE, "mass ratio of the superstructure", "superstructure.eta", "m_t/(N m_c)"),
+        Parameter("T_s", "T_s", "s", POSITIVE, "period of the superstructure", "superstructure.T_s", "", _RIGID),
+        Parameter("zeta", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure", "superstructure.zeta"),
+        Parameter("lam", "λ", "1", NOT_NEGATIVE, "inertia factor of a column", "lam", "I_c/(m_c R²)"),
+        Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
+        Parameter("g", "g", "m s-2", POSITIVE, "acceleration of gravity", "g"),
+    )
+)
+
+# Arguments of `Podium.from_dimensions`.
+DIMENSIONS = _named(
+    (
+        STRUCTURE["width"],
+        STRUCTURE["height"],
+        Parameter("column_mass", "m_c", "kg", POSITIVE, "mass of one column"),
+        Parameter("beam_mass", "m_b", "kg", NOT_NEGATIVE, "mass of the beam"),
+        Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", whole=True),
+        Parameter("top_mass", "m_t", "kg", NOT_NEGATIVE, "mass of the superstructure"),
+        Parameter("period", "T_s", "s", POSITIVE, "period of the superstructure", note=_RIGID),
+        Parameter("damping", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure"),
+        STRUCTURE["lam"],
+        STRUCTURE["restitution"],
+        STRUCTURE["g"],
+    )
+)
+
+# Of ground motions: fields of their classes, and the ratios of pulses, worked out in variants.py.
+MOTION = _named(
+    (
+        Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
+        Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
+        Parameter("T_p", "T_p", "s", POSITIVE, "period of the pulse"),
+        Parameter("frequency_ratio", "ω_p/p", "1", POSITIVE, "frequency of the pulse", instead_of=("T_p",)),
+        Parameter("A", "A", "m s-1", ANY, "velocity amplitude of the pulse"),
+        Parameter("f_p", "f_p", "Hz", POSITIVE, "frequency of the pulse"),
+        Parameter("gamma", "γ", "1", POSITIVE, "number of oscillations of the pulse"),
+        Parameter("nu", "ν", "rad", ANY, "phase of the pulse"),
+        Parameter("phi", "φ", "rad", ANY, "phase of the pulse"),
+        Parameter("scale", "f", "1", ANY, "factor on the motion"),
+        Parameter("dt", "Δt", "s", POSITIVE, "sampling interval"),
+        Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
+    )
+)
+
+_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "1": "–"}
+
+
+def written(unit: str) -> str:
+    """The unit of a dataset as it is shown, "–" for ratios."""
+    return _UNITS.get(unit, unit)
+
+
+def attribute(parameter: Parameter) -> str:
+    """What the attributes of a file call a parameter: its name and unit."""
+    name = {"lam": "lambda"}.get(parameter.name, parameter.name)
+    return name if parameter.unit == "1" else f"{name}_{parameter.unit.replace(' ', '_').replace('-', '')}"
+
+
+def of_motion(name: str) -> Parameter:
+    """The parameter of a ground motion; of one that is not in the table only the name is known."""
+    return MOTION.get(name, Parameter(name, name, "", ANY, ""))
+
+
+def about(name: str) -> dict[str, str]:
+    """Attributes of a variable or axis in a dataset; none for what is no parameter.
+
+    The name may be a path, as `excitation.gamma`.
+    """
+    path, _, short = name.rpartition(".")
+    table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
+    return table[short].about if short in table else {}
+
+
+def clash(names: Iterable[str]) -> tuple[str, str] | None:
+    """Two of the names that say the same, None where no two do."""
+    names = tuple(names)
+    for table in (STRUCTURE, MOTION):
+        for name in names:
+            for other in table[name].instead_of if name in table else ():
+                if other in names:
+                    return other, name
+    return None

@@ -1,0 +1,114 @@
+"""Parameters of structures and motions read and set by name: what a podium has, variants of it, pulses by their ratios."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+
+from rockjax._checks import require
+from rockjax._structures import Podium, column_of
+
+from .table import MOTION, SIDES, STRUCTURE, Parameter, clash
+
+
+def find(name: str) -> Parameter | None:
+    """The parameter of a structure of that name, or kept in that place."""
+    if name in STRUCTURE:
+        return STRUCTURE[name]
+    return next((entry for entry in STRUCTURE.values() if entry.place == name), None)
+
+
+def parameters_of(podium: Podium) -> dict[str, Parameter]:
+    """Those of the parameters that this podium has, worked out ones among them."""
+    return {name: entry for name, entry in STRUCTURE.items() if has(podium, entry)}
+
+
+def has(podium: Podium, parameter: Parameter) -> bool:
+    """Whether this podium has a parameter."""
+    try:
+        _kept(podium, parameter.place)
+    except AttributeError:
+        return False
+    return True
+
+
+def read(podium: Podium, name: str) -> Any:
+    """The number that a parameter of this podium is. Raises `ValueError` for a name that is none of its parameters."""
+    parameter = _known(podium, name)
+    if parameter.place:
+        return _kept(podium, parameter.place)
+    return jnp.tan(podium.alpha) if parameter.name == "tan_alpha" else getattr(podium, parameter.name)
+
+
+def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
+    """The podium with some of its parameters changed.
+
+    Raises `ValueError` for names that are no parameters of it or that say the same, and for numbers out of range.
+    """
+    values = {_known(podium, name).name: value for name, value in values.items()}
+    twice = clash(values)
+    if twice is not None:
+        raise ValueError(f"{twice[0]} and {twice[1]} say the same of a podium: give one of them")
+    kept = {STRUCTURE[name].place: value for name, value in values.items() if STRUCTURE[name].place}
+    if "tan_alpha" in values:
+        kept["alpha"] = jnp.arctan(values["tan_alpha"])
+    if any(name in values for name in SIDES):
+        width, height = (values.get(name, getattr(podium, name)) for name in SIDES)
+        kept["alpha"], kept["R"] = column_of(width, height)
+    return _replaced(podium, {tuple(place.split(".")): value for place, value in kept.items()})
+
+
+def check_values(owner: str, values: Mapping[str, Any]) -> None:
+    """Raise a `ValueError` for values of parameters, of a structure or a pulse, that are out of range."""
+    for name, value in values.items():
+        allowed = (MOTION | STRUCTURE)[name].range
+        words = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
+        require(owner, name, value, allowed.holds, words.removesuffix(" and "))
+
+
+def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
+    """a_p of a pulse of given a_p/(g tan α) [m/s²]."""
+    return acceleration_ratio * podium.uplift_ground_acceleration
+
+
+def pulse_period(p: Any, frequency_ratio: Any) -> Any:
+    """T_p of a pulse of given ω_p/p [s], for a podium of frequency parameter p, Eq. (25)."""
+    return 2 * math.pi / (frequency_ratio * p)
+
+
+def _known(podium: Podium, name: str) -> Parameter:
+    parameter = find(name)
+    if parameter is None or not has(podium, parameter):
+        raise ValueError(f"parameters of this podium are {', '.join(parameters_of(podium))}; got {name!r}")
+    return parameter
+
+
+def _kept(holder: Any, place: str) -> Any:
+    """What is kept in a place. Raises `AttributeError` where the place is not there."""
+    for step in place.split(".") if place else ():
+        holder = holder[_member(holder, step)] if isinstance(holder, tuple) else getattr(holder, step)
+    return holder
+
+
+def _member(members: tuple, kind: str) -> int:
+    """Which member of a tuple is of that class: the only one."""
+    found = [k for k, member in enumerate(members) if type(member).__name__ == kind]
+    if len(found) != 1:
+        raise AttributeError(f"{len(found)} of class {kind}")
+    return found[0]
+
+
+def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
+    """A variant of a dataclass, or of a tuple of them, by places."""
+    below: dict[str, dict[tuple[str, ...], Any]] = {}
+    for (step, *rest), value in changes.items():
+        below.setdefault(step, {})[tuple(rest)] = value
+    new = {step: inner[()] if () in inner else _replaced(_kept(holder, step), inner) for step, inner in below.items()}
+    if isinstance(holder, tuple):
+        places = {_member(holder, step): value for step, value in new.items()}
+        return tuple(places.get(k, member) for k, member in enumerate(holder))
+    return dataclasses.replace(holder, **new)

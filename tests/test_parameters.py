@@ -1,0 +1,106 @@
+"""The table of parameters is what structures, motions, commands and designs go by."""
+
+import dataclasses
+import inspect
+import math
+
+import numpy as np
+import pytest
+
+import rockjax as rj
+from optimise._variables import Dimensions, variables
+from rockjax._parameters import table, variants
+from rockjax._problem_keys import BY_DIMENSIONS, BY_RATIOS, SUPERSTRUCTURE
+
+FULL = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7)
+BARE = rj.Podium(0.2, 1.5)
+
+# What changes with a parameter besides.
+ALONG = {
+    "alpha": {"tan_alpha", "width", "height"},
+    "tan_alpha": {"alpha", "width", "height"},
+    "R": {"width", "height"},
+    "width": {"alpha", "tan_alpha", "R"},
+    "height": {"alpha", "tan_alpha", "R"},
+}
+
+
+@pytest.mark.parametrize("name", table.STRUCTURE)
+def test_a_parameter_is_read_where_it_is_set(name):
+    value = float(variants.read(FULL, name)) * 1.01
+    changed = variants.varied(FULL, {name: value})
+    assert float(variants.read(changed, name)) == pytest.approx(value, rel=1e-14)
+    others = set(table.STRUCTURE) - {name} - ALONG.get(name, set())
+    for other in others:
+        assert float(variants.read(changed, other)) == pytest.approx(float(variants.read(FULL, other)), rel=1e-14), other
+
+
+def test_which_parameters_a_podium_has():
+    assert set(variants.parameters_of(FULL)) == set(table.STRUCTURE)
+    left_out = {"eta", "T_s", "zeta", "restitution"}
+    assert set(variants.parameters_of(BARE)) == set(table.STRUCTURE) - left_out
+    assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
+    with pytest.raises(ValueError, match=r"parameters of this podium are alpha, tan_alpha, .*; got 'T_s'"):
+        variants.read(BARE, "T_s")
+
+
+def test_width_and_height_are_slenderness_and_size():
+    podium = variants.varied(BARE, {"width": 0.6, "height": 4.0})
+    assert (float(podium.alpha), float(podium.R)) == pytest.approx((math.atan(0.15), math.hypot(0.3, 2.0)), rel=1e-14)
+    wider = variants.varied(BARE, {"width": 0.6})
+    assert float(wider.height) == pytest.approx(float(BARE.height), rel=1e-14)
+    with pytest.raises(ValueError, match="R and width say the same"):
+        variants.varied(BARE, {"width": 0.6, "R": 2.0})
+
+
+@pytest.mark.parametrize("name", table.STRUCTURE)
+def test_the_range_is_that_of_the_structure(name):
+    """Numbers just outside are refused, those just inside are taken."""
+    low, high = table.STRUCTURE[name].range.low, table.STRUCTURE[name].range.high
+    for end, inwards in ((low, 1e-9), (high, -1e-9)):
+        if math.isinf(end):
+            continue
+        assert table.STRUCTURE[name].range.holds(end + inwards)
+        assert not table.STRUCTURE[name].range.holds(end - inwards)
+        variants.varied(FULL, {name: end + inwards})
+        with pytest.raises(ValueError, match=r"must be"):
+            variants.check_values("here", {name: end - inwards})
+        if name not in (*table.SIDES, "tan_alpha"):
+            with pytest.raises(ValueError, match=r"must be"):
+                variants.varied(FULL, {name: end - inwards})
+
+
+def test_dimensions_are_the_arguments_of_the_constructor():
+    arguments = set(inspect.signature(rj.Podium.from_dimensions).parameters)
+    assert set(table.DIMENSIONS) == arguments == {field.name for field in dataclasses.fields(Dimensions)}
+
+
+def test_problem_files_know_all_parameters():
+    assert {*BY_RATIOS, *SUPERSTRUCTURE, *table.SIDES} == {*table.STRUCTURE, "superstructure"}
+    assert set(BY_DIMENSIONS) == set(table.DIMENSIONS)
+
+
+def test_parameters_of_motions_are_fields_of_theirs():
+    kinds = (rj.Ricker(1.0, 1.0), rj.Gabor(1.0, 1.0), rj.MavroeidisPapageorgiou(1.0, 1.0), rj.Record(np.ones(3), 0.1))
+    fields = {field.name for motion in kinds for field in dataclasses.fields(motion)}
+    ratios = {name for name, entry in table.MOTION.items() if entry.instead_of}
+    assert set(table.MOTION) - ratios == fields - {"acceleration"}
+
+
+def test_designs_take_names_and_places_of_parameters():
+    by_name = variables(FULL, {"T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    by_place = variables(FULL, {"superstructure.T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    assert by_name.units == by_place.units == ("s", "–")
+    x = by_name.start()
+    for box in (by_name, by_place):
+        podium = box.podium(x)
+        assert float(podium.superstructure.T_s) == pytest.approx(0.5)
+        assert float(podium.alpha) == pytest.approx(0.2)
+    with pytest.raises(ValueError, match="vary names T_s twice"):
+        variables(FULL, {"T_s": (0.3, 0.6), "superstructure.T_s": (0.3, 0.6)})
+
+
+def test_names_of_files():
+    names = [table.attribute(table.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
+    assert names == ["alpha_rad", "R_m", "lambda", "T_s_s", "g_m_s2"]
+    assert table.about("excitation.gamma")["long_name"].startswith("number of oscillations")
