@@ -1,7 +1,8 @@
 """How long the first answer of a process takes: `python -m benchmarks.startup`, or with names of rows.
 
 "First" has nothing kept, "later" is a further process of the same user. CPU seconds of the process and all its threads,
-which say the same on a busy machine, and wall time, the shortest of several, in units of J, the time of `import jax`.
+which say the same on a busy machine, and wall time, the shortest of several; also in units of J, the time of `import jax`.
+Rows that are named replace those of the table that was kept before.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-from .measure import keep, show
+from .measure import keep, kept, show
 
 PODIUM = """
 import jax, numpy as np, rockjax as rj
@@ -111,7 +112,7 @@ def run(name: str, folder: str) -> tuple[float, float]:
 
 
 def main(names: list[str], again: int = 3) -> None:
-    rows = []
+    rows = {} if not names else {row["what"]: row for row in kept("startup")}
     unit = [min(times) for times in zip(*(run("import jax", "") for _ in range(again + 1)), strict=True)]
     for name in names or [*ROWS, *COMMANDS]:
         with tempfile.TemporaryDirectory() as folder:
@@ -119,11 +120,10 @@ def main(names: list[str], again: int = 3) -> None:
             later = [run(name, folder) for _ in range(again)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
         row = {"what": name, "first CPU [s]": first[1], "later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
-        rows.append(row | {"first [J]": first[0] / unit[0], "later [J]": wall / unit[0]})
-        print(rows[-1], flush=True)
-    keep("startup", rows)
-    digits = {name: ".2f" for name in rows[0] if name != "what"}
-    show(rows, {"what": "", **digits})
+        rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
+        print(rows[name], flush=True)
+        keep("startup", list(rows.values()))
+    show(list(rows.values()), {"what": "", **{name: ".2f" for name in next(iter(rows.values())) if name != "what"}})
 
 
 if __name__ == "__main__":
