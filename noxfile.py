@@ -61,7 +61,7 @@ def benchmarks(session: nox.Session) -> None:
 def notebooks(session: nox.Session) -> None:
     """All notebooks, on small grids, as the tests run them."""
     session.install("-e", ".[test,notebook]")
-    session.run("pytest", "tests/test_notebooks.py", *session.posargs)
+    session.run("pytest", "tests/documentation/test_notebooks.py", *session.posargs)
 
 
 if __name__ == "__main__":

@@ -41,8 +41,8 @@ HARMLESS: dict[tuple[str, str, str], str] = {
     ("_engine/model.py", "finfo", "64 → 70.4"): "rounding that is allowed to the threshold",
 }
 STAGES = (
-    ("test_model.py", "test_structures.py"),
-    ("test_closed_forms.py", "test_edges.py", "test_accuracy.py", "test_hard_cases.py"),
+    ("engine/test_model.py", "test_structures.py"),
+    ("engine/test_closed_forms.py", "engine/test_edges.py", "engine/test_accuracy.py", "engine/test_hard_cases.py"),
 )
 OPERATORS = {ast.Add: (ast.Sub, "+ → -"), ast.Sub: (ast.Add, "- → +")}
 COMPARISONS = {

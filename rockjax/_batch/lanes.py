@@ -91,7 +91,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(lane)), state.parts, lane)
         done = _kept(done, ended, state.held, floats, integers)
         free = ended | (state.held < 0)
-        local = loop.following + jnp.cumsum(free) - 1
+        local = loop.following + jnp.cumsum(free, dtype=index_type) - 1
         loads = free & (local < count)
         place = jnp.clip(local, 0, size - 1)
 
@@ -147,7 +147,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
 def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
     """The answers of the lanes whose scenes have ended, written after those that are kept already."""
     nowhere = done.which.shape[0]
-    place = jnp.where(ended, done.used + jnp.cumsum(ended) - 1, nowhere)
+    place = jnp.where(ended, done.used + jnp.cumsum(ended, dtype=done.used.dtype) - 1, nowhere)
 
     def write(stores, values):
         return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
@@ -156,7 +156,7 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
         which=write(done.which, which),
         floats=write(done.floats, floats),
         integers=write(done.integers, integers),
-        used=done.used + jnp.sum(ended),
+        used=done.used + jnp.sum(ended, dtype=done.used.dtype),
     )
 
 

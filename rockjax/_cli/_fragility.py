@@ -128,7 +128,7 @@ def fragility(
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions.motion import distinct
+    from rockjax._motions.convert import distinct
 
     problems = [path for path in inputs or [] if path.suffix.lower() == ".toml"]
     paths = [path for path in inputs or [] if path not in problems]

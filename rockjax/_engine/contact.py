@@ -93,13 +93,13 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         past = event_time - constant(event_time)
         u_ddot = -ground_at(constant(event_time)) - (c.omega2 * x + c.damping * v)
         x, v = x + past * v, v + past * u_ddot
-        piece = state.piece + reaches
+        piece = state.piece + reaches.astype(jnp.int32)
         xs, vs = restart(scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
         crossed = state._replace(
             t=constant(event_time), event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1
         )
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
-        return state, level + ~goes
+        return state, level + (~goes).astype(jnp.int32)
 
     def may(carry: tuple[LoopState, Index]) -> Flag:
         state, level = carry
@@ -125,7 +125,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     on_edge = constant(edge) == stamp
     jump = excitation.piece(piece)(stamp) - excitation.piece(piece - 1)(stamp)
     jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
-    crossed = excitation.piece(piece - (on_edge & ~jumps))
+    crossed = excitation.piece(piece - (on_edge & ~jumps).astype(jnp.int32))
     ground, slope = jax.jvp(crossed, (stamp,), (jnp.ones_like(stamp),))
     time_past_end = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
     now = jnp.where(jumps, edge, stamp - (time_past_end - constant(time_past_end)))

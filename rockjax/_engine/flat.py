@@ -52,7 +52,7 @@ def _append(nodes: Nodes, state: LoopState, impact_time: Value, valid: Array) ->
     row = Nodes(state.t, state.x, state.v, state.sigma, state.piece, impact_time, nodes.used)
     at = jnp.where(valid, nodes.used, nodes.t.shape[0])
     filled = _put(nodes._replace(used=None), at, row._replace(used=None))
-    return filled._replace(used=nodes.used + valid)
+    return filled._replace(used=nodes.used + valid.astype(jnp.int32))
 
 
 def _first_node(state: LoopState, capacity: int) -> Nodes:
@@ -94,7 +94,7 @@ def record_decisions(scene: Scene, plan: Plan, state: LoopState, max_steps: int)
     def keep(state: LoopState, kept: tuple[Decision, Index], info: StepInfo) -> tuple[LoopState, tuple[Decision, Index]]:
         decisions, count = kept
         decisions = _put(decisions, jnp.where(info.accepted, count, max_steps), info.decision)
-        return state, (decisions, count + info.accepted)
+        return state, (decisions, count + info.accepted.astype(jnp.int32))
 
     state, (decisions, count) = _keeping(scene, plan, state, max_steps, keep, (decisions, jnp.zeros((), jnp.int32)))
     return state, decisions, count

@@ -110,5 +110,5 @@ def turns_more_than_once(polynomial: Quintic, rising: Bool[Array, ""], rising_af
     for z in (0.25, 0.5, 0.75):
         slope = polynomial.slope(z)
         here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
-        turns, before = turns + (here != before), here
-    return turns + (before != rising_after) > 1
+        turns, before = turns + (here != before).astype(jnp.int32), here
+    return turns + (before != rising_after).astype(jnp.int32) > 1

@@ -75,7 +75,7 @@ def run_segments(
 def _keep(nodes: Nodes, state: LoopState, ts, xs: Vector, vs: Vector, sigma=None, piece=None, impact_time=None) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
-    at = jnp.where(valid, nodes.used + jnp.cumsum(valid) - 1, nodes.t.shape[0])
+    at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
 
     def put(store, values):
         return store.at[at].set(jnp.broadcast_to(values, ts.shape), mode="drop")
@@ -278,7 +278,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     finite = jnp.all(jnp.isfinite(jnp.stack([ended, *x, *v])))
     falling = sigma * v[0] < 0
     hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
-    piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece))
+    piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece)).astype(jnp.int32)
     ground_now = scene.excitation.piece(piece)(ended)
     speed = jnp.abs(v[0])
     demand = uplift_demand(c, mode.ground_at(ended), x, v)
@@ -318,7 +318,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
-        impacts=state.impacts + end.hit,
+        impacts=state.impacts + end.hit.astype(jnp.int32),
         slowest=jnp.where(end.hit, jnp.minimum(state.slowest, end.speed), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
         steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),

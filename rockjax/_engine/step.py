@@ -149,7 +149,7 @@ def _advance(
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
-    piece = state.piece + (stamp >= constant(scene.excitation.breakpoint(state.piece)))
+    piece = state.piece + (stamp >= constant(scene.excitation.breakpoint(state.piece))).astype(jnp.int32)
     ground = scene.excitation.piece(piece)(stamp)
 
     speed = jnp.abs(v[0])
@@ -178,7 +178,7 @@ def _advance(
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
-        impacts=state.impacts + hit,
+        impacts=state.impacts + hit.astype(jnp.int32),
         slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, speed), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
         steps=state.steps + 1,

@@ -108,7 +108,7 @@ class AbstractExcitation(eqx.Module):
         def at(s):
             piece = self.locate(s)
             last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
-            return self.piece(piece - last)(s)
+            return self.piece(piece - last.astype(piece.dtype))(s)
 
         return jax.vmap(at)(t.ravel()).reshape(t.shape)
 

@@ -55,8 +55,12 @@ class AbstractSampled(AbstractExcitation):
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-        start, dt, count, _ = self.sampling
-        return start, start + (count - 1) * dt
+        return self.sampling.start, self._time(self.sampling.count - 1)
+
+    def _time(self, sample: Index | int) -> Value:
+        """When a sample is taken."""
+        start, dt, _, _ = self.sampling
+        return start + jnp.asarray(sample, dt.dtype) * dt
 
     @property
     def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
@@ -67,8 +71,7 @@ class AbstractSampled(AbstractExcitation):
         return self.sampling.count
 
     def breakpoint(self, index: Index) -> Value:
-        start, dt, count, _ = self.sampling
-        return jnp.where(index < count, start + index * dt, jnp.inf)
+        return jnp.where(index < self.sampling.count, self._time(index), jnp.inf)
 
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
@@ -79,12 +82,12 @@ class AbstractSampled(AbstractExcitation):
         return guess + 1
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        start, dt, count, scale = self.sampling
+        _, dt, count, scale = self.sampling
         inside = (index > 0) & (index < count)
         i = jnp.clip(index - 1, 0, count - 2)
         a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
         a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
-        t0 = start + i * dt
+        t0 = self._time(i)
         return lambda t: a0 + slope * (t - t0)
 
     def outlook(self, threshold: Value | None) -> AbstractOutlook:
@@ -94,8 +97,9 @@ class AbstractSampled(AbstractExcitation):
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
         # Summed from the last sample on: however much fills up a row, the sums are the same to the last digit.
-        samples = jnp.arange(size.shape[-1]).reshape((1,) * (size.ndim - 1) + (-1,))
-        place = record.counts_of_rows() - 1 - samples
+        counts = record.counts_of_rows()
+        samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
+        place = counts - 1 - samples
         backwards = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
         to_come = backwards(jnp.cumsum(jnp.where(place >= 0, backwards(areas), 0.0), axis=-1))
         to_come = jnp.where(place >= 0, to_come, 0.0)
@@ -131,7 +135,7 @@ class SampledOutlook(AbstractOutlook):
         first, last = record.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
         size = jnp.abs(record.row(record.table))  # what fills up the row is past the end
-        samples = first + jnp.arange(size.shape[0]) * record.sampling.dt
+        samples = first + jnp.arange(size.shape[0], dtype=size.dtype) * record.sampling.dt
         inside = jnp.where((samples >= start) & (samples <= end), size, -1.0)
         times = jnp.stack([samples[jnp.argmax(inside)], start, end])
         return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from rockjax._checks import concrete, of_kind, shown
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 
-from .motion import Motion, Motions, distinct
+from .motion import Motion, Motions
 from .record import Record
 from .records import Records
 
@@ -208,3 +209,12 @@ class _Pulse:
         motion = self.function(a_p, T_p)
         of_kind(self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion")
         return motion
+
+
+def distinct(labels: Sequence[str]) -> list[str]:
+    """Names that say which is which, where files of different folders have the same."""
+    total, seen, found = Counter(labels), Counter(), []
+    for label in labels:
+        seen[label] += 1
+        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
+    return found

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -251,12 +250,3 @@ class Motions(Sequence[Motion]):
 
     def _repr_html_(self) -> str:
         return _tables.html(self._rows(), heads="row")
-
-
-def distinct(labels: Sequence[str]) -> list[str]:
-    """Names that say which is which, where files of different folders have the same."""
-    total, seen, found = Counter(labels), Counter(), []
-    for label in labels:
-        seen[label] += 1
-        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
-    return found

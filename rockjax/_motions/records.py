@@ -105,7 +105,7 @@ class Records(AbstractSampled):
         return self.counts[:, None]
 
     def sizes(self) -> Float[Array, "k n"]:
-        samples = jnp.arange(self.acceleration.shape[-1])[None] < self.counts[:, None]
+        samples = jnp.arange(self.acceleration.shape[-1], dtype=self.counts.dtype)[None] < self.counts[:, None]
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
 
     @property

@@ -132,14 +132,14 @@ def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, metho
     piece = nodes.piece[k]
     if not c.elastic:  # full contact is one leap, over many pieces
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
-    ground = excitation.piece(piece)
+    ground_at = excitation.piece(piece)
 
     def field(t, x, v):
-        return acceleration(c, sigma, ground(t), x, v)
+        return acceleration(c, sigma, ground_at(t), x, v)
 
     x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
     trial = step(tableau(solver_of(method)), field, start, t - start, x, v, field(start, x, v))
-    return _Sample(sigma, ground(t), trial.x, trial.v)
+    return _Sample(sigma, ground_at(t), trial.x, trial.v)
 
 
 def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:

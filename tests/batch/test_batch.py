@@ -1,0 +1,176 @@
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._batch import memory
+from tests.scenes import PODIUMS, G, elastic, options, shaking
+
+FIELDS = ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "overturn_time", "smallest_impact_speed")
+
+
+def amplitudes(n):
+    return np.linspace(0.5, 6.0, n) * G * 0.15
+
+
+def same(a, b, rtol=1e-7):
+    for name in FIELDS:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=rtol, atol=1e-9, equal_nan=True)
+    np.testing.assert_array_equal(a.overturned, b.overturned)
+    np.testing.assert_array_equal(a.uplifted, b.uplifted)
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_one_scene_is_its_place_in_the_batch(name):
+    podium = PODIUMS[name]
+    a_p = amplitudes(13)
+    batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10))
+    single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)) for a in a_p]
+    same(batch, jax.tree.map(lambda *y: np.stack(y), *single))
+    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)))(jnp.asarray(a_p))
+    same(batch, mapped)
+    assert batch.overturned.any()
+    assert not batch.overturned.all()
+
+
+def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, monkeypatch):
+    (tmp_path / "proc").mkdir()
+    (tmp_path / "proc" / "meminfo").write_text("MemTotal: 8000 kB\nMemAvailable:    4000 kB\n")
+    assert memory.free_memory(tmp_path) == 4_096_000
+    group = tmp_path / "sys" / "fs" / "cgroup"
+    group.mkdir(parents=True)
+    (group / "memory.max").write_text("max\n")
+    (group / "memory.current").write_text("1000000\n")
+    assert memory.free_memory(tmp_path) == 4_096_000
+    (group / "memory.max").write_text("3000000\n")
+    assert memory.free_memory(tmp_path) == 2_000_000
+    said = r"100000000\d\d scenes take some 1\.\d* TiB of memory, and .* are free.* rockjax\.sweep"
+    axis = np.linspace(1.0, 8.0, 100_000)
+    with pytest.raises(ValueError, match="rocking_spectrum: " + said):
+        rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, axis, axis)
+    with pytest.raises(ValueError, match="peak_responses: " + said):
+        rj.peak_responses(PODIUMS["rigid"], rj.Ricker(axis[:, None], axis))
+
+
+def test_order_size_and_lanes_do_not_matter(monkeypatch):
+    podium = elastic(0.4)
+    a_p = amplitudes(700)
+    whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
+    same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
+    monkeypatch.setattr(rj._batch.batch, "LANES", 32)
+    monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
+    chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    same(whole, chunks, rtol=1e-6)
+    alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10), threads=1)
+    same(chunks, alone, rtol=1e-12)
+
+
+def test_everything_broadcasts():
+    R = np.array([1.0, 1.5, 2.5])
+    podiums = rj.Podium(alpha=0.2, R=R[:, None], gamma=3.0)
+    peaks = rj.peak_responses(podiums, rj.OneSine(np.array([3.0, 5.0]), 0.9), initial=rj.State(0.01))
+    assert peaks.peak_rotation.shape == (3, 2)
+    single = rj.peak_response(rj.Podium(0.2, 1.5, 3.0), rj.OneSine(5.0, 0.9), initial=rj.State(0.01))
+    assert peaks.peak_rotation[1, 1] == pytest.approx(float(single.peak_rotation), rel=1e-9)
+    one = rj.peak_responses(PODIUMS["rigid"], rj.Ricker(3.0, 1.0))
+    assert one.peak_rotation.shape == ()
+    assert "6 scenes" in repr(peaks)
+    with pytest.raises(ValueError, match="broadcast"):
+        rj.peak_responses(rj.Podium(0.2, R), rj.OneSine(np.ones(4), 1.0))
+
+
+def test_records_shared_and_of_their_own():
+    records = [shaking(120, seed=k) for k in range(3)]
+    scales = np.array([0.5, 1.0, 1.5])
+    shared = rj.peak_responses(PODIUMS["rigid"], rj.Record(records[0].acceleration, 0.02, scales))
+    own = rj.peak_responses(PODIUMS["rigid"], rj.Record(np.stack([r.acceleration for r in records]), 0.02))
+    for k in range(3):
+        a = rj.peak_response(PODIUMS["rigid"], rj.Record(records[0].acceleration, 0.02, scales[k]))
+        b = rj.peak_response(PODIUMS["rigid"], records[k])
+        assert shared.peak_rotation[k] == pytest.approx(float(a.peak_rotation), rel=1e-8)
+        assert own.peak_rotation[k] == pytest.approx(float(b.peak_rotation), rel=1e-8)
+
+
+def test_one_scene_without_answer_does_not_cost_the_others():
+    podium = elastic(0.5)
+    with pytest.warns(RuntimeWarning, match="out_of_steps"):
+        peaks = rj.peak_responses(
+            podium, rj.Ricker(np.array([0.0, 3.0]), 1.0), options=rj.Options(max_steps=150, outputs=("peak_rotation",))
+        )
+    assert peaks.peak_rotation.shape == (2,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rj.peak_responses(podium, rj.Ricker(np.array([0.0, 3.0]), 1.0))
+
+
+def test_no_compilation_when_only_numbers_change():
+    podium = PODIUMS["rigid"]
+    rj.peak_response(podium, rj.Ricker(3.0, 1.0))
+    rj.peak_responses(podium, rj.Ricker(amplitudes(20), 1.0))
+    with jax.log_compiles(), _no_compiles():
+        changed = podium.replace(alpha=0.16, gamma=11.0)
+        o = rj.Options(rtol=1e-7, atol=1e-9, overturn_ratio=1.1)
+        rj.peak_response(changed, rj.Ricker(3.1, 1.1), options=o)
+        rj.peak_responses(changed, rj.Ricker(amplitudes(20) * 1.01, 1.1), options=o)
+        rj.peak_responses(changed, rj.Ricker(amplitudes(41) * 1.01, 1.1), options=o)
+
+
+class _no_compiles:
+    def __enter__(self):
+        import logging
+
+        self.messages = []
+        self.handler = logging.Handler()
+        self.handler.emit = lambda record: self.messages.append(record.getMessage())
+        logging.getLogger("jax").addHandler(self.handler)
+
+    def __exit__(self, *_):
+        import logging
+
+        logging.getLogger("jax").removeHandler(self.handler)
+        big = [m for m in self.messages if "Compiling" in m and ("solve" in m or "advance" in m)]
+        assert not big
+
+
+def test_lanes_are_busy_and_no_scene_is_lost():
+    """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
+    from rockjax._batch.batch import run_batch
+    from rockjax._batch.scenes import broadcast
+
+    a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
+    for podium in (PODIUMS["rigid"], elastic(0.5)):
+        scenes, _ = broadcast("", podium, rj.Ricker(a_p, 1.0), rj.State(), None)
+        floats, integers, tally = run_batch(scenes, options(1e-6, outputs=("peak_rotation",)), False)
+        assert tally.useful > 0.9 * tally.possible
+        assert np.all(integers["code"] <= 2)
+        assert np.all(np.isfinite(floats["peak_rotation"]))
+
+
+def test_rows_are_stored_once_however_many_scenes_share_them():
+    from rockjax._batch.scenes import broadcast
+
+    scenes, shape = broadcast("", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None)
+    assert shape == (3, 400)
+    assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * 500 + 400 + 50
+    assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
+    own = scenes.part(395, 405, 64)
+    assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
+
+
+def test_the_segments_engine_is_not_silently_replaced():
+    with pytest.raises(ValueError, match="engine"):
+        rj.peak_responses(PODIUMS["rigid"], rj.Ricker(amplitudes(3), 1.0), options=rj.Options(engine="segments"))
+
+
+def test_podiums_of_several_kinds_share_one_call():
+    x, y = np.linspace(2, 6, 5), np.linspace(1, 5, 4)
+    podiums = [elastic(0.3), PODIUMS["rigid"], elastic(0.6), PODIUMS["block"]]
+    together = rj.rocking_spectra(podiums, rj.Ricker, x, y, options=options(1e-9))
+    for podium, spectrum in zip(podiums, together, strict=True):
+        alone = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=options(1e-9))
+        np.testing.assert_allclose(spectrum.peak_rotation, alone.peak_rotation, rtol=1e-7, atol=1e-9)
+        assert spectrum.attrs == alone.attrs

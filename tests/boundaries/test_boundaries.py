@@ -1,0 +1,178 @@
+"""Searches for the first boundary, on margins that are made up: what is there is known exactly. And on records."""
+
+import math
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._boundaries import crossings
+from rockjax._boundaries.first import First, first_boundary
+from tests.scenes import PODIUMS, G
+
+WIDTH = 1e-3
+OPTIONS = rj.Options(rtol=1e-9, atol=1e-11)
+
+
+class Motion(NamedTuple):
+    """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an answer, a dip."""
+
+    windows: Any = ()
+    wrong: Any = ()  # windows that only scenes of the looser accuracy see
+    unanswered: Any = ()
+    lifts: Any = 0.1
+    dip: Any = 1.0  # how deep the margin falls at 0.4321
+
+    def margin(self, y, sharp, xp=np):
+        value = xp.where(y <= self.lifts, 1.0, 0.6 + 0.3 * xp.cos(9 * y) * xp.sin(400 * y))
+        value = xp.minimum(value, self.dip + 40 * xp.abs(y - 0.4321))
+        for level, stretches in ((-0.2, self.windows), (xp.nan, self.unanswered)):
+            for lo, hi in stretches:
+                value = xp.where((y >= lo) & (y < hi), level, value)
+        for lo, hi in self.wrong:
+            value = xp.where((y >= lo) & (y < hi) & ~sharp, -0.2, value)
+        return value
+
+    def padded(self) -> "Motion":
+        """With three stretches of every kind: one compiled program serves all of them."""
+        fill = lambda part: jnp.array([*part, *[(2.0, 2.0)] * (3 - len(part))])
+        stretches = fill(self.windows), fill(self.wrong), fill(self.unanswered)
+        return Motion(*stretches, jnp.asarray(self.lifts), jnp.asarray(self.dip))
+
+    def first(self) -> float:
+        return min((lo for lo, _ in self.windows), default=math.inf)
+
+
+def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
+    """By the batch, a line for each motion."""
+
+    def margins(plane, x, y, options, progress):
+        sharp = np.full(y.shape, options.rtol == OPTIONS.rtol)
+        value = np.select([x == k for k in range(len(motions))], [m.margin(y, sharp) for m in motions])
+        return value, np.full(y.shape, 3)
+
+    monkeypatch.setattr(crossings, "margins", margins)
+    lines, nothing = np.arange(len(motions)), cast(crossings.Plane, None)
+    return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
+
+
+def in_program(motion: Motion) -> First:
+    return _search(motion.padded())
+
+
+@jax.jit
+def _search(motion: Motion) -> First:
+    def row(scales, sharp):
+        return motion.margin(scales, sharp, jnp), jnp.full(scales.shape, 3, jnp.int32)
+
+    return first_boundary(row, jnp.ones(()), jnp.asarray(0.95 * WIDTH))
+
+
+def drawn(count: int, seed: int) -> list[Motion]:
+    """Windows not narrower than the width, most of them hardly wider, anywhere above the uplift."""
+    rng = np.random.default_rng(seed)
+    motions = []
+    for _ in range(count):
+        begin = rng.uniform(0.1, 0.99, rng.integers(1, 4))
+        motions.append(Motion([(a, a + WIDTH * (1 + 3 * rng.uniform() ** 3)) for a in begin]))
+    return motions
+
+
+def test_no_window_wider_than_the_width_is_missed_in_a_batch(monkeypatch):
+    motions = drawn(150, 1)
+    found = scanned(motions, monkeypatch)
+    assert found.crossings.table(len(motions))[0][:, 0] == pytest.approx([m.first() for m in motions], rel=1e-9)
+    assert np.all(found.certain <= WIDTH)
+    assert found.scenes < len(motions) * (1 / WIDTH + 500)
+
+
+def test_no_window_wider_than_the_width_is_missed_in_a_program():
+    for motion in drawn(30, 2):
+        found = in_program(motion)
+        assert float(found.scale) == pytest.approx(motion.first(), rel=1e-9)
+        assert float(found.certain) <= WIDTH
+        assert int(found.impacts) == 3
+
+
+def test_nothing_below_the_uplift_is_looked_at(monkeypatch):
+    quiet = scanned([Motion(lifts=0.9)], monkeypatch)
+    assert quiet.scenes < 400
+    assert not quiet.crossings.y.size
+    assert not np.isfinite(in_program(Motion(lifts=0.9)).scale)
+
+
+@pytest.mark.parametrize("search", ["batch", "program"])
+def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
+    motion = Motion([(0.7, 0.8)], unanswered=[(0.3, 0.32)])
+    if search == "batch":
+        found = scanned([motion], monkeypatch)
+        first, certain = found.crossings.y[0], found.certain[0]
+    else:
+        first, certain = in_program(motion).scale, in_program(motion).certain
+    assert first == pytest.approx(0.7, rel=1e-9)
+    assert 0.02 <= certain < 0.02 + 2 * WIDTH
+
+
+def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
+    """Windows that only they show are dropped; one that they see too late is found where it is."""
+    motion = Motion([(0.6 - 1e-6, 0.61)], wrong=[(0.2, 0.203), (0.4, 0.4005)])
+    assert scanned([motion], monkeypatch).crossings.y == pytest.approx([0.6 - 1e-6], rel=1e-9)
+    assert float(in_program(motion).scale) == pytest.approx(0.6 - 1e-6, rel=1e-9)
+    every = scanned([motion], monkeypatch, look_closer="below").crossings
+    assert every.y == pytest.approx([0.6 - 1e-6, 0.61], rel=1e-9)
+    assert list(every.overturns) == [True, False]
+
+
+def test_dips_are_followed_down(monkeypatch):
+    """A dip between the places that are looked at is seen at its lowest, a window narrower than the width opened."""
+    dip, window = Motion([(0.7, 0.8)], dip=0.01), Motion([(0.7, 0.8)], dip=-0.001)
+    assert scanned([dip], monkeypatch).dip == pytest.approx([0.01], abs=1e-3)
+    assert float(in_program(dip).dip) == pytest.approx(0.01, abs=1e-3)
+    opens = 0.4321 - 0.001 / 40
+    assert scanned([window], monkeypatch).crossings.y == pytest.approx([opens], rel=1e-9)
+    assert float(in_program(window).scale) == pytest.approx(opens, rel=1e-9)
+
+
+RIGID = PODIUMS["rigid"].replace(superstructure=rj.Rigid(50.0))
+TOP = 10 * G * 0.15
+SHAKEN = rj.synthetic_motions(5, seed=5, duration=10.0, dt=0.02, pga=1.0).records()[4]
+WINDOW = 0.288251, 0.288373  # of this range the record overturns the podium there; the next wider window is at 0.4077
+
+
+def test_a_narrow_window_under_a_record_is_found():
+    """1.2e-4 of the range wide, and no sign of it beside it: second differences of 128 scales found 0.4077."""
+    width = 1e-4
+    found = rj.overturning_boundary(RIGID, SHAKEN, max_scale=TOP, width=width)
+    assert WINDOW[0] - 5e-4 < float(found.scale) / TOP < WINDOW[0] + 1e-6
+    assert float(found.certain_width) <= width * TOP
+    assert not found.one_sided
+    options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))
+    edge = SHAKEN.scaled(float(found.scale) * np.array([1 - 1e-8, 1 + 1e-8]))
+    assert list(rj.peak_responses(RIGID, edge, options=options).overturned) == [False, True]
+    # Every scale below it, at a quarter of the width.
+    scales = np.arange(0.1 * TOP, float(found.scale) * (1 - 1e-9), 0.25 * width * TOP)
+    over = np.flatnonzero(rj.peak_responses(RIGID, SHAKEN.scaled(scales), options=options).overturned)
+    runs = np.split(over, np.flatnonzero(np.diff(over) > 1) + 1)
+    assert max(map(len, runs)) < 5
+
+
+@pytest.mark.slow
+def test_windows_of_records_under_jit_and_vmap():
+    least = lambda record: rj.overturning_boundary(RIGID, record, max_scale=TOP)
+    found = jax.jit(least)(SHAKEN)
+    assert WINDOW[0] - 5e-4 < float(found.scale) / TOP < WINDOW[0] + 1e-6
+    assert float(found.certain_width) <= 1e-4 * TOP
+    both = jax.tree.map(lambda y: jnp.stack([y, y]), SHAKEN)
+    for search in (jax.vmap(least), jax.jit(jax.vmap(least))):
+        assert np.asarray(search(both).scale) == pytest.approx(float(least(SHAKEN).scale), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"), [({"width": 0.0}, "width"), ({"width": 0.5}, "width"), ({"resolution": 3}, "resolution")]
+)
+def test_searches_that_make_no_sense(change, words):
+    with pytest.raises(ValueError, match=words):
+        rj.overturning_boundary(RIGID, SHAKEN, **change)

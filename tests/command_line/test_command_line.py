@@ -1,0 +1,643 @@
+"""The commands, as a user runs them."""
+
+import contextlib
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+import xarray
+from typer.testing import CliRunner
+
+import optimise
+import rockjax as rj
+from rockjax._cli import app, main
+from tests.scenes import Stops
+
+PROBLEMS = Path(__file__).parents[2] / "rockjax" / "examples"
+
+RUN = CliRunner()
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """`rockjax …` in a folder of its own: exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rockjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return ended.value.code or 0, said.out, said.err
+
+    return call
+
+
+def words(line):
+    return line.split()
+
+
+def attributes(path):
+    with xarray.open_dataset(path) as data:
+        return {name: value for name, value in data.attrs.items() if name != "command"}
+
+
+FRAME = """
+[structure]
+tan_alpha = 0.15
+R = 2.0
+superstructure = { eta = 5.0 }
+[motions.pulses]
+kind = "ricker"
+acceleration_ratio = [2.0, 3.0]
+T_p = 0.8
+[motions.one]
+kind = "ricker"
+a_p = 3.0
+T_p = 0.7
+[response]
+motion = "one"
+t_end = 2.0
+[options]
+rtol = 1e-7
+"""
+
+
+def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
+    (tmp_path / "frame.toml").write_text(FRAME)
+    code, out, _ = run("response", "frame.toml", "-o", "a", "--json")
+    assert code == 0
+    said = json.loads(out)
+    assert said["files"] == ["a.nc", "a.png"]
+    assert said["command"] == "rockjax response frame.toml -o a --json"
+    flags = words("--tan-alpha 0.15 --R 2 --gamma 0 --eta 5 --T-s 0 --a-p 3 --T-p 0.7 --t-end 2 --rtol 1e-7")
+    assert run("response", *flags, "-o", "b")[0] == 0
+    a, b = attributes("a.nc"), attributes("b.nc")
+    assert a == b
+    podium = rj.Podium(math.atan(0.15), 2.0, 0.0, rj.Rigid(5.0))
+    exact = rj.peak_response(podium, rj.Ricker(3.0, 0.7), t_end=2.0)
+    assert said["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
+    assert said["overturn_time"] is None
+    # Options go before the file, here the other set and its second motion, an acceleration and the columns.
+    code, out, _ = run("response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c")
+    assert code == 0
+    assert "peak rotation" in out
+    c = attributes("c.nc")
+    assert c["alpha_rad"] == 0.2
+    assert c["a_p_m_s2"] == pytest.approx(3 * 9.80665 * math.tan(0.2))
+    assert c["rtol"] == 1e-7
+    assert run("response", "frame.toml", "--frequency-ratio", 4, "--rtol", 1e-6, "-o", "d")[:2][0] == 0
+    d = attributes("d.nc")
+    assert d["T_p_s"] == pytest.approx(2 * math.pi / (4 * d["p_rad_s"]))
+    assert (d["rtol"], d["atol"]) == (1e-6, 1e-8)
+
+
+def test_a_response_to_a_record(run, tmp_path):
+    (tmp_path / "record.txt").write_text("\n".join(f"{a:.4f}" for a in 0.3 * np.sin(np.arange(50) * 0.2)))
+    same = words("--gamma 0 --eta 0 --t-end 1 --units g --dt 0.02")
+    # The last velocity is more than a fifth of PGV, which is said in a line.
+    code, out, err = run("response", *same, "--record", "record.txt", "--scale", 1.5, "-o", "a")
+    assert code == 0
+    assert "rockjax: warning: " in err
+    assert "record.txt: ends with a velocity of" in err
+    assert "wrote a.nc" in out
+    with xarray.open_dataset("a.nc") as data:
+        assert float(abs(data["ground_acceleration"]).max()) == pytest.approx(1.5 * 0.3 * 9.80665, rel=1e-2)
+
+
+def test_a_scene_without_an_answer_is_one(run, tmp_path):
+    (tmp_path / "short.toml").write_text(FRAME + "max_steps = 3\n")
+    code, out, err = run("response", "short.toml", "--quiet", "-o", "a")
+    assert code == 1
+    assert out == ""
+    assert err == "rockjax: the scene ended without an answer: out_of_steps\n"
+    assert (tmp_path / "a.nc").exists()
+
+
+def test_a_spectrum_of_a_file(run, tmp_path):
+    code, out, err = run("spectrum", PROBLEMS / "spectrum.toml", "--points", 5, "--T-s", "0", "--verbose", "-o", "a")
+    assert code == 0
+    assert "1 podiums × 5 frequencies × 5 accelerations: 25 scenes" in err
+    assert "programs in" in err
+    assert "25 scenes: " in out
+    data = xarray.load_dataset("a.nc")
+    assert data.attrs["pulse"] == "OneSine"
+    assert float(data["frequency_ratio"][-1]) == 6.0
+    assert float(data["eta_over_gamma"][0]) == 5.0
+    podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
+    options = rj.Options(outputs=("peak_rotation",))
+    one = rj.rocking_spectrum(podium, rj.OneSine, data["frequency_ratio"], data["acceleration_ratio"], options=options)
+    np.testing.assert_array_equal(data["peak_rotation"].squeeze(), one["peak_rotation"])
+    assert sorted(os.listdir()) == ["a-overturning.png", "a-rotation.png", "a.nc"]
+
+
+def panels(*arguments, table=None):
+    """The podiums of a spectrum, without solving it."""
+    from rockjax._cli import _given, _options
+
+    group = typer.main.get_command(app)
+    context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
+    names = list(_options.Panels().values())
+    flags = _options.Panels(**{name: context.params[name] for name in names})
+    flags.given = frozenset(name for name in names if context.get_parameter_source(name).name == "COMMANDLINE")
+    given = _given.Given("spectrum", None, flags)
+    given.table = table or {}
+    return given.panels(flags)
+
+
+def test_panels_are_what_options_and_file_say():
+    every = panels()
+    assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)
+    assert float(every.podiums[-1].eta) == 100
+    one = panels("--eta", 20, "--T-s", "0,0.5", "--zeta", 0.1)
+    assert (one.ratios, one.periods) == ([2.0], [0.0, 0.5])
+    assert isinstance(one.podiums[0].superstructure, rj.Rigid)
+    assert float(one.podiums[1].superstructure.zeta) == pytest.approx(0.1)
+    drawn = words("--width 0.45 --height 3 --column-mass 1500 --beam-mass 30e3 --top-mass 6e4 --period 0.5")
+    (podium,), ratios, periods, _ = panels(*drawn)
+    assert (ratios, periods) == ([2.0], [0.5])
+    assert float(podium.width) == pytest.approx(0.45)
+    block = {"structure": {"alpha": 0.2, "R": 2.0}}
+    (podium,), ratios, periods, _ = panels(table=block)
+    assert podium.superstructure is None
+    assert (ratios, periods) == ([0.0], [0.0])
+    assert float(panels("--R", 3, "--tan-alpha", 0.1, table=block).podiums[0].alpha) == pytest.approx(math.atan(0.1))
+    many = panels("--gamma", 4, "--eta-over-gamma", "1,2", table=block)
+    assert [float(podium.eta) for podium in many.podiums] == [4, 8]
+
+
+WRONG = [
+    ("response none.toml", "none.toml: cannot be read: No such file"),
+    ("response bad.toml", "bad.toml: structure.foo: is not known; known are alpha, R, gamma"),
+    ("spectrum good.toml --points 1", "'--points'"),
+    ("spectrum worse.toml", "worse.toml: spektrum: is not known; known are structure, motions"),
+    ("overturning points.toml", "points.toml: overturning.points: must be a whole number ≥ 2, got -3"),
+    ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
+    ("response good.toml --motion c", "response.motion: must name a set under [motions], got 'c'; there are a, b"),
+    ("response good.toml --motion a", "motions.a: holds 2 motions: which? ([response] number, or --number, 1 to 2)"),
+    ("response good.toml --motion a --number 3", "there is no number 3"),
+    ("response good.toml --motion a --T-p 2", "which --T-p cannot change one by one"),
+    ("response good.toml --motion b --scale 2", "motions.b: holds a pulse; --scale has no meaning for it"),
+    ("response good.toml --R -1", "good.toml with --R: structure.R: must be a number > 0, got -1.0"),
+    ("response good.toml --width 1", "structure: is given by ratios: --width cannot change it"),
+    ("response --alpha 0.1 --tan-alpha 0.1", "--tan-alpha and --alpha: give one of them"),
+    ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p: give one of them"),
+    ("response --width 0.4", "--height is missing: dimensions need --width, --height and --column-mass"),
+    ("response --width 0.4 --R 2", "--R and --width: give the structure by ratios or by dimensions, not both"),
+    ("response --restitution lawless", "restitution must be 'paper', 'compatible' or a factor"),
+    ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
+    ("response --T-p -1", "motion.T_p: must be > 0, got -1.0"),
+    ("response --tan-alpha -0.15", "structure.tan_alpha: must be a number > 0, got -0.15"),
+    ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
+    ("response list.toml", "list.toml: structure.R: must be a number > 0, got [1.0, 2.0]"),
+    ("response steps.toml --motion b", "steps.toml with --motion: options.stride: must be a number > 0, got '0.5'"),
+    ("spectrum turned.toml", "turned.toml: spectrum.frequency_ratio: must be two numbers [lowest, highest] with 0 <"),
+    ("design goals.toml", "goals.toml: targets[0].limit: must be a number > 0, got '0.4'"),
+    ("spectrum --frequency 8 1", "--frequency: must have 0 < lowest < highest, got 8 and 1"),
+    ("spectrum --acceleration 12 1", "--acceleration: must have 0 <= lowest < highest, got 12 and 1"),
+    ("overturning --frequency 0 8", "--frequency: must have 0 < lowest < highest, got 0 and 8"),
+    ("overturning --max-acceleration -1", "--max-acceleration: must be finite and > 0, got -1"),
+    ("motions record.txt --tan-alpha -1 --R 1", "--tan-alpha: must be finite and > 0, got -1"),
+    ("spectrum --points 100000", "--points: 120000000000 scenes take some 17.5 TiB of memory"),
+    ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
+    ("response -o data.mat", "--output data.mat: .mat is not written here"),
+    ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
+    ("design", "design: needs a problem file (TOML), or --example column"),
+    ("design --example table", "--example: must be one of column, fragility, response, risk, spectrum, sweep, got 'table'"),
+    ("response good.toml --example response", "--example: stands for a problem file; good.toml is one already"),
+    ("sweep --axis tan_alpha=-0.1,0.2", "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0.1"),
+    ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
+    ("response --record record.txt", "record.txt: does not say in what units; give units (on the command line --units)"),
+    ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
+    ("response --record record.txt --T-p 2", "--record and --T-p: give a pulse or a record, not both"),
+    ("response --units g", "--units: is of a record; give --record FILE"),
+    ("response --number 2", "--number: chooses among the motions of a problem file; there are none"),
+    ("spectrum --T-s a,b", "--T-s: expected numbers separated by commas, got 'a,b'"),
+    ("spectrum --eta 5 --eta-over-gamma 3", "--eta and --eta-over-gamma: give one of them"),
+    ("spectrum --pulse sinus", "'sinus' is not one of 'ricker'"),
+    ("fragility", "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"),
+    ("fragility good.toml --motions b", "motions.b.kind: is of a pulse; only records are wanted"),
+    ("fragility good.toml", "fragility: motions is missing: which of a, b?"),
+    ("fragility good.toml bad.toml", "bad.toml: is a second problem file; give one"),
+    ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
+    ("fragility --synthetic 3 --measure-period 1", "--measure-period: has no meaning for PGA"),
+    ("fragility --synthetic 3 --intensity 5 1", "--intensity: must have 0 < lowest <= highest, got 5 and 1"),
+    ("fragility --synthetic 3 --confidence 2", "--confidence: must be in (0, 1), got 2"),
+    ("fragility --synthetic 3 record.txt", "--synthetic: give files or synthetic motions, not both"),
+    ("design good.toml", "good.toml: file: vary is missing"),
+    ("plot none.nc", "none.nc: there is no such file"),
+    ("motions none.AT2", "none.AT2: cannot be read"),
+    ("synthetic --count 0", "'--count'"),
+    ("quake", "No such command 'quake'"),
+]
+GOOD = """[structure]
+alpha = 0.2
+R = 1.0
+[motions.a]
+kind = "ricker"
+a_p = [1.0, 2.0]
+T_p = 1.0
+[motions.b]
+kind = "ricker"
+a_p = 1.0
+T_p = 1.0
+"""
+
+
+@pytest.mark.parametrize(("line", "words"), WRONG, ids=[line for line, _ in WRONG])
+def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
+    for name, text in (
+        ("good", GOOD),
+        ("bad", "[structure]\nalpha = 0.1\nR = 1.0\nfoo = 2\n"),
+        ("worse", GOOD + "[spektrum]\npoints = 3\n"),
+        ("points", GOOD + "[overturning]\npoints = -3\n"),
+        ("text", GOOD.replace("alpha = 0.2", 'tan_alpha = "0.15"')),
+        ("list", GOOD.replace("R = 1.0", "R = [1.0, 2.0]")),
+        ("steps", GOOD + '[options]\nstride = "0.5"\n'),
+        ("turned", GOOD + "[spectrum]\nfrequency_ratio = [8.0, 1.0]\n"),
+        ("goals", GOOD + '[vary]\nR = [1.0, 2.0]\n[[targets]]\nkind = "peak-rotation"\nlimit = "0.4"\nmotions = "a"\n'),
+    ):
+        (tmp_path / f"{name}.toml").write_text(text)
+    (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
+    there = set(os.listdir())
+    code, out, err = run(*line.split())
+    assert code == 2, err
+    assert out == ""
+    assert words in err
+    assert "Traceback" not in err
+    assert set(os.listdir()) == there
+
+
+@pytest.mark.parametrize(
+    "name", ["spectrum", "overturning", "response", "fragility --synthetic 2", "design --example column"]
+)
+def test_what_cannot_be_written_is_said_before_anything_is_computed(run, tmp_path, monkeypatch, name):
+    (tmp_path / "file").touch()
+    (tmp_path / "taken.nc").mkdir()
+    (tmp_path / "taken.json").mkdir()
+    for verb in ("rocking_spectra", "overturning_spectrum", "simulate", "incremental_dynamic_analysis"):
+        monkeypatch.setattr(rj, verb, None)
+    for output, words in (
+        ("file/below", r"file/below\S+ could not be written: Not a directory"),
+        ("taken", r"taken\.(nc|json) could not be written: it is a folder"),
+    ):
+        code, out, err = run(*name.split(), "-o", output, "-q")
+        assert code == 1
+        assert out == ""
+        assert re.search(words, err)
+    assert sorted(os.listdir()) == ["file", "taken.json", "taken.nc"]
+
+
+def test_a_folder_holds_the_files_and_a_suffix_is_their_format(run, tmp_path):
+    (tmp_path / "frame.toml").write_text(FRAME)
+    (tmp_path / "there").mkdir()
+    for output, files in (
+        ("there", ["there/rockjax-response.nc", "there/rockjax-response.png"]),
+        ("new/", ["new/rockjax-response.nc", "new/rockjax-response.png"]),
+        ("a.pdf", ["a.nc", "a.pdf"]),
+        ("v1.2", ["v1.2.nc", "v1.2.png"]),
+        ("b.nc", ["b.nc", "b.png"]),
+    ):
+        code, out, err = run("response", "frame.toml", "-o", output, "--json")
+        assert code == 0, err
+        assert json.loads(out)["files"] == files
+        assert all(Path(name).is_file() for name in files)
+    assert Path("a.pdf").read_bytes().startswith(b"%PDF")
+    assert attributes("b.nc")["Conventions"] == "CF-1.8"
+    assert run("plot", "b.nc", "-o", "c.svg")[0] == 0
+    assert Path("c-response.svg").is_file()
+
+
+def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
+    """As `| head -1` does; what is left to say goes nowhere, what is left to write is written."""
+    (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
+    command = [sys.executable, "-m", "rockjax", *words("motions record.txt --units g --dt 0.1 -o a")]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        running.stdout.close()
+        said = running.stderr.read().decode()
+        assert running.wait(timeout=300) == 0, said
+    assert "Broken pipe" not in said
+    assert "Traceback" not in said
+    assert (tmp_path / "a.nc").exists()
+
+
+def test_wrong_input_ends_a_process_with_a_line(tmp_path):
+    command = [sys.executable, "-m", "rockjax", "spectrum", "--points", "100000"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("rockjax: --points: 120000000000 scenes take some 17.5 TiB of memory, and ")
+
+
+def test_ctrl_c_ends_with_130(run, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rj, "simulate", stopped)
+    monkeypatch.setattr(rj, "incremental_dynamic_analysis", stopped)
+    for line in ("response --json", "fragility --synthetic 2 -q"):
+        code, out, err = run(*line.split())
+        assert code == 130
+        assert out == ""
+        assert "rockjax: stopped; nothing is kept" in err
+    assert os.listdir() == []
+
+
+@pytest.mark.slow
+def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
+    """The example with fewer records and levels, and then the same records from files."""
+    text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
+    (tmp_path / "small.toml").write_text(text.replace('["alpha", "gamma"]', "[]"))
+    few = ("--levels", 3, "--intensity", 0.3, 0.9)
+    code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    curve, analysis = (xarray.load_dataset("a.nc", group=group) for group in (None, "analysis"))
+    assert said["median"] == float(curve["median_capacity"])
+    assert said["median_interval"] == curve["interval"].values[0].tolist()
+    assert "median_sensitivity" not in said
+    assert said["files"] == ["a.nc", "a-fragility.png", "a-ida.png"]
+    assert curve.attrs["command"].startswith("rockjax fragility small.toml")
+    noise = rj.synthetic_motions(5, seed=1, duration=8.0)
+    np.testing.assert_allclose(analysis["measure"], [motion.pgv for motion in noise], rtol=1e-12)
+    assert analysis["record"].values.tolist() == noise.names
+    assert analysis["intensity"].values.tolist() == pytest.approx([0.3, 0.6, 0.9])
+    drawn = [(tmp_path / name).read_bytes() for name in said["files"][1:]]
+    for name in said["files"][1:]:
+        (tmp_path / name).unlink()
+    assert run("plot", "a.nc")[0] == 0
+    assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [picture[:8] for picture in drawn]
+    # With slopes of each capacity, here put in by hand, that of the median is said and written.
+    analysis["sensitivity"] = ("parameter", "record"), np.array([[1.0] * 5, [-0.5] * 5])
+    analysis = analysis.assign_coords(parameter=["alpha", "gamma"])
+    asked = []
+    with monkeypatch.context() as patch:
+        patch.setattr(rj, "incremental_dynamic_analysis", lambda *_, **given: asked.append(given) or analysis)
+        code, out, err = run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d")
+        assert code == 0, err
+        said = json.loads(run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1])
+    assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
+    expected = rj.fragility(analysis, confidence=None)["median_sensitivity"].values
+    assert expected[0] == pytest.approx(-2 * expected[1])
+    for name, value in zip(("alpha", "gamma"), expected, strict=True):
+        assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
+        assert said["median_sensitivity"][name] == pytest.approx(value)
+    # No curve where nothing overturns: the analysis stays, and says so.
+    for k, motion in enumerate(noise):
+        motion.save(tmp_path / "suite" / f"{k}.AT2")
+    frame = words("--tan-alpha 0.2 --eta 50 --T-s 0 --measure PGV --levels 3 --intensity 0.01 0.02")
+    code, out, err = run("fragility", "suite", *frame, "-q", "-o", "b")
+    assert code == 1
+    assert out == ""
+    assert "no curve: fragility: 0 of 5 records overturn up to 0.02; raise the highest intensity" in err
+    assert xarray.load_dataset("b.nc").attrs["kind"] == "incremental-dynamic-analysis"
+    assert run("plot", "b.nc", "-o", "c")[0] == 0
+    assert (tmp_path / "c-ida.png").exists()
+
+
+def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
+    from optimise import _cli
+
+    found = []
+
+    def design_command(problem, *rest):
+        found.append((problem, *rest))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_cli, "design_command", design_command)
+    flags = ("--top-mass", 4e5, "--zeta", 0.1, "--rtol", 1e-6, "--starts", 2)
+    assert run("design", PROBLEMS / "column.toml", *flags)[0] == 130
+    problem, output, starts, seed, quiet, suffix = found[0]
+    assert problem.podium.top_mass == 4e5
+    assert problem.podium.damping == 0.1
+    assert problem.podium.width == 0.45
+    assert (problem.options.rtol, problem.options.atol) == (1e-6, 1e-8)
+    assert (str(output), starts, seed, quiet, suffix) == ("rockjax-design", 2, None, False, ".png")
+    code, _, err = run("design", PROBLEMS / "column.toml", "--gamma", 2)
+    assert code == 2
+    assert "structure: is given by dimensions: --gamma cannot change it" in err
+
+
+def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
+    (tmp_path / "p.toml").write_text(
+        '[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "alpha"\n'
+    )
+
+    monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops(3)))
+    code, out, err = run("design", "p.toml", "-o", "d")
+    assert code == 130
+    assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is kept$", err, re.M)
+    assert "interrupted, targets satisfied" in out
+    account = json.loads((tmp_path / "d.json").read_text())
+    assert account["result"] == "interrupted"
+    assert 0.05 <= account["variables"]["alpha"] < math.atan(0.15)
+    assert (tmp_path / "d-convergence.png").exists()
+    assert "wrote d-convergence.png" in out
+
+
+COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot", "cache")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_teaches(run, name):
+    """Units are shown, not taken for markup; options are in panels; the examples are accepted."""
+    command = typer.main.get_command(app).commands[name]
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    shown = re.sub(r"[\s│]+", "", out)
+    for parameter in command.params:
+        text = (parameter.help or "").replace("\\[", "[")
+        assert re.sub(r"\s+", "", text) in shown, parameter.name
+        assert parameter.name in ("help", "ctx") or text
+    for panel in {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}:
+        assert f" {panel} " in out
+    written = re.sub(r"\\\s*\n", " ", out.split("Examples:")[1])  # lines that go on
+    examples = re.findall(rf"^ +rockjax {name}\b(.*)$", written, re.M)
+    assert len(examples) >= 2
+    for example in examples:
+        command.make_context(name, example.split())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_numbers_have_units_in_the_help(run, name):
+    lines = [line for line in run(name, "--help")[1].splitlines() if re.search(r"<float|FLOAT", line)]
+    assert lines or name in ("plot", "cache")
+    for line in lines:
+        assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_survive_80_columns(run, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "80")
+    command = typer.main.get_command(app).commands[name]
+    given = [line.strip() for line in command.help.split("Examples:")[1].splitlines() if line.strip()]
+    shown = [line.strip() for line in run(name, "--help")[1].splitlines()]
+    assert given
+    assert [line for line in given if line not in shown] == []
+
+
+def test_no_colour_means_no_codes():
+    for variables, coded in (({}, True), ({"NO_COLOR": "1"}, False)):
+        environment = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | {"FORCE_COLOR": "1"}
+        done = subprocess.run(
+            [sys.executable, "-m", "rockjax", "--help"], capture_output=True, text=True, env=environment | variables
+        )
+        assert "Rocking podium structures" in done.stdout
+        assert ("\x1b[" in done.stdout) is coded
+
+
+def test_examples_come_with_the_package():
+    from rockjax._cli._given import problem_file
+    from rockjax._cli._options import EXAMPLES
+
+    assert sorted(path.stem for path in PROBLEMS.glob("*.toml")) == sorted(EXAMPLES)
+    assert optimise.load(problem_file(None, "column")).settings == {"starts": 4}
+    assert optimise.__version__ == rj.__version__
+    assert (Path(optimise.__file__).parent / "py.typed").exists()
+
+
+def test_version_and_completion(run, monkeypatch):
+    assert run("--version") == (0, f"rockjax {rj.__version__}\n", "")
+    for line, words in (
+        ("rockjax spec", "spectrum"),
+        ("rockjax spectrum --pulse half", "half-sine"),
+        ("rockjax response --restitution comp", "compatible"),
+        ("rockjax fragility --meas", "--measure"),
+    ):
+        environment = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1), "_ROCKJAX_COMPLETE": "complete_bash"}
+        result = RUN.invoke(app, [], prog_name="rockjax", env=environment)
+        assert words in result.output.split(), result.output
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["spectrum", "--help"], ["--version"]])
+def test_help_and_version_load_nothing_heavy(arguments):
+    loaded = modules_of([sys.executable, "-m", "rockjax", *arguments])
+    heavy = {
+        "jax",
+        "jaxlib",
+        "numpy",
+        "equinox",
+        "matplotlib",
+        "xarray",
+        "netCDF4",
+        "tqdm",
+        "optimise",
+        "clarabel",
+        "pandas",
+    }
+    assert "rockjax._cli._spectrum" in loaded
+    assert not heavy & loaded
+
+
+def test_the_package_loads_what_it_needs_first():
+    loaded = modules_of([sys.executable, "-c", "import rockjax"])
+    assert {"jax", "rockjax._engine.solve"} <= loaded
+    late = {"diffrax", "optimistix", "lineax", "xarray", "matplotlib", "scipy", "pandas", "tqdm", "optimise"}
+    assert not late & loaded
+
+
+def modules_of(command):
+    """The modules that a Python process imports."""
+    environment = os.environ | {"PYTHONPROFILEIMPORTTIME": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert done.returncode == 0, done.stderr
+    return {line.split("|")[-1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+
+
+def test_every_public_name_is_there():
+    assert set(rj.__all__) <= set(dir(rj))
+    for name in rj.__all__:
+        assert getattr(rj, name).__name__ == name
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        _ = rj.no_such_thing
+
+
+def test_the_command_line_computes_in_float64(tmp_path):
+    script = tmp_path / "rockjax"  # as the installed command is called
+    script.write_text("import rockjax; import jax; print(jax.numpy.ones(1).dtype, rockjax.Podium.__name__)")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["float64", "Podium"], done.stderr
+
+
+@pytest.mark.slow
+def test_a_response_of_the_example(run):
+    """The second motion is that of the README."""
+    code, out, err = run("response", PROBLEMS / "response.toml", "--number", 2, "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    assert said["result"] == "end_of_time"
+    assert said["peak_rotation"] == pytest.approx(0.831162, abs=1e-6)
+    assert said["files"] == ["rockjax-response.nc", "rockjax-response.png"]
+
+
+@pytest.mark.slow
+def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
+    prefix = tmp_path / "study"
+    flags = ["--points", "9", "--T-s", "0", "--eta-over-gamma", "1,5", "--sensitivities", "alpha", "-o", str(prefix)]
+    result = RUN.invoke(app, ["overturning", *flags])
+    assert result.exit_code == 0, result.output
+    data = xarray.load_dataset(f"{prefix}.nc")
+    assert data.sizes["eta_over_gamma"] == 2
+    assert data.sizes["T_s"] == 1
+    assert (data["T_s"].attrs["units"], data["eta_over_gamma"].attrs["units"]) == ("s", "1")
+    podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
+    one = data.sel(eta_over_gamma=5.0, T_s=0.0).isel(frequency_ratio=2)
+    exact = float(rj.overturning_acceleration(podium, rj.Ricker, float(one["T_p"]))) / (float(podium.g) * 0.15)
+    assert float(one["minimum"]) == pytest.approx(exact, rel=1e-10)
+    for suffix in ("boundaries", "sensitivity"):
+        assert (tmp_path / f"study-{suffix}.png").read_bytes().startswith(b"\x89PNG")
+    assert "least overturning a_p/(g tan α), η/γ = 5" in result.output
+
+
+def test_design_that_cannot_be_ends_with_one(tmp_path):
+    problem = tmp_path / "problem.toml"
+    problem.write_text(
+        "[structure]\nalpha = 0.1\nR = 2.0\n[vary]\nalpha = [0.05, 0.12]\n"
+        '[motions.pulses]\nkind = "ricker"\na_p = 6.0\nT_p = 1.5\n'
+        '[[targets]]\nkind = "no-overturning"\nmotions = "pulses"\n'
+    )
+    result = RUN.invoke(app, ["design", str(problem), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 1
+    assert "not satisfied: no overturning" in result.output
+    assert (tmp_path / "out.json").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["scan", "trace"])
+def test_chart_of_the_slimmest_safe_column(method):
+    block = rj.Podium(alpha=0.15, R=1.5)
+    T_p = np.linspace(0.5, 0.9, 7)
+    chart = optimise.design_chart(block, ("alpha", (0.05, 0.4)), rj.Ricker, 3.0, T_p, method=method, scans=3)
+    least = chart["least_safe"].values[0]
+    safe, fallen = (
+        rj.peak_responses(block.replace(alpha=least * side), rj.Ricker(3.0, T_p)).overturned for side in (1 + 1e-7, 1 - 1e-7)
+    )
+    assert not np.any(safe)
+    assert np.all(fallen)
+    # By similarity: where α is least safe for a_p, a_p is the least that overturns α.
+    again = rj.overturning_acceleration(block.replace(alpha=least[3]), rj.Ricker, T_p[3])
+    assert float(again) == pytest.approx(3.0, rel=1e-9)
+
+
+def test_charts_say_what_they_cannot_draw():
+    block = rj.Podium(alpha=0.15, R=1.5)
+    ask = lambda **more: optimise.design_chart(
+        block, **({"vary": ("alpha", (0.1, 0.2)), "pulse": rj.Ricker, "a_p": 3.0, "T_p": [0.5, 1.0]} | more)
+    )
+    for change, words in (
+        ({"vary": "alpha"}, "vary must be like"),
+        ({"vary": ("beta", (0.1, 0.2))}, "names 'beta'"),
+        ({"T_p": [1.0, 0.5]}, "ascending"),
+        ({"a_p": -1.0}, "a_p must be finite and > 0"),
+        ({"method": "draw"}, "method must be"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            ask(**change)

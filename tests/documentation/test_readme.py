@@ -1,0 +1,109 @@
+import importlib
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+import typer
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = sorted(ROOT.glob("docs/*.md"))
+TEXTS = [README, ROOT / "CHANGELOG.md", *PAGES, *sorted(ROOT.glob("docs/api/*.md"))]
+LANGUAGES = {"python", "toml", "bibtex", "text"}  # of blocks; shell commands are indented
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(page: Path) -> list[str]:
+    """The Python of a page, each block with its line numbers."""
+    text = page.read_text()
+    found = re.finditer(r"^```python\n(.*?)^```", text, re.S | re.M)
+    return ["\n" * text.count("\n", 0, block.start(1)) + block[1] for block in found]
+
+
+def test_code_of_the_readme_runs(capsys):
+    found = blocks(README)
+    assert found
+    for block in found:
+        assert len(block.strip().splitlines()) <= 18
+        exec(compile(block, README, "exec"), {})
+    assert "peak rotation" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
+def test_code_of_the_pages_runs(page, tmp_path, monkeypatch):
+    """The blocks of a page follow one another."""
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in blocks(page):
+        exec(compile(block, page, "exec"), names)
+    plt.close("all")
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=name)
+def test_every_block_is_of_a_known_kind(page):
+    """No Python hides from the test above behind another name."""
+    fences = re.findall(r"^ *```(.*)$", page.read_text(), re.M)
+    assert all(not closing for closing in fences[1::2])
+    assert {opening.strip() for opening in fences[::2]} <= LANGUAGES
+
+
+def commands(page: Path) -> list[str]:
+    """What a reader is asked to type: indented lines, and lines within backticks."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.S | re.M)
+    lines = re.findall(r"^ {4,}(\S.*)$|(?<!`)`([^`\n]+)`(?!`)", text, re.M)
+    parts = [part.strip() for line in lines for part in "".join(line).split("&&")]
+    return [part for part in parts if re.match(r"(rockjax|python|pip|pytest|mkdocs) +\S", part)]
+
+
+@pytest.mark.parametrize("page", [page for page in TEXTS if commands(page)], ids=name)
+def test_commands_exist(page, monkeypatch):
+    """`rockjax` accepts its arguments, extras and scripts are there."""
+    from rockjax._cli import app
+
+    monkeypatch.chdir(ROOT)
+    group = typer.main.get_command(app)
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for line in commands(page):
+        words = shlex.split(line, comments=True)
+        if words[0] == "rockjax" and words[1].startswith("-"):
+            known = {option for parameter in group.params for option in parameter.opts}
+            assert words[1] in known | {"--help"}, line
+        elif words[0] == "rockjax":
+            command = group.commands[words[1]]
+            arguments = [word for word in words[2:] if word != "--help"]
+            if arguments:
+                command.make_context(words[1], arguments)  # raises for what it does not know
+        elif "install" in words:
+            assert set(re.findall(r"\.\[(\w+)\]", line)) <= set(extras), line
+        elif words[1] == "-m" and words[2].startswith("benchmarks."):
+            assert (ROOT / (words[2].replace(".", "/") + ".py")).exists(), line
+        elif words[1].endswith(".py"):
+            assert (ROOT / words[1]).exists(), line
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=name)
+def test_links_exist(page):
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", page.read_text()):
+        if not target.startswith("http"):
+            assert page.parent.joinpath(target).exists(), target
+
+
+@pytest.mark.parametrize("package", ["rockjax", "optimise"])
+def test_every_public_name_is_in_the_reference(package):
+    reference = "".join(page.read_text() for page in ROOT.glob("docs/api/*.md"))
+    named = set(re.findall(rf"^::: {package}\.(\w+)$", reference, re.M))
+    assert set(importlib.import_module(package).__all__) == named - {"plots"}
+
+
+def test_versions_agree():
+    import rockjax
+
+    for page in ("CITATION.cff", "docs/citing.md"):
+        assert set(re.findall(r"version\W+([\d.]+\d)", (ROOT / page).read_text())) - {"1.2.0"} == {rockjax.__version__}

@@ -1,0 +1,151 @@
+"""Events, breakpoints and ends that coincide but for rounding: answers and derivatives are continuous there.
+
+Each scene is one vmapped batch over the distance between the two, in units in the last place and beyond. Where the ground
+motion jumps on an impact the derivative differs from one side to the other; there it must be that of one of them.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from tests.scenes import G, options, shaking
+
+FINE = options(1e-12, "dopri8", history=256, throw=False)
+ULPS = (-64, -5, -2, -1, 0, 1, 2, 5, 64)
+FAR = 1e-9  # what the others are compared with
+
+
+def around(x: float) -> np.ndarray:
+    """Times next to x, by units in the last place, with one before and one after at a distance."""
+    return np.array([x - FAR, *(x + k * np.spacing(x) for k in ULPS), x + FAR])
+
+
+def continuous(function, y, times, rtol: float = 1e-6) -> np.ndarray:
+    """Check `function(y, time)`, an array of answers, and its Jacobian by y. Returns the Jacobians."""
+    at = jax.jit(jax.vmap(lambda time: (function(y, time), jax.jacfwd(function)(y, time))))
+    values, slopes = (np.asarray(a) for a in at(jnp.asarray(times)))
+    assert np.all(np.isfinite(values))
+    assert np.all(np.isfinite(slopes))
+    scale = np.abs(values).max(axis=0) + np.abs(slopes).max(axis=(0, 2))
+    assert np.all(np.abs(values - values[0]) <= 100 * FAR * scale)
+    largest = np.abs(slopes).max(axis=(0, 2))
+    apart = np.minimum(*(np.abs(slopes - slopes[k]).max(axis=2) for k in (0, -1)))
+    assert np.all(apart <= rtol * largest), (apart / largest).max(axis=0)
+    return slopes
+
+
+def coincide(event_time, x: float) -> float:
+    """The x that event_time(x) is, to rounding."""
+    for _ in range(60):
+        x, before = float(event_time(x)), x
+        if x == before:
+            break
+    return x
+
+
+def own_motion(kind: str):
+    """(motion of its numbers and of the time of a breakpoint, time of a breakpoint to begin with)"""
+    count = 16
+    if kind in ("kink", "jump"):
+        # A sample on the impact: in the middle of the record, or its last, after which the ground is at rest.
+        samples = {
+            "kink": np.r_[np.full(count, 0.5), 0.5 + 1.5 * np.sin(np.linspace(0, 6, count))],
+            "jump": np.full(17, 0.3),
+        }
+        return lambda y, time: rj.Record(samples[kind], time / count * y[5], y[3])
+    share = {"HalfSine": 2.0}.get(kind, 1.0)
+    return lambda y, time: getattr(rj, kind)(0.4 * y[3], share * time * y[5])
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["jump", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("kink", "OneSine", "HalfSine", "OneCosine"))],
+)
+def test_an_impact_on_a_breakpoint(kind):
+    """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40 %."""
+    motion = own_motion(kind)
+    y = jnp.array([0.3, 2.0, 0.93, 1.0, 0.05, 1.0])
+
+    def response(y, time):
+        podium = rj.Podium(y[0], y[1], restitution=y[2])
+        return rj.simulate(podium, motion(y, time), initial=rj.State(y[4]), t_end=2.5, options=FINE)
+
+    def late(y, time):
+        state = response(y, time)(2.45)
+        return jnp.stack([state.theta, state.theta_dot])
+
+    impact = jax.jit(lambda time: response(y, time).impact_times[1])
+    time = coincide(impact, 0.9)
+    slopes = continuous(late, y, around(time))
+    jumps = kind in ("jump", "OneCosine")
+    assert bool(np.abs(slopes[0] - slopes[-1]).max() > 1e-5 * np.abs(slopes).max()) is jumps
+
+
+@pytest.mark.slow
+def test_the_end_on_a_sample_or_the_end_of_the_motion():
+    """Peaks that still grow there move with the end; with both at once they moved with half of each."""
+    y = jnp.array([0.2, 2.0, 0.93, 2.648, 1.0, 10.0, 0.4, 1.0])
+    o = options(1e-12, "dopri8", throw=False)
+    samples = shaking(120, 0.05, peak=1.0).acceleration
+
+    def peaks(y, time):
+        podium = rj.Podium(y[0], y[1], 10.0, rj.Elastic(y[5], y[6], 0.05), restitution=y[2])
+        peak = rj.peak_response(podium, rj.Record(samples, 0.05 * y[4], y[3]), t_end=time * y[7], options=o)
+        return jnp.stack([peak.peak_rotation, peak.peak_deformation, peak.peak_shear])
+
+    slopes = continuous(peaks, y, around(0.05 * 40))
+    assert np.abs(slopes[..., 7]).min() > 1e-3  # by the end
+
+
+@pytest.mark.slow
+def test_the_end_on_an_uplift():
+    """Deformation and shear still grow at the uplift: what they have reached at the end moves with the end."""
+    y = jnp.array([0.2, 2.0, 0.93, 3.0, 10.0, 0.4, 1.0])
+    o = options(1e-12, "dopri8", throw=False)
+
+    def peak(y, time):
+        podium = rj.Podium(y[0], y[1], 10.0, rj.Elastic(y[4], y[5], 0.05), restitution=y[2])
+        return rj.peak_response(podium, rj.OneSine(y[3], 1.0), t_end=time * y[6], options=o)
+
+    def peaks(y, time):
+        answer = peak(y, time)
+        return jnp.stack([answer.peak_deformation, answer.peak_shear])
+
+    uplift = float(peak(y, 2.0).uplift_time)
+    slopes = continuous(peaks, y, around(uplift))
+    assert np.abs(slopes[..., 6]).min() > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [0.6, 1.4])
+def test_an_uplift_on_a_sample(after):
+    """The time of the uplift moves with the piece in which the ground exceeds the threshold."""
+    block = rj.Podium(0.2, 2.0)
+    samples = np.r_[np.linspace(0, 1, 5), after, 2.0, -1.5, 0.3]
+    threshold = float(block.uplift_acceleration) * (1 + 64 * np.finfo(float).eps)
+    y = jnp.array([1.0, 0.1, 0.0])
+
+    def answers(y, scale):
+        peak = rj.peak_response(block, rj.Record(samples, y[1], scale * y[0], y[2]), t_end=2.0, options=FINE)
+        return jnp.stack([peak.peak_rotation, jnp.where(peak.uplifted, peak.uplift_time, 0.0)])
+
+    scales = threshold + np.spacing(threshold) * np.array([1, 2, 5, 64, 4_000_000])
+    at = jax.jit(jax.vmap(lambda scale: (answers(y, scale), jax.jacfwd(answers)(y, scale))))
+    values, slopes = at(jnp.asarray(scales))
+    np.testing.assert_allclose(values[:, 1], 0.4, rtol=1e-8)
+    np.testing.assert_allclose(slopes, np.broadcast_to(slopes[-1], slopes.shape), rtol=1e-6, atol=1e-9)
+    # the last rise of the record: a(t) = scale · t/(4 dt)
+    np.testing.assert_allclose(slopes[-1, 1], [-0.4, 4.0, 1.0], rtol=1e-8)
+
+
+def test_the_end_before_the_first_uplift():
+    """A record under an elastic superstructure, cut between two samples: where nothing but the rotation was asked for,
+    panels were crossed past the end, and the scene ran out of steps."""
+    podium = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5))
+    o = rj.Options(outputs=("peak_rotation",), max_steps=1000)
+    ends = np.array([0.01, 0.02, 0.315, 0.5, 0.611, 0.9])
+    peaks = rj.peak_responses(podium, shaking(400, 0.02, peak=0.35 * G), t_end=ends, options=o)
+    np.testing.assert_array_equal(peaks.stats.end_time, ends)
+    assert not peaks.uplifted.any()

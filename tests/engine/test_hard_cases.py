@@ -1,0 +1,317 @@
+"""Hard cases, each with its expected outcome; the first words of each docstring are its row in docs/stress.md."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import rockjax as rj
+from tests.scenes import PODIUMS, G, elastic, options, pulse
+
+BLOCK = PODIUMS["block"]
+UP = float(BLOCK.uplift_acceleration)
+ENDED = (rj.RESULTS.settled, rj.RESULTS.end_of_time, rj.RESULTS.overturned)
+
+
+@pytest.mark.parametrize("podium", [BLOCK, PODIUMS["rigid"], elastic(0.5, eta=0.0)], ids=["block", "rigid", "elastic"])
+@pytest.mark.parametrize("kind", [rj.Ricker, rj.OneSine, rj.OneCosine])
+def test_amplitude_at_uplift(podium, kind):
+    """Amplitude at uplift times 1 ± 1e-12: at and below it never lifts, above it the rotation is under 1e-9 α."""
+    up = float(podium.uplift_acceleration)
+    for factor in (1 - 1e-12, 1.0, 1 + 1e-12):
+        peak = rj.peak_response(podium, kind(up * factor, 0.9))
+        assert peak.result in ENDED
+        assert float(peak.peak_rotation) < 1e-9
+        if factor <= 1:
+            assert not bool(peak.uplifted)
+            assert float(peak.peak_rotation) == 0.0
+        elif not isinstance(podium.superstructure, rj.Elastic):
+            assert bool(peak.uplifted)
+
+
+def test_tangent_uplift():
+    """Tangent uplift: where the demand of Eq. (9) only just reaches the threshold, the rotation starts from zero."""
+    podium = elastic(0.6, eta=20.0)
+    lifts = lambda a: np.asarray(rj.peak_responses(podium, rj.Ricker(a, 0.8)).uplifted)
+    lo, hi = 0.1, 40.0
+    for _ in range(8):
+        a = np.linspace(lo, hi, 65)
+        k = int(np.argmax(lifts(a)))
+        lo, hi = a[k - 1], a[k]
+    assert hi - lo < 1e-9
+    below, above, well = (
+        rj.peak_response(podium, rj.Ricker(a, 0.8)) for a in (lo * (1 - 1e-9), hi * (1 + 1e-9), hi * (1 + 1e-6))
+    )
+    assert float(below.peak_rotation) == 0.0
+    assert bool(above.uplifted)
+    assert 0 < float(above.peak_rotation) < float(well.peak_rotation) < 1e-6
+
+
+def test_grazing_impact():
+    """Grazing impact: the columns come down with no speed left; the answer is continuous through it, to the square root
+    of the distance, and none is NaN."""
+    motion = rj.HalfSine(-2.5 * UP, 2.0)  # pushes back up while it lasts
+    state = lambda speed: rj.State(0.05, -speed)
+    solve = lambda speed: rj.simulate(BLOCK, motion, initial=state(speed), t_end=0.6, options=options(1e-11, "dopri8"))
+    touches = lambda speed: int(solve(speed).impacts) > 0
+    lo, hi = 0.01, 2.0
+    assert touches(hi)
+    assert not touches(lo)
+    for _ in range(45):
+        middle = 0.5 * (lo + hi)
+        lo, hi = (lo, middle) if touches(middle) else (middle, hi)
+    missed, grazed = solve(lo), solve(hi)
+    assert int(missed.impacts) == 0
+    assert int(grazed.impacts) >= 1
+    for response in (missed, grazed):
+        assert response.result in ENDED
+        assert np.isfinite(float(response(0.6).theta))
+    assert float(missed(0.6).theta) == pytest.approx(float(grazed(0.6).theta), abs=1e-5)
+
+
+def test_impact_and_uplift_at_once():
+    """Simultaneous impact and uplift: with e = 0 under a demand above the threshold, the columns come to rest and lift
+    at the same instant, to the side that Eq. (9) says."""
+    podium = BLOCK.replace(restitution=0.0)
+    motion = rj.Record(np.full(400, 3.0 * UP), 0.01)
+    response = rj.simulate(podium, motion, initial=rj.State(0.05, -0.5), t_end=0.5)
+    hit = float(response.impact_times[0])
+    nodes = response.nodes
+    k = int(np.searchsorted(np.asarray(nodes.t), hit, side="right")) - 1
+    assert float(nodes.t[k]) == pytest.approx(hit, abs=1e-12)
+    assert float(nodes.sigma[k]) == -1.0
+    assert float(nodes.v[0][k]) == 0.0
+    assert float(response(hit + 0.05).theta) < 0
+
+
+def test_free_rocking_to_rest():
+    """Free rocking to rest: infinitely many impacts end at the sum of their flight times, known by quadrature."""
+    alpha, e, p, theta0 = float(BLOCK.alpha), float(BLOCK.restitution_factor), float(BLOCK.p), 0.2
+    p *= math.sqrt(1 / 0.75 / (4 / 3))  # the solitary block: p² itself
+    well = lambda th: 2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)  # cos(α−θ) − cos α, without cancellation
+    top_of = lambda height: alpha - math.acos(math.cos(alpha) + height) if height > 1e-7 else height / math.sin(alpha)
+
+    def quarter(top):
+        def f(s):
+            th = top * math.sin(s) ** 2
+            drop = 2 * math.sin(0.5 * (top - th)) * math.sin(alpha - 0.5 * (top + th))
+            return 2 * top * math.sin(s) * math.cos(s) / (p * math.sqrt(2 * drop))
+
+        return quad(f, 0, math.pi / 2, epsabs=1e-14, epsrel=1e-12, limit=200)[0]
+
+    height, total = well(theta0), quarter(theta0)
+    for _ in range(2000):
+        height *= e * e
+        flight = 2 * quarter(top_of(height))
+        total += flight
+        if flight < 1e-9:
+            break
+    total += flight * e / (1 - e)
+    finest = options(1e-12, "dopri8", rest_velocity=1e-11, outputs=("impacts",))
+    peak = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(theta0), t_end=100.0, options=finest)
+    assert peak.result == rj.RESULTS.settled
+    assert float(peak.stats.end_time) == pytest.approx(total, abs=1e-8)
+
+
+def test_no_dissipation_runs_out_honestly():
+    """e = 1: impacts without end; a scene that cannot finish says out_of_steps, and raises where nobody looks at it."""
+    podium = elastic(0.3).replace(restitution=1.0)
+    short = rj.Options(outputs=("impacts",), max_steps=20_000)
+    with pytest.raises(RuntimeError, match="out_of_steps"):
+        rj.peak_response(podium, pulse(), t_end=200.0, options=short)
+    peak = rj.peak_response(podium, pulse(), t_end=200.0, options=short.replace(throw=False))
+    assert peak.result == rj.RESULTS.out_of_steps
+    assert int(peak.stats.steps + peak.stats.rejected) == 20_000
+
+
+def test_massless_beam_and_superstructure():
+    """γ = η = 0: the solitary block, whatever stands on it weighing nothing."""
+    motion = rj.OneSine(1.6 * UP, 0.9)
+    alone = rj.peak_response(BLOCK, motion)
+    for top in (rj.Rigid(0.0), rj.Elastic(0.0, 0.4)):
+        peak = rj.peak_response(BLOCK.replace(superstructure=top), motion)
+        assert float(peak.peak_rotation) == pytest.approx(float(alone.peak_rotation), abs=1e-8)
+        assert bool(peak.overturned) is bool(alone.overturned)
+
+
+def test_balanced_on_the_edge():
+    """θ_0 = α with overturn_ratio > 1, exactly and an ulp beside it: stays, falls or comes back, always by name."""
+    lenient = rj.Options(overturn_ratio=1.5, throw=False)
+    alpha = float(BLOCK.alpha)
+    for theta in (alpha, np.nextafter(alpha, 0), np.nextafter(alpha, 1)):
+        for sign in (1, -1):
+            peak = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(sign * theta), t_end=60.0, options=lenient)
+            assert peak.result in ENDED
+            assert float(peak.peak_rotation) >= 1 - 1e-15
+    back = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(alpha * (1 - 1e-6)), t_end=60.0, options=lenient)
+    gone = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(alpha * (1 + 1e-6)), t_end=60.0, options=lenient)
+    assert not bool(back.overturned)
+    assert bool(gone.overturned)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.05, 1.0])
+def test_superstructure_a_hundred_times_faster_than_the_pulse(zeta):
+    """T_s a hundredth of the pulse: thousands of small steps, the error where the tolerance puts it."""
+    podium = elastic(0.01, eta=20.0, zeta=zeta)
+    motion = pulse(ratio=3.0)
+    wanted = ("peak_rotation", "errors")
+    peak, fine = (rj.peak_response(podium, motion, options=options(r, "dopri8", outputs=wanted)) for r in (1e-7, 1e-11))
+    assert peak.result in ENDED
+    assert float(peak.peak_rotation) == pytest.approx(float(fine.peak_rotation), abs=1e-5)
+    assert bool(peak.overturned) == bool(fine.overturned)
+
+
+def finely(record, times):
+    """The same motion with `times` as many samples."""
+    n = record.acceleration.shape[0]
+    fine = np.interp(np.arange((n - 1) * times + 1) / times, np.arange(n), record.acceleration)
+    return rj.Record(fine, record.dt / times)
+
+
+@pytest.mark.parametrize("podium", [PODIUMS["rigid"], elastic(0.4, eta=10.0)], ids=["rigid", "elastic"])
+def test_a_record_of_200000_samples(podium):
+    """A record with 200 000 samples: the same answer as the same motion with 2000, in steps of its samples."""
+    t = 0.0137 * np.arange(2001)
+    coarse = rj.Record(2.6 * np.exp(-(((t - 12) / 2) ** 2)) * np.sin(5.2 * t), 0.0137)
+    long = finely(coarse, 100)
+    assert long.acceleration.shape == (200_001,)
+    few, many = (rj.peak_response(podium, m, options=options(1e-10, "tsit5")) for m in (coarse, long))
+    assert bool(few.uplifted)
+    assert float(many.peak_rotation) == pytest.approx(float(few.peak_rotation), abs=1e-8)
+    assert float(many.uplift_time) == pytest.approx(float(few.uplift_time), abs=1e-8)
+
+
+def test_a_record_with_a_constant_offset():
+    """A constant offset: harmless below the threshold, the ground's jumps at both ends included; above it, it overturns."""
+    t = 0.01 * np.arange(3000)
+    swing = 0.4 * UP * np.sin(3 * t) * np.exp(-(((t - 10) / 4) ** 2))
+    quiet = rj.peak_response(BLOCK, rj.Record(swing + 0.5 * UP, 0.01))
+    assert not bool(quiet.uplifted)
+    lifted = rj.peak_response(BLOCK, rj.Record(swing + 0.7 * UP, 0.01))
+    assert bool(lifted.uplifted)
+    assert lifted.result in ENDED
+    gone = rj.peak_response(BLOCK, rj.Record(swing + 1.05 * UP, 0.01))
+    assert bool(gone.overturned)
+    assert float(gone.uplift_time) == 0.0
+
+
+@pytest.mark.parametrize("dt", [0.0137, 0.5, 1e-4])
+def test_sampling_unequal_to_the_step(dt):
+    """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion agree."""
+    n = max(8, round(3.0 / dt))
+    a = 1.8 * UP * np.sin(np.linspace(0, 9, n)) ** 3
+    record = rj.Record(a, dt)
+    podium = PODIUMS["frame"]
+    one, other = (rj.peak_response(podium, m, options=options(1e-10, "dopri8")) for m in (record, finely(record, 3)))
+    assert one.result in ENDED
+    assert float(one.peak_rotation) == pytest.approx(float(other.peak_rotation), abs=1e-8)
+
+
+def test_single_precision_on_purpose():
+    """float32 on purpose: answers to single precision, in batches as well; tolerances below it are refused."""
+    with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.enable_x64(False):
+        podium = rj.Podium(0.3, 2.0)
+        motions = rj.OneSine(np.linspace(1.2, 2.0, 40) * UP, 1.0)
+        with pytest.raises(ValueError, match="rtol"):
+            rj.peak_responses(podium, motions)
+        o = rj.Options(rtol=1e-5, atol=1e-6, outputs=("peak_rotation", "errors"))
+        single = rj.peak_responses(podium, motions, options=o)
+        assert single.peak_rotation.dtype == np.float32
+    double = rj.peak_responses(BLOCK, rj.OneSine(np.linspace(1.2, 2.0, 40) * UP, 1.0))
+    stands = ~double.overturned & ~single.overturned
+    assert stands.sum() > 10
+    np.testing.assert_allclose(single.peak_rotation[stands], double.peak_rotation[stands], atol=2e-3)
+    assert np.all((single.overturned == double.overturned) | single.errors.undecided)
+
+
+def test_estimated_errors_are_an_output_like_others():
+    """Estimated errors: in every way of asking, without derivatives, and never without the rotation."""
+    o = rj.Options(outputs=("peak_rotation", "peak_shear", "errors"))
+    podium, motion = PODIUMS["elastic"], pulse()
+    single = rj.peak_response(podium, motion, options=o)
+    assert 0 < float(single.errors.peak_rotation) < 1e-7
+    assert math.isnan(float(single.errors.peak_deformation))
+    assert not bool(single.errors.undecided)
+    assert "±" in repr(single)
+    batch = rj.peak_responses(podium, rj.Ricker(G * 0.15 * np.array([2.5, 30.0]), 1.0), options=o)
+    np.testing.assert_allclose(batch.errors.peak_rotation[0], single.errors.peak_rotation, rtol=0.5)
+    assert bool(batch.overturned[1])
+    assert batch.errors.peak_rotation[1] == 0
+    estimate = lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=o).errors.peak_rotation
+    assert float(jax.grad(estimate)(3.0)) == 0.0
+    assert float(rj.simulate(podium, motion, options=o).errors.peak_rotation) == pytest.approx(
+        float(single.errors.peak_rotation), rel=0.9
+    )
+    assert rj.peak_response(podium, motion).errors is None
+    for bad in ({"outputs": ("errors",)}, {"outputs": ("peak_rotation", "errors"), "engine": "segments"}):
+        with pytest.raises(ValueError, match="errors"):
+            rj.Options(**bad)
+
+
+def test_scenes_on_the_boundary_are_undecided():
+    """Within the error of the overturning boundary the class is left open, on both of its sides; away from it, never."""
+    T_p = 0.8
+    limit = float(rj.overturning_acceleration(PODIUMS["frame"], rj.Ricker, T_p))
+    away = np.array([-1e-2, -1e-3, -1e-12, -1e-14, 1e-14, 1e-12, 1e-3, 1e-2])
+    o = rj.Options(rtol=1e-5, atol=1e-7, outputs=("peak_rotation", "errors"))
+    peaks = rj.peak_responses(PODIUMS["frame"], rj.Ricker(limit * (1 + away), T_p), options=o)
+    np.testing.assert_array_equal(peaks.errors.undecided, np.abs(away) < 1e-9)
+
+
+def test_an_estimate_beside_a_scene_out_of_steps():
+    """Out of steps: no estimate is an infinite one, and the class is open."""
+    o = rj.Options(outputs=("peak_rotation", "errors"), max_steps=20, throw=False)
+    peak = rj.peak_response(PODIUMS["elastic"], pulse(), options=o)
+    assert peak.result == rj.RESULTS.out_of_steps
+    assert math.isinf(float(peak.errors.peak_rotation))
+    assert bool(peak.errors.undecided)
+
+
+# Found by the stress campaign.
+@pytest.mark.parametrize(
+    ("podium", "motion", "initial"),
+    [
+        (
+            rj.Podium(0.21522563603, 1.10394697208, 0.02771789496665, rj.Rigid(0.31505109006815), 0.7464616498943617),
+            rj.Ricker(2.653983437460101, 1.2883568517419943),
+            rj.State(),
+        ),
+        (
+            rj.Podium(0.4321641252350571, 26.714706214843513, 0.00991747834323966, rj.Rigid(0.12137533392615375)),
+            rj.Ricker(12.339765371439125, 39.979796326011666),
+            rj.State(-0.22950515523155085),
+        ),
+        (
+            rj.Podium(0.5406443021004188, 0.10566189090450993, 1000.0, rj.Rigid(1.3208579996895535)),
+            rj.Ricker(-5.892875584996671, 0.5688330104423671),
+            rj.State(-0.12232870847508827, 2.418544391987501),
+        ),
+    ],
+)
+def test_shear_of_the_last_hops(podium, motion, initial):
+    """The last hops before rest, at 1e-12: the shear hardly changes over them, and its maxima by rounding were landed on
+    for ever."""
+    tight = options(1e-12, "dopri8", outputs=("peak_rotation", "peak_shear"), max_steps=20_000)
+    peak = rj.peak_response(podium, motion, initial=initial, options=tight)
+    loose = rj.peak_response(podium, motion, initial=initial, options=tight.replace(rtol=1e-9, atol=1e-11))
+    assert float(peak.peak_rotation) == pytest.approx(float(loose.peak_rotation), abs=1e-8)
+    assert float(peak.peak_shear) == pytest.approx(float(loose.peak_shear), rel=1e-7)
+    assert bool(peak.overturned) == bool(loose.overturned)
+    assert int(peak.stats.steps + peak.stats.rejected) < 5000
+
+
+def test_what_the_rest_velocity_takes_away_is_estimated():
+    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the rest velocity of
+    both solutions that the error estimate compares. It was a ten-millionth of the error."""
+    block = BLOCK.replace(restitution=1e-8)
+    motion = rj.Record(np.r_[np.full(30, 1.4 * UP), np.full(30, -0.5 * UP)], 0.02)
+    solve = lambda rtol: rj.peak_response(
+        block, motion, initial=rj.State(0.05, -0.5), options=options(rtol, "dopri8", outputs=("peak_rotation", "errors"))
+    )
+    peak, truth = solve(1e-6), solve(1e-12)
+    error = abs(float(peak.peak_rotation) - float(truth.peak_rotation))
+    assert 1e-10 < error < 1e-6
+    assert peak.errors is not None
+    assert 0.1 * error < float(peak.errors.peak_rotation) < 10 * error

@@ -1,0 +1,143 @@
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import rockjax as rj
+from rockjax._excitations.pulses import BETA
+from tests.scenes import shaking
+
+PULSES = [rj.Ricker, rj.AntisymmetricRicker, rj.OneSine, rj.OneCosine, rj.HalfSine]
+MOTIONS = [
+    *(pulse(a_p=3.0, T_p=0.8) for pulse in PULSES),
+    rj.Ricker(-3.0, 0.8),
+    rj.MavroeidisPapageorgiou(A=0.5, f_p=1.2, gamma=2.3, nu=0.7),
+    rj.Gabor(a_p=3.0, T_p=0.8, gamma=3.0, phi=0.4),
+    shaking(100),
+]
+LABELS = [type(m).__name__ + ("-negative" if k == 5 else "") for k, m in enumerate(MOTIONS)]
+
+
+def grid(motion, n=40001, over=0.2):
+    start, end = (float(t) for t in motion.support)
+    return np.linspace(start - over, end + over, n)
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_amplitude_and_support(pulse):
+    motion = pulse(a_p=3.0, T_p=0.8)
+    a = np.abs(np.asarray(motion(grid(motion))))
+    assert a.max() == pytest.approx(3.0, rel=1e-6)
+    start, end = (float(t) for t in motion.support)
+    outside = np.asarray(motion(np.array([start - 1e-3, end + 1e-3])))
+    assert np.all(np.abs(outside) <= 3e-18 * 3.0)
+
+
+def test_formulas_of_the_paper():
+    """Eq. (32)."""
+    t, T = np.linspace(-1.5, 1.5, 7), 0.9
+    x = 2 * np.pi**2 * t**2 / T**2
+    np.testing.assert_allclose(rj.Ricker(2.0, T)(t), 2.0 * (1 - x) * np.exp(-x / 2), rtol=1e-12)
+    y = 4 * np.pi**2 * t**2 / (3 * T**2)
+    expected = 2.0 / 1.380119 * (y - 3) * 2 * np.pi * t / (np.sqrt(3) * T) * np.exp(-y / 2)
+    np.testing.assert_allclose(rj.AntisymmetricRicker(2.0, T)(t), expected, rtol=1e-6)
+    assert pytest.approx(1.380119, abs=5e-7) == BETA
+
+
+def test_derivative_of_the_velocity_pulse():
+    A, f, gamma, nu = 0.5, 1.2, 2.3, 0.7
+    motion = rj.MavroeidisPapageorgiou(A, f, gamma, nu)
+    w = 2 * np.pi * f
+    velocity = lambda t: 0.5 * A * (1 + jnp.cos(w * t / gamma)) * jnp.cos(w * t + nu)
+    t = jnp.linspace(-0.9, 0.9, 11)
+    np.testing.assert_allclose(motion(t), jax.vmap(jax.grad(velocity))(t), rtol=1e-12)
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_tables_of_a_shape(pulse):
+    """Antiderivative, zeros and turning points, on which the outlook rests."""
+    tau = np.linspace(*pulse.span, 9)[1:-1]
+    rate = jax.vmap(jax.grad(lambda z: jnp.asarray(pulse.velocity(z))))(jnp.asarray(tau))
+    np.testing.assert_allclose(rate, pulse.shape(tau), atol=1e-12)
+    slope = jax.grad(lambda z: jnp.asarray(pulse.shape(z)))
+    for z in pulse.turning:
+        assert abs(float(slope(jnp.asarray(z)))) < 1e-11
+    for z in pulse.zeros:
+        assert abs(float(pulse.shape(np.float64(z)))) < 1e-12
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=LABELS)
+def test_outlook_is_true(motion):
+    """Exceedances, remaining impulse and remaining peak against the motion itself."""
+    start, end = (float(t) for t in motion.support)
+    times = grid(motion, over=0.0)
+    a = np.abs(np.asarray(motion(times)))
+    for level in (0.05, 0.3, 0.7, 0.95, 1.1):
+        outlook = motion.outlook(jnp.asarray(level * a.max()))
+        following = jax.jit(lambda t, o=outlook: o.next_exceedance(t, motion.locate(t)))
+        for t in np.linspace(start - 0.1, end - 1e-9, 23):
+            found = float(following(jnp.asarray(t)))
+            later = (times >= t) & (a > level * a.max())
+            if not later.any():
+                assert math.isinf(found)
+                continue
+            assert found >= t
+            assert found <= times[later][0] + 1e-9
+            assert found >= times[later][0] - (times[1] - times[0]) - 1e-9
+            assert abs(float(motion(found))) >= level * a.max() * (1 - 1e-12)
+    outlook = motion.outlook(None)
+    for t in np.linspace(start, end, 12)[:-1]:
+        piece = motion.locate(jnp.asarray(t))
+        rest = times >= t
+        area = np.trapezoid(a[rest], times[rest])
+        assert float(outlook.impulse(jnp.asarray(t), piece)) >= area * (1 - 1e-3)
+        now = jnp.abs(motion(t))
+        assert float(outlook.peak(jnp.asarray(t), piece, now)) >= a[rest].max() * (1 - 1e-9)
+        highest = float(outlook.highest_time(jnp.asarray(t), jnp.asarray(np.inf)))
+        assert abs(float(motion(highest))) >= a[rest].max() * (1 - 1e-9)
+    after = jnp.asarray(end + 1.0)
+    assert float(outlook.impulse(after, motion.locate(after))) < 1e-15
+    assert float(outlook.peak(after, motion.locate(after), jnp.abs(motion(after)))) < 1e-15
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_remaining_impulse_of_a_pulse_is_exact(pulse):
+    motion = pulse(a_p=3.0, T_p=0.8)
+    start, end = (float(t) for t in motion.support)
+    for t in np.linspace(start, end, 7)[:-1]:
+        area = quad(lambda s: abs(float(3.0 * pulse.shape(np.float64(s / 0.8)))), t, end, limit=400)[0]
+        assert float(motion.outlook(None).impulse(jnp.asarray(t), 0)) == pytest.approx(area, rel=1e-7, abs=1e-12)
+
+
+def test_record_is_linear_between_samples_and_zero_outside():
+    record = rj.Record(np.array([1.0, 3.0, -1.0]), 0.5, scale=2.0, t_start=1.0)
+    t = np.array([0.99, 1.0, 1.25, 1.5, 1.75, 2.0, 2.01])
+    np.testing.assert_allclose(record(t), [0.0, 2.0, 4.0, 6.0, 2.0, -2.0, 0.0])
+    np.testing.assert_allclose(record.breakpoints, [1.0, 1.5, 2.0])
+    for index, t in ((0, 0.5), (1, 1.0), (1, 1.49), (2, 1.5), (3, 2.0)):
+        assert int(record.locate(jnp.asarray(t))) == index
+
+
+def test_record_locates_every_one_of_its_samples():
+    record = rj.Record(np.ones(5000), 0.007, t_start=-0.3)
+    where = jax.vmap(record.locate)(record.breakpoints)
+    np.testing.assert_array_equal(where, np.arange(1, 5001))
+
+
+def test_rest_is_silent():
+    assert float(rj.Rest()(0.3)) == 0.0
+    assert rj.Rest().support == (0.0, 0.0)
+
+
+def test_a_motion_of_ones_own():
+    """What the documentation says of `AbstractExcitation`: give what is abstract, and everything works."""
+
+    class Chirp(rj.Gabor):
+        @property
+        def support(self):
+            return -1.0 + 0 * self.T_p, 1.0 + 0 * self.T_p
+
+    assert float(Chirp(1.0, 1.0)(0.0)) == pytest.approx(1.0)

@@ -1,0 +1,612 @@
+"""Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic motions, commands."""
+
+import math
+import re
+import warnings
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+import scipy.signal
+import xarray
+from typer.testing import CliRunner
+
+import optimise
+import rockjax as rj
+from rockjax._cli import app
+from rockjax._motions.intensity import spectral_acceleration
+from rockjax._motions.synthetic import Soil, _noise, envelope, spectral_density
+
+G = 9.80665
+RUN = CliRunner()
+
+
+def wave(a=2.0, T=0.5, periods=4, dt=0.005, name="wave"):
+    """Whole periods of a sine: it ends at rest."""
+    t = np.arange(round(periods * T / dt) + 1) * dt
+    return rj.Motion(a * np.sin(2 * np.pi / T * t), dt, name)
+
+
+@pytest.fixture(scope="module")
+def suite() -> rj.Motions:
+    return rj.synthetic_motions(3, seed=7, duration=10.0)
+
+
+def test_integrals_are_those_of_straight_lines():
+    samples = np.array([0.3, -1.0, 2.5, 0.7, -2.0])
+    motion = rj.Motion(samples, 0.1)
+    t = np.linspace(0, 0.4, 40001)
+    a = np.interp(t, motion.time, samples)
+    v = scipy.integrate.cumulative_trapezoid(a, t, initial=0)
+    u = scipy.integrate.cumulative_simpson(v, x=t, initial=0)
+    np.testing.assert_allclose(motion.velocity, v[::10000], atol=1e-12)
+    np.testing.assert_allclose(motion.displacement, u[::10000], atol=1e-10)
+    assert motion.pga == 2.5
+    # The peaks lie inside of intervals.
+    assert motion.pgv == pytest.approx(np.abs(v).max(), abs=1e-9)
+    assert motion.pgv > np.abs(motion.velocity).max() + 1e-3
+    assert motion.pgd == pytest.approx(np.abs(u).max(), abs=1e-9)
+    assert motion.duration == pytest.approx(0.4)
+    record = motion.record(scale=2.0)
+    np.testing.assert_array_equal(record.acceleration, samples)
+    assert (float(record.dt), float(record.scale)) == (0.1, 2.0)
+
+
+def test_motions_are_their_own():
+    samples, notes = np.ones(3), {"station": "A"}
+    motion = rj.Motion(samples, 0.1, metadata=notes)
+    samples[0], notes["station"] = 9.0, "B"
+    assert motion.acceleration[0] == 1
+    assert motion.metadata["station"] == "A"
+    with pytest.raises(ValueError, match="read-only"):
+        motion.acceleration[0] = 2.0
+    assert motion.scaled(2.0).scaled(3.0).metadata["scale"] == 6.0
+    assert "scale" not in motion.metadata
+    shown = rj.Motion(np.ones(3), 0.1, "<b>", metadata={"station": "x<y"})
+    assert "Motion '<b>'" in repr(shown)
+    assert "3 every 0.1 s" in repr(shown)
+    assert "x&lt;y" in shown._repr_html_()
+    assert "<b>" not in shown._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda m: rj.Motion(np.ones((2, 2)), 0.1), ["shape (n,)", "(2, 2)"]),
+        (lambda m: rj.Motion([1.0], 0.1), ["n >= 2"]),
+        (lambda m: rj.Motion([1.0, np.nan], 0.1), ["finite", "sample 1"]),
+        (lambda m: rj.Motion([1.0, 2.0], 0.0), ["dt must be", "0.0"]),
+        (lambda m: m.scaled(np.inf), ["factor", "inf"]),
+        (lambda m: m.resampled(-1.0), ["dt must be", "-1.0"]),
+        (lambda m: m.resampled(5.0), ["fewer than two samples"]),
+        (lambda m: m.resampled(0.005 / math.pi**2 * 0.9), ["ratio of whole numbers"]),
+        (lambda m: m.resampled(1e-7), ["ratio of whole numbers"]),
+        (lambda m: m.resampled(0.005 * math.sqrt(2)), ["ratio of whole numbers"]),
+        (lambda m: m.baseline_corrected(0), ["order", "1 to 8"]),
+        (lambda m: m.baseline_corrected(2.0), ["order", "2.0"]),
+        (lambda m: m.trimmed(0.5, 0.5), ["lower < upper"]),
+        (lambda m: rj.Motion(np.zeros(3), 0.1).trimmed(), ["zero throughout"]),
+        (lambda m: m.save("a.txt"), ["a.txt", ".AT2 or .csv"]),
+        (lambda m: rj.Motions((1,)), ["must hold rockjax.Motion"]),
+        (lambda m: rj.Motions((m,)).scaled_to("PGX", 1.0), ["PGA", "Sa", "'PGX'"]),
+        (lambda m: rj.Motions((m,)).scaled_to("PGA", -1.0), ["value", "-1.0"]),
+        (lambda m: rj.Motions((m,)).scaled_to("PGA", 1.0, period=1.0), ["no meaning"]),
+        (lambda m: rj.Motions((m,)).scaled_to("Sa", 1.0), ["needs period"]),
+        (lambda m: rj.Motions((rj.Motion(np.zeros(3), 0.1, "none"),)).scaled_to("PGA", 1.0), ["PGA of none is zero"]),
+        (lambda m: rj.intensity_measures(m, periods=(-1.0,)), ["period", "-1.0"]),
+        (lambda m: rj.intensity_measures(m, damping=1.0), ["damping", "1.0"]),
+        (lambda m: rj.intensity_measures(m, podium=rj.Podium(np.array([0.1, 0.2]), 1.0)), ["single"]),
+        (lambda m: rj.synthetic_motions(0, seed=1), ["count", ">= 1"]),
+        (lambda m: rj.synthetic_motions(1, seed=-1), ["seed", ">= 0"]),
+        (lambda m: rj.synthetic_motions(1, seed=1, dt=0.0), ["dt", "> 0"]),
+        (lambda m: rj.synthetic_motions(1, seed=1, duration=0.1), ["50 dt"]),
+        (lambda m: rj.synthetic_motions(1, seed=1, envelope_end=1.0), ["envelope_end", "< 1"]),
+        (lambda m: rj.synthetic_motions(1, seed=1, pulse=rj.MavroeidisPapageorgiou(1.0, 0.05)), ["does not fit", "40 s"]),
+        (lambda m: rj.synthetic_motions(3, seed=1, pulse=[rj.MavroeidisPapageorgiou(1.0, 1.0)] * 2), ["one for each of 3"]),
+    ],
+)
+def test_what_makes_no_sense_is_said(make, words):
+    with pytest.raises(ValueError) as error:
+        make(wave())
+    for word in words:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize("dt", [0.0025, 0.004, 0.01, 0.0125])
+def test_resampling_keeps_what_is_below_both_nyquist_frequencies(dt):
+    t = np.arange(0, 8.0005, 0.005)
+    hump = np.exp(-((t - 4) ** 2))
+    slow = hump * np.sin(2 * np.pi * 8 * t)
+    motion = rj.Motion(slow, 0.005, "both", metadata={"station": "A"})
+    new = motion.resampled(dt)
+    exact = np.exp(-((new.time - 4) ** 2)) * np.sin(2 * np.pi * 8 * new.time)
+    assert new.dt == dt
+    assert new.duration <= motion.duration + 1e-12
+    assert new.metadata["station"] == "A"
+    np.testing.assert_allclose(new.acceleration, exact, atol=3e-3)
+    linear = np.interp(new.time, t, slow)
+    if dt not in (0.01,):  # where straight lines miss the curve
+        assert np.abs(linear - exact).max() > 3 * np.abs(new.acceleration - exact).max()
+
+
+def test_resampling_folds_nothing_back():
+    t = np.arange(0, 8.0005, 0.005)
+    fast = np.exp(-((t - 4) ** 2)) * np.sin(2 * np.pi * 70 * t)
+    assert rj.Motion(fast, 0.005).resampled(0.01).pga < 1e-2
+    assert np.abs(fast[::2]).max() > 0.9  # which every second sample would take for 30 Hz
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5])
+def test_baseline_of_a_drifting_motion(order):
+    t = np.arange(0, 20.0001, 0.01)
+    true = rj.Motion(np.exp(-((t - 8) ** 2)) * np.sin(2 * np.pi * 2 * (t - 8)), 0.01)
+    drift = 0.02 * sum((t / 20) ** k for k in range(order))
+    corrected = rj.Motion(true.acceleration + drift, 0.01).baseline_corrected(order)
+    assert abs(corrected.velocity[-1]) < 1e-14
+    # The drift is of the family; what is left is what the fit takes from the motion itself.
+    assert np.abs(corrected.acceleration - true.acceleration).max() < 2e-3
+    assert corrected.metadata["baseline_order"] == order
+
+
+def test_trimming_by_arias_intensity():
+    motion = wave(periods=8)
+    quiet = np.zeros(1000)
+    long = rj.Motion(np.concatenate([quiet, motion.acceleration, quiet]), motion.dt)
+    trimmed = long.trimmed()
+    assert motion.duration * 0.97 < trimmed.duration <= motion.duration
+    arias = [float(rj.intensity_measures(m, periods=())["arias_intensity"]) for m in (long, trimmed)]
+    assert 0.998 <= arias[1] / arias[0] <= 1
+    middle = long.trimmed(0.25, 0.75)
+    assert middle.duration == pytest.approx(motion.duration / 2, abs=0.13)
+
+
+def test_measures_of_a_sine():
+    a, T, periods = 2.0, 0.5, 4
+    motion = wave(a, T, periods, dt=T / 2000)
+    data = rj.intensity_measures(motion, periods=(0.0,))
+    exact = {
+        "PGA": a,
+        "PGV": a * T / np.pi,  # a/ω (1 − cos ωt)
+        "PGD": a * T / (2 * np.pi) * periods * T,  # drifts with its mean velocity
+        "PGV_PGA": T / np.pi,
+        "arias_intensity": np.pi / (2 * G) * a**2 / 2 * periods * T,
+        "CAV": 2 / np.pi * a * periods * T,
+        "duration": periods * T,
+    }
+    for name, value in exact.items():
+        assert float(data[name]) == pytest.approx(value, rel=2e-6), name
+        assert data[name].attrs["units"]
+    # Husid's curve t/D − sin(2ωt)/(2ωD) at 5 % and 95 %.
+    husid = lambda t: t / (periods * T) - np.sin(4 * np.pi * t / T) / (4 * np.pi * periods)
+    start, end = (scipy.optimize.brentq(lambda t, x=x: husid(t) - x, 0, periods * T) for x in (0.05, 0.95))
+    assert float(data["D5_95"]) == pytest.approx(end - start, rel=1e-5)
+    assert float(data["Sa"].sel(period=0.0)) == a
+
+
+def test_absolute_velocity_counts_crossings_exactly():
+    motion = rj.Motion([0.0, 1.0, -3.0, -1.0, 1.0], 0.2)
+    exact = 0.2 * (0.5 + 0.5 * (0.25 * 1 + 0.75 * 3) + 2.0 + 0.5 * (0.5 + 0.5))
+    assert float(rj.intensity_measures(motion, periods=())["CAV"]) == pytest.approx(exact, rel=1e-14)
+
+
+@pytest.mark.parametrize(("period", "damping"), [(0.03, 0.05), (0.3, 0.02), (1.0, 0.05), (6.0, 0.2)])
+def test_spectral_acceleration_against_an_integration(suite, period, damping):
+    motion = suite[0]
+    w = 2 * np.pi / period
+    rate = lambda t, y: [
+        y[1],
+        -np.interp(t, motion.time, motion.acceleration, right=0) - 2 * damping * w * y[1] - w * w * y[0],
+    ]
+    end = motion.duration + period
+    exact = scipy.integrate.solve_ivp(rate, (0, end), [0, 0], method="LSODA", rtol=1e-9, atol=1e-12, max_step=motion.dt)
+    assert spectral_acceleration(motion, period, damping) == pytest.approx(w * w * np.abs(exact.y[0]).max(), rel=1e-3)
+
+
+def test_a_slow_oscillator_swings_after_the_end():
+    push = rj.Motion(np.sin(np.pi * np.linspace(0, 1, 101)), 0.001)  # a tenth of a second
+    assert spectral_acceleration(push, 10.0, 0.0) == pytest.approx(2 * np.pi / 10 * push.pgv, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize(("period", "finer"), [(0.05, 512), (0.3, 512), (5.0, 64), (12.0, 64)])
+def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, damping):
+    """At samples alone it is up to 4e-4 low at long periods, where ü is ü_g: against samples 64 or 512 times as close,
+    with a parabola through the highest three."""
+    motion = rj.synthetic_motions(1, seed=3, duration=10.0, dt=0.02, omega_g=2.0, omega_f=0.5)[0]
+    h, w = motion.dt / finer, 2 * np.pi / period
+    of_state = [[0, 1, 0, 0], [-w * w, -2 * damping * w, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]  # u, u̇, ü_g, its slope
+    step = scipy.linalg.expm(np.array(of_state) * h)
+    values, vectors = np.linalg.eig(step[:2, :2])
+    samples = np.interp(np.arange((len(motion) - 1) * finer + 1) / finer, np.arange(len(motion)), motion.acceleration)
+    load = np.concatenate([samples, np.zeros(round(period / h))])
+    slopes = np.append(np.diff(samples) / h, np.zeros(round(period / h)))
+    load[len(samples) - 1] = 0  # it ends with a jump
+    inputs = np.linalg.solve(vectors, step[:2, 2:] @ np.stack([load[:-1], slopes]))
+    modes = [scipy.signal.lfilter([1.0], [1.0, -value], row) for value, row in zip(values, inputs, strict=True)]
+    u = w * w * np.abs((vectors @ modes)[0].real)
+    k = 1 + int(np.argmax(u[1:-1]))
+    before, top, after = u[k - 1 : k + 2]
+    exact = top - (before - after) ** 2 / (8 * (before - 2 * top + after))
+    assert spectral_acceleration(motion, period, damping) == pytest.approx(exact, rel=1e-9)
+
+
+def test_spectral_acceleration_against_a_podium_in_full_contact(suite):
+    """A slender tower that never lifts: its top is the oscillator."""
+    motion = suite[0].scaled(1e-3)
+    podium = rj.Podium(0.3, 2.0, 1.0, rj.Elastic(5.0, 0.5, 0.05))
+    deformation = float(rj.peak_response(podium, motion.record()).peak_deformation)
+    w = 2 * np.pi / 0.5
+    assert spectral_acceleration(motion, 0.5, 0.05) == pytest.approx(w * w * deformation, rel=1e-3)
+
+
+def test_measures_of_several_motions_with_a_podium(suite):
+    podium = rj.Podium(0.15, 1.5)
+    data = suite.dataset(periods=(0.5, 1.0), podium=podium)
+    assert data.sizes == {"motion": 3, "period": 2}
+    assert list(data["motion"].values) == suite.names
+    p = float(podium.p)
+    for k, motion in enumerate(suite):
+        one = rj.intensity_measures(motion, periods=(0.5, 1.0), podium=podium)
+        xarray.testing.assert_equal(data.isel(motion=k), one)
+        assert float(one["acceleration_ratio"]) == pytest.approx(motion.pga / (G * math.tan(0.15)))
+        assert float(one["velocity_ratio"]) == pytest.approx(p * motion.pgv / (G * math.tan(0.15)))
+
+
+@pytest.mark.parametrize("measure", ["PGA", "PGV", "PGD", "CAV", "arias_intensity", "Sa"])
+def test_scaling_to_a_measure(suite, measure):
+    period = 1.0 if measure == "Sa" else None
+    scaled = suite.scaled_to(measure, 0.7, period=period)
+    found = scaled.dataset(periods=(1.0,))[measure].values.ravel()
+    np.testing.assert_allclose(found, 0.7, rtol=1e-12)
+    np.testing.assert_allclose(scaled[1].acceleration, scaled.scales[1] * suite[1].acceleration, rtol=1e-12)
+
+
+def test_motions_are_a_sequence(suite):
+    assert len(suite) == 3
+    assert suite[-1] is suite.motions[2]
+    assert isinstance(suite[1:], rj.Motions)
+    assert [m.name for m in suite[::2]] == ["synthetic-0001", "synthetic-0003"]
+    assert suite[0] in suite
+    assert len(suite.map(lambda m: m.resampled(0.02))[0]) == 501
+    assert all(isinstance(record, rj.Record) for record in suite.records())
+    lines = repr(suite).splitlines()
+    assert lines[0] == "3 motions"
+    assert len(lines) == 5
+    assert suite._repr_html_().count("<tr>") == 4
+
+
+@pytest.mark.parametrize(("suffix", "rtol"), [("AT2", 1e-6), ("csv", 0)])
+def test_saving_and_reading(tmp_path, suite, suffix, rtol):
+    motion = suite[0]
+    path = motion.save(tmp_path / "new" / f"one.{suffix}")
+    again = rj.read_motion(path)
+    np.testing.assert_allclose(again.acceleration, motion.acceleration, rtol=rtol, atol=1e-7 if rtol else 0)
+    assert again.dt == pytest.approx(motion.dt, rel=1e-12)
+    assert again.name == "one"
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    if suffix == "AT2":
+        assert again.metadata["event"] == "synthetic"
+    named = rj.Motion(
+        motion.acceleration, 0.01, metadata={"event": "A, B", "date": "1/2/1999", "station": "S", "component": "90"}
+    )
+    notes = rj.read_motion(named.save(tmp_path / "named.AT2")).metadata
+    assert {"event": "A; B", "date": "1/2/1999", "station": "S", "component": "90"}.items() <= notes.items()
+
+
+def test_a_motion_that_cannot_be_written_leaves_nothing(tmp_path, suite):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"file/a\.AT2 could not be written"):
+        suite[0].save(tmp_path / "file" / "a.AT2")
+    folder = tmp_path / "a.csv"
+    folder.mkdir()
+    with pytest.raises(OSError, match=r"a\.csv could not be written"):
+        suite[0].save(folder)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "file"]
+
+
+@pytest.fixture
+def folder(tmp_path, suite):
+    suite[1].save(tmp_path / "b.AT2")
+    suite[0].save(tmp_path / "a.csv")
+    (tmp_path / ".hidden").write_text("nothing")
+    (tmp_path / "sub").mkdir()
+    return tmp_path
+
+
+def test_a_folder_is_a_suite(folder, suite):
+    found = rj.read_suite(folder, scale=2.0)
+    assert found.names == ["a", "b"]
+    np.testing.assert_array_equal(found[0].acceleration, 2 * suite[0].acceleration)
+    np.testing.assert_array_equal(found.scales, 2.0)
+    assert rj.read_suite(folder, pattern="*.AT2").names == ["b"]
+    (folder / "notes.pdf").write_bytes(b"%PDF\x00")
+    (folder / "short.txt").write_text("1\n2\nx\n")
+    with pytest.raises(ValueError) as error:
+        rj.read_suite(folder)
+    lines = str(error.value).splitlines()
+    assert lines[0].startswith(f"{folder}: 2 of 4 files cannot be read; a pattern (")
+    assert lines[1].startswith(f"  {folder / 'notes.pdf'}:1: is not text")
+    assert lines[2].startswith(f"  {folder / 'short.txt'}:3: 'x' is not a number")
+    with pytest.raises(ValueError, match=r"holds no file \*\.V2"):
+        rj.read_suite(folder, pattern="*.V2")
+    with pytest.raises(ValueError, match=r"none: cannot be read: No such file"):
+        rj.read_suite(folder / "none")
+
+
+def test_a_table_is_a_suite(folder, suite):
+    (folder / "plain.txt").write_text("\n".join(f"{a / G:.12f}" for a in suite[2].acceleration))
+    table = folder / "suite.csv"
+    table.write_text(
+        "file,name,scale,units,dt,site\nb.AT2,second,,,,rock\n\nplain.txt,third,0.5,g,0.01,\na.csv,,3\n", encoding="utf-8"
+    )
+    for place in (table, folder):
+        found = rj.read_suite(place, scale=2.0)
+        assert found.names == ["second", "third", "a"]
+        np.testing.assert_allclose(found.scales, [2, 1, 6])
+        np.testing.assert_allclose(found[1].acceleration, suite[2].acceleration, atol=1e-9)
+        assert found[0].metadata["site"] == "rock"
+        assert "site" not in found[1].metadata
+    assert rj.read_suite(folder, pattern="*.AT2").names == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name,scale\na,1\n", [":1:", "column 'file'"]),
+        ("file,file\na,b\n", [":1:", "twice"]),
+        ("file\n", ["lists no file"]),
+        ("file,scale\na.csv,big\n", [":2:", "scale", "'big'"]),
+        ("file,scale\na.csv,inf\n", [":2:", "scale", "'inf'"]),
+        ("file,scale\na.csv,1,2\n", [":2:", "3 cells", "2 headings"]),
+        ("file,scale\n,1\n", [":2:", "file is missing"]),
+        ("file,units\nb.AT2,gal\nc.AT2,\n", ["2 of 2 files", "gives the unit as g", "c.AT2: cannot be read"]),
+        ("", [":1:", "column 'file'"]),
+    ],
+)
+def test_tables_that_cannot_be_read_say_why(folder, text, words):
+    table = folder / "list.csv"
+    table.write_text(text)
+    with pytest.raises(ValueError) as error:
+        rj.read_suite(table)
+    assert str(error.value).startswith(str(table))
+    for word in words:
+        assert word in str(error.value)
+    with pytest.raises(ValueError, match="pattern has no meaning"):
+        rj.read_suite(table, pattern="*")
+
+
+def test_the_noise_has_its_spectral_density():
+    """Over many samples, in bands of frequency, and where the high-pass begins."""
+    soil, count, dt = Soil(), 2000, 0.01
+    noise = np.array([_noise(3, k, count, dt, soil) for k in range(400)])
+    f, density = scipy.signal.welch(noise, 1 / dt, nperseg=1000, detrend=False, scaling="density")
+    mean = density.mean(axis=0)
+    target = 2 * dt * spectral_density(2 * np.pi * f, soil)  # of white noise with variance 1, one-sided
+    for low, high in ((0.5, 1), (1, 2), (2, 3), (3, 5), (5, 10), (10, 25), (25, 45)):
+        band = (f >= low) & (f < high)
+        assert mean[band].mean() == pytest.approx(target[band].mean(), rel=0.05), (low, high)
+    assert spectral_density(np.array([0.0, soil.omega_g]), soil) == pytest.approx(
+        [0, (1 + 1 / (4 * 0.36)) * 1e4 / ((1 - 100) ** 2 + 4 * 0.36 * 100)], rel=1e-12
+    )
+
+
+def test_synthetic_spectra_follow_the_target():
+    """Whole motions, each over its own energy, against the density between the soil's and high frequencies."""
+    motions = rj.synthetic_motions(300, seed=11, dt=0.01, duration=20.0)
+    a = np.array([m.acceleration / np.sqrt(np.sum(m.acceleration**2)) for m in motions])
+    f = np.fft.rfftfreq(a.shape[1], 0.01)
+    power = (np.abs(np.fft.rfft(a)) ** 2).mean(axis=0)
+    target = spectral_density(2 * np.pi * f, Soil())
+    power, target = power / power.sum(), target / target.sum()
+    for low, high in ((0.5, 1), (1, 2), (2, 3), (3, 5), (5, 10), (10, 20), (20, 40)):
+        band = (f >= low) & (f < high)
+        assert power[band].sum() == pytest.approx(target[band].sum(), rel=0.07), (low, high)
+    energy = np.cumsum((a**2).mean(axis=0))
+    e2 = np.cumsum(envelope(motions[0].time, 20.0, 0.2, 0.05) ** 2)
+    np.testing.assert_allclose(energy, e2 / e2[-1], atol=0.03)
+
+
+def test_envelope_has_its_peak_and_its_end():
+    t = np.linspace(0, 10, 10001)
+    e = envelope(t, 10.0, 0.3, 0.1)
+    assert t[np.argmax(e)] == pytest.approx(3.0)
+    assert e.max() == pytest.approx(1, rel=1e-12)
+    assert e[0] == e[-1] == 0
+    before = np.exp(np.log(0.1) * (1 + np.log(0.95 / 0.3) - 0.95 / 0.3) / (1 + np.log(1 / 0.3) - 1 / 0.3))
+    assert e[9500] == pytest.approx(before)  # where the taper begins
+
+
+@pytest.mark.parametrize("pulse", [None, rj.MavroeidisPapageorgiou(0.6, 0.8, 2.2, 0.7)])
+def test_synthetic_motions_end_at_rest(pulse):
+    motions = rj.synthetic_motions(5, seed=2, dt=0.02, duration=15.0, pga=2.5, pulse=pulse)
+    for motion in motions:
+        assert len(motion) == 751
+        assert abs(motion.velocity[-1]) < 1e-12
+        assert abs(motion.acceleration[[0, -1]]).max() < 1e-12
+        if pulse is None:
+            assert motion.pga == pytest.approx(2.5, rel=1e-12)
+            assert abs(motion.displacement[-1]) < 1e-12
+        assert motion.metadata["seed"] == 2
+        assert motion.metadata["format"] == "synthetic"
+        assert motion.metadata["zeta_g"] == 0.6
+
+
+def test_the_pulse_is_that_of_the_engine():
+    pulse = rj.MavroeidisPapageorgiou(0.6, 0.8, 2.2, 0.7)
+    with_pulse, without = (rj.synthetic_motions(1, seed=2, dt=0.002, pulse=p)[0] for p in (pulse, None))
+    added = rj.Motion(with_pulse.acceleration - without.acceleration, 0.002)
+    exact = np.asarray(pulse(added.time - 4.0))
+    np.testing.assert_allclose(added.acceleration, exact, atol=2e-3 * np.abs(exact).max())
+    phase = 2 * np.pi * 0.8 * (added.time - 4.0)
+    v = np.where(np.abs(phase) <= 2.2 * np.pi, 0.3 * (1 + np.cos(phase / 2.2)) * np.cos(phase + 0.7), 0.0)
+    np.testing.assert_allclose(added.velocity, v, atol=1e-3)
+    assert with_pulse.metadata["pulse_A"] == 0.6
+
+
+def test_a_seed_gives_the_same_motions_for_ever():
+    first = rj.synthetic_motions(2, seed=5)
+    more = rj.synthetic_motions(3, seed=5)
+    for one, other in zip(first, more, strict=False):
+        np.testing.assert_array_equal(one.acceleration, other.acceleration)
+    assert not np.allclose(more[0].acceleration, more[1].acceleration)
+    assert not np.allclose(rj.synthetic_motions(1, seed=6)[0].acceleration, first[0].acceleration)
+    # Written down once; only bits of PCG64 and elementary functions are behind them.
+    np.testing.assert_allclose(first[0].acceleration[[100, 500, 1000]], GOLDEN, rtol=1e-9)
+
+
+GOLDEN = [-0.18488684853026052, 0.5792233838544345, 0.5227878467997814]
+
+
+def test_motions_on_the_command_line(folder):
+    prefix = folder / "out"
+    flags = ["--periods", "0.5,1", "--tan-alpha", "0.15", "--R", "1.5", "-o", str(prefix), "--pattern", "*.AT2"]
+    result = RUN.invoke(app, ["motions", str(folder), str(folder / "a.csv"), *flags])
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert lines[0].split()[0] == "name"
+    assert "Sa(0.5 s) [g]" in lines[0]
+    assert "p PGV/(g tan α)" in lines[0]
+    assert [line.split()[0] for line in lines[1:3]] == ["b", "a"]
+    data = xarray.load_dataset(f"{prefix}.nc")
+    assert list(data["motion"].values) == ["b", "a"]
+    assert f"{float(data['PGA'][0]) / G:.4g}" in lines[1]
+    assert data.attrs["alpha_rad"] == pytest.approx(math.atan(0.15))
+    drifting = folder / "drift.txt"
+    drifting.write_text("0\n1\n1\n0\n")
+    result = RUN.invoke(app, ["motions", str(drifting), "--units", "m/s2", "--dt", "0.01"])
+    assert result.exit_code == 0
+    assert "rockjax: warning: " in result.output
+    assert RUN.invoke(app, ["motions", str(drifting), "--R", "1"]).exit_code == 2
+    assert RUN.invoke(app, ["motions", str(drifting), "--periods", "a"]).exit_code == 2
+    failed = RUN.invoke(app, ["motions", str(drifting)])
+    assert isinstance(failed.exception, ValueError)
+    assert "give units" in str(failed.exception)
+
+
+def test_synthetic_motions_on_the_command_line(tmp_path):
+    flags = ["--count", "2", "--seed", "4", "--duration", "10", "--pga", "2", "--pulse", "0.5", "1", "2", "0"]
+    result = RUN.invoke(app, ["synthetic", *flags, "-o", str(tmp_path / "made")])
+    assert result.exit_code == 0, result.output
+    assert sorted(p.name for p in (tmp_path / "made").iterdir()) == ["suite.csv", "synthetic-0001.AT2", "synthetic-0002.AT2"]
+    found = rj.read_suite(tmp_path / "made")
+    pulse = rj.MavroeidisPapageorgiou(0.5, 1.0, 2.0, 0.0)
+    for one, made in zip(found, rj.synthetic_motions(2, seed=4, duration=10.0, pga=2.0, pulse=pulse), strict=True):
+        np.testing.assert_allclose(one.acceleration, made.acceleration, atol=2e-6)
+        assert one.name == made.name
+        assert one.metadata["pulse_A"] == "0.5"
+
+
+PROBLEM = """[structure]
+alpha = 0.2
+R = 2.0
+[vary]
+alpha = [0.1, 0.4]
+[minimise]
+quantity = "alpha"
+[[targets]]
+kind = "no-overturning"
+motions = "records"
+"""
+
+
+def test_problems_take_suites(folder, suite):
+    path = folder / "problem.toml"
+    path.write_text(
+        PROBLEM + '[[motions.records]]\nsuite = "."\npattern = "*.AT2"\nscale = 2.0\n[[motions.records]]\nfile = "a.csv"\n'
+    )
+    one, two = optimise.load(path).motions["records"]
+    np.testing.assert_allclose(one.acceleration, 2 * suite[1].acceleration, atol=1e-6)
+    np.testing.assert_array_equal(two.acceleration, suite[0].acceleration)
+    for entry, words in (
+        ('suite = "."\nfile = "a.csv"', "needs one of kind"),
+        ('suite = "none"', "motions.records: .*none: cannot be read"),
+        ("suite = 1", "suite: must be a text, got 1"),
+        ('file = "a.csv"\npattern = "*"', "pattern: is not known"),
+        ('suite = "."\ncomponent = 1.5', "component: must be a whole number or text"),
+    ):
+        path.write_text(f"{PROBLEM}[motions.records]\n{entry}\n")
+        with pytest.raises(ValueError, match=words):
+            optimise.load(path)
+
+
+def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
+    """The blocks of the page follow one another, in a folder of their own."""
+    page = Path(__file__).parents[2] / "docs" / "records.md"
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
+        exec(compile(block, str(page), "exec"), names)
+    said = capsys.readouterr().out
+    assert "its header gives the unit as g, but" in said
+    assert "table.txt:3: 'oops' is not a number" in said
+    assert "offset.txt: ends with a velocity of" in said
+    assert names["suite"].names == ["third", "first"]
+
+
+# ------------------------------------------------------------------------------------------- what takes motions
+def test_what_readers_return_goes_into_everything(suite):
+    podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
+    records = suite.records()
+    whole = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
+    for several in (suite, list(suite), [suite[0], *records[1:]]):
+        np.testing.assert_array_equal(rj.peak_responses(podium, several, options=options).peak_rotation, whole)
+    one = rj.peak_response(podium, suite[1], options=options)
+    assert one.peak_rotation == rj.peak_response(podium, records[1], options=options).peak_rotation
+    assert rj.peak_response(podium, [suite[1]], options=options).peak_rotation == one.peak_rotation
+    for same in (list(suite), records, rj.Records.of(suite), [suite]):
+        data = rj.intensity_measures(same)
+        np.testing.assert_allclose(data["PGA"], rj.intensity_measures(suite)["PGA"], rtol=1e-15)
+    assert isinstance(rj.simulate(podium, suite[1], options=options).excitation, rj.Record)
+    target = optimise.PeakRotation(0.3, suite)
+    assert target.scenes == 3
+    assert optimise.NoOverturning([suite, rj.Ricker(3.0, 1.0)]).scenes == 4
+    with pytest.raises(ValueError, match=r"must be one motion, got 3; .* rockjax.peak_responses"):
+        rj.peak_response(podium, suite)
+    with pytest.raises(ValueError, match=r"got the class Ricker; give it its numbers"):
+        rj.simulate(podium, rj.Ricker)
+    with pytest.raises(ValueError, match=r"the instance Ricker.* give the class rockjax.Ricker"):
+        rj.rocking_spectrum(podium, rj.Ricker(3.0, 1.0), [1.0], [1.0])
+    with pytest.raises(ValueError, match=r"function \(a_p, T_p\).*, got the class Gabor"):
+        rj.overturning_acceleration(podium, rj.Gabor, 1.0)
+
+
+# ---------------------------------------------------------------------------------------------------- plausibility
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rj.Podium.from_dimensions(450, 3000, 1500.0), "450 m by 3000 m has R = 1517 m; .* meant in mm"),
+        (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; .* meant in gal"),
+        (
+            lambda: rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(0.4, 1.0)),
+            r"a_p = 0\.4 m/s² is 0\.0408 g, and the columns lift at 0\.203 g; was it meant in g\?",
+        ),
+    ],
+)
+def test_numbers_of_another_system_are_doubted(make, words):
+    with pytest.warns(rj.PlausibilityWarning, match=words) as said:
+        make()
+    assert said[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.PlausibilityWarning)
+        make()
+
+
+def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))
+    with pytest.warns(rj.RecordWarning, match=r"PGA is 0\.449 m/s², 0\.0458 g; a file in g is read with units='g'"):
+        rj.read_motion(path, units="m/s2", dt=0.01)
+    assert rj.read_motion(path, units="g", dt=0.01).pga == pytest.approx(0.45 * G, rel=1e-2)
+
+
+def test_what_engineers_ask_for_is_not_doubted():
+    """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced size."""
+    for width, height in ((6.0, 60.0), (0.05, 0.2)):
+        rj.Podium.from_dimensions(width, height, 100.0)
+    for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):
+        rj.Ricker(a_p, 1.0)
+    jax.jit(lambda height: rj.Podium.from_dimensions(450.0, height, 1.0).R)(3000.0)

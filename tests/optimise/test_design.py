@@ -1,0 +1,709 @@
+"""Designs: variables, targets and their derivatives, the method on problems with known answers, the studies, files."""
+
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+import optimise
+import rockjax as rj
+from benchmarks import studies
+from optimise._quadratic import Model, solve
+from optimise._results import result_name
+from optimise._suite import Suite
+from optimise._targets import _smoothed_quantile
+from optimise._variables import variables
+from tests.scenes import Stops, shaking
+
+BLOCK = rj.Podium(alpha=0.15, R=1.5)
+DRAWING = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+OPTIONS = rj.Options(rtol=1e-9, atol=1e-11, throw=False)
+
+
+class Analytic(optimise.AbstractTarget):
+    """A target that needs no simulation."""
+
+    name: str | None
+    function: Callable
+
+    def __init__(self, function, name=None):
+        self.function, self.name = function, name
+
+    def margins(self, podium, options):
+        return jnp.atleast_1d(self.function(podium))
+
+    def describe(self):
+        return "analytic"
+
+
+def _alpha(podium):
+    return podium.alpha
+
+
+# Variables
+
+
+def test_a_width_keeps_the_height():
+    varied = variables(DRAWING.podium(), {"width": (0.3, 0.9)})
+    podium = varied.podium(varied.scaled(jnp.array([0.6])))
+    assert np.allclose([podium.width, podium.height], [0.6, 3.0], rtol=1e-14)
+    assert float(podium.gamma) == float(DRAWING.podium().gamma)
+    tall = variables(DRAWING.podium(), {"height": (2.0, 6.0)}).podium(jnp.array([0.5]))
+    assert np.allclose([tall.width, tall.height], [0.45, 4.0], rtol=1e-14)
+    both = variables(DRAWING.podium(), {"height": (2.0, 6.0), "width": (0.1, 0.3)}).podium(jnp.array([0.5, 0.5]))
+    assert np.allclose([both.width, both.height], [0.2, 4.0], rtol=1e-14)
+
+
+def test_masses_vary_and_every_ratio_follows():
+    varied = variables(DRAWING, {"column_mass": (1e3, 4e3), "top_mass": (1e5, 4e5)})
+    podium = varied.podium(varied.scaled(jnp.array([2e3, 2e5])))
+    assert np.isclose(podium.gamma, 30e3 / 4e3)
+    assert np.isclose(podium.superstructure.eta, 2e5 / 4e3)
+
+
+def test_scaling_meets_the_bounds_and_inverts():
+    varied = variables(BLOCK.replace(gamma=3.0), {"gamma": (0.5, 50.0), "alpha": (0.1, 0.3)})
+    assert varied.logarithmic == (True, False)
+    assert varied.values(jnp.array([0.0, 1.0])).tolist() == [0.5, 0.3]
+    x = jnp.array([0.3, 0.7])
+    assert np.allclose(varied.scaled(varied.values(x)), x, atol=1e-14)
+    assert np.isclose(varied.values(x)[0], 0.5 * 100**0.3)
+    # Derivatives hold up to the bounds themselves.
+    slopes = [jnp.diag(jax.jacfwd(varied.values)(jnp.full(2, end))) for end in (0.0, 1.0)]
+    assert np.allclose(slopes, [[0.5 * math.log(100), 0.2], [50 * math.log(100), 0.2]], rtol=1e-12)
+    outside = variables(BLOCK, {"alpha": (0.2, 0.3)})
+    assert outside.start().tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("podium", "vary", "words"),
+    [
+        (BLOCK, {}, "at least one variable"),
+        (BLOCK, {"slenderness": (0, 1)}, "what may vary of this podium is alpha"),
+        (BLOCK, {"beam_mass": (0, 1)}, r"masses vary with an optimise\.Dimensions"),
+        (BLOCK, {"alpha": (0.1, 0.2), "width": (0.1, 0.2)}, "alpha and width, which say the same of a column"),
+        (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
+        (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
+        (BLOCK, {"alpha": 0.2}, "must be a pair"),
+        (BLOCK, {"alpha": (0.1, 2.0)}, "leaves the possible: Podium: alpha"),
+        (BLOCK, {"superstructure.eta": (1.0, 2.0)}, "no superstructure"),
+        (BLOCK.replace(superstructure=rj.Rigid(1.0)), {"superstructure.T_s": (0.1, 2.0)}, "a Rigid superstructure"),
+        (BLOCK, {"restitution": (0.8, 0.9)}, "give it a factor"),
+        (DRAWING, {"alpha": (0.1, 0.2)}, "dimensions that may vary are width"),
+        (DRAWING.replace(period=None), {"period": (0.1, 0.2)}, "give it a period"),
+        (DRAWING.replace(top_mass=0.0), {"top_mass": (1.0, 2.0)}, "give a top_mass"),
+        (dataclasses.replace(BLOCK, alpha=jnp.array([0.1, 0.2])), {"R": (1.0, 2.0)}, "single numbers"),
+        ("podium", {"R": (1.0, 2.0)}, r"must be a rockjax\.Podium"),
+    ],
+)
+def test_bad_variables_say_what_would_be_right(podium, vary, words):
+    with pytest.raises(ValueError, match=words):
+        optimise.design(podium, vary, _alpha)
+
+
+# The subproblem and the method, where the answer is known
+
+
+def test_subproblem_has_its_known_solution_and_multipliers():
+    # min max(d1, -d1) + d1²/2 + (d2-3)²/2 with d2 ≤ 1 as a margin: d = (0, 1), price of the margin 2.
+    model = Model(
+        f=np.array([0.0, 0.0]),
+        f_slope=np.array([[1.0, -3.0], [-1.0, -3.0]]),
+        c=np.array([1.0]),
+        c_slope=np.array([[0.0, -1.0]]),
+        value_of=np.arange(2),
+        margin_of=np.arange(1),
+    )
+    step = solve(model, np.eye(2), 1.0, 100.0, np.full(2, -5.0), np.full(2, 5.0))
+    assert np.allclose(step.d, [0, 1], atol=1e-8)
+    assert np.allclose(step.value_multipliers, [0.5, 0.5], atol=1e-6)
+    assert np.allclose(step.margin_multipliers, [2.0], atol=1e-6)
+    assert step.violation < 1e-9
+
+
+def test_multiplier_is_the_price_of_the_target():
+    target = Analytic(lambda p: p.R * p.alpha / 0.2 - 1)
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, lambda p: p.alpha + 0.01 * p.R, target)
+    assert result_name(answer.result) == "converged"
+    assert np.isclose(answer.variables["alpha"], 0.1, rtol=1e-5)
+    assert answer.variables["R"] == 2.0
+    # α = 0.1 (1 − ε) when the limit gives way by ε.
+    assert np.isclose(answer.multipliers["analytic"][0], 0.1, rtol=1e-4)
+    assert 0 <= answer.margins["analytic"][0] < 1e-5
+
+
+def test_curved_problem_with_two_binding_targets():
+    # max α R on α² + (R/5)² ≤ 0.1 and R ≥ 1.2: both bind, with the prices of ∇f = μ₁∇c₁ + μ₂∇c₂.
+    circle = Analytic(lambda p: 1 - (p.alpha**2 + (p.R / 5) ** 2) / 0.1, "circle")
+    floor = Analytic(lambda p: p.R / 1.2 - 1, "floor")
+    vary = {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}
+    answer = optimise.design(BLOCK, vary, lambda p: -p.alpha * p.R, (circle, floor))
+    alpha = math.sqrt(0.1 - 0.24**2)
+    first = 1.2 / (20 * alpha)
+    assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [alpha, 1.2], rtol=1e-5)
+    assert np.isclose(answer.multipliers["circle"][0], first, rtol=1e-4)
+    assert np.isclose(answer.multipliers["floor"][0], 1.2 * (0.96 * first - alpha), rtol=1e-3)
+    assert answer.satisfied
+
+
+def test_targets_of_one_name_are_numbered():
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, [Analytic(lambda p: p.alpha), Analytic(lambda p: p.R)])
+    assert list(answer.margins) == ["analytic", "analytic (2)"]
+
+
+def test_minimax_is_met_at_its_kink():
+    def worst(p):
+        return jnp.stack([(p.R - 1) ** 2 + p.alpha, (p.R - 1.5) ** 2 + 0.5 - p.alpha])
+
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, worst)
+    assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [0.25, 1.25], atol=1e-5)
+    assert np.isclose(answer.objective, 0.3125, atol=1e-9)
+
+
+def test_a_kink_inside_one_response_is_met():
+    # One margin that is the least of two branches, of which only the active one shows its slope.
+    target = Analytic(lambda p: jnp.minimum(p.alpha - 0.3 * (p.R - 1), p.alpha + 0.6 * (p.R - 1)) / 0.2 - 1)
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, _alpha, target)
+    assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [0.2, 1.0], atol=1e-5)
+    assert answer.satisfied
+
+
+def test_a_jump_ends_at_the_jump_and_ends():
+    target = Analytic(lambda p: jnp.where(p.alpha > 0.2371, 0.5 + p.alpha, -0.5 + p.alpha))
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, target, starts=3)
+    assert answer.satisfied
+    assert result_name(answer.result) == "stalled"
+    assert np.isclose(answer.variables["alpha"], 0.2371, atol=1e-5)
+
+
+def test_unreachable_targets_return_the_closest_design():
+    # Of the two targets, the violations are equal at α = 0.25.
+    targets = [Analytic(lambda p: p.alpha / 0.2 - 2, "wide"), Analytic(lambda p: 0.5 - p.alpha / 0.2, "slim")]
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, targets, starts=2)
+    assert result_name(answer.result) == "infeasible"
+    assert not answer.satisfied
+    assert np.isclose(answer.variables["alpha"], 0.25, atol=1e-5)
+    assert np.allclose(list(answer.failing.values()), -0.75, atol=1e-4)
+    assert "not satisfied: wide" in repr(answer) or "not satisfied: slim" in repr(answer)
+    assert np.isnan(answer.multipliers["wide"]).all()
+
+
+def test_without_objective_the_nearest_design_is_found():
+    target = Analytic(lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45)  # a straight line in scaled variables
+    answer = optimise.design(BLOCK.replace(alpha=0.05, R=0.5), {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, None, target)
+    x = [(answer.variables["alpha"] - 0.05) / 0.45, (answer.variables["R"] - 0.5) / 1.5]
+    assert answer.satisfied
+    assert np.isclose(x[0], x[1], atol=1e-4)
+
+
+def test_not_finite_start_is_named_and_other_starts_go_on():
+    target = Analytic(lambda p: jnp.where(p.alpha < 0.1, jnp.nan, p.alpha / 0.2 - 1))
+    alone = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, target)
+    assert result_name(alone.result) == "not_finite"
+    assert not alone.satisfied
+    answer = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, target, starts=4)
+    assert answer.satisfied
+    assert result_name(answer.starts[0].result) == "not_finite"
+
+
+def test_out_of_iterations_says_so():
+    answer = optimise.design(
+        BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2)}, lambda p: (p.R**2 - p.alpha) ** 2 + p.R, max_iterations=1
+    )
+    assert result_name(answer.result) == "out_of_iterations"
+
+
+def test_seed_decides_the_starts():
+    def run(seed):
+        return optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2)}, lambda p: p.alpha * p.R, starts=3, seed=seed)
+
+    one, same, other = run(1), run(1), run(2)
+    assert [h.objective for h in one.history] == [h.objective for h in same.history]
+    assert one.variables == same.variables
+    assert not np.array_equal(one.history[1].x, other.history[1].x) or not np.array_equal(
+        one.history[2].x, other.history[2].x
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"method": "simplex"}, "method must be 'sqp' or a gradient transformation of Optax such as optax.adam"),
+        ({"method": optax.adam}, "method must be 'sqp' or a gradient transformation"),
+        ({"method": optax.lbfgs()}, r"has to evaluate the objective by itself.*linesearch=None"),
+        ({"starts": 0}, "starts must be a whole number"),
+        ({"tolerance": 1.0}, "tolerance must be in"),
+        ({"targets": ["PeakRotation"]}, r"targets\[0\] must be a target"),
+        ({"minimise": 3}, "minimise must be an objective or a function"),
+        ({"minimise": None}, "nothing to do"),
+        ({"minimise": lambda p: jnp.ones((2, 2))}, "a number or a vector"),
+    ],
+)
+def test_bad_arguments_say_what_would_be_right(changes, words):
+    with pytest.raises(ValueError, match=words):
+        optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, **({"minimise": _alpha} | changes))
+
+
+def _valley(podium):
+    """Curved, so that a descent takes its time; least at alpha = 0.3, R = 1.5·(0.3/0.15)²."""
+    x, y = podium.alpha / 0.15, podium.R / 1.5
+    return (x - 2) ** 2 + 10 * (y - x**2) ** 2
+
+
+def test_ctrl_c_keeps_the_best_design_so_far():
+    box = {"alpha": (0.05, 0.5), "R": (1.0, 12.0)}
+    targets = [Analytic(lambda podium: 0.29 - podium.alpha, "slender")]
+    ask = lambda **more: optimise.design(BLOCK, box, _valley, targets, starts=2, **more)
+    whole = ask()
+    assert whole.satisfied
+    seen = []
+    for after in (2, 5, 12):
+        with pytest.raises(rj.Interrupted, match=r"stopped after \d+ iterations") as stopped:
+            ask(progress=Stops(after))
+        best = stopped.value.partial
+        assert best.result == optimise.RESULTS.interrupted
+        assert best.satisfied
+        assert best.margins["slender"][0] >= 0
+        assert np.isnan(best.multipliers["slender"]).all()
+        assert best.objective == pytest.approx(float(_valley(best.podium)))
+        assert best.stats.evaluations <= 2 * (after + 1)
+        assert "interrupted, targets satisfied" in str(best)
+        seen.append(best.objective)
+    assert seen[0] > seen[1] > seen[2] >= whole.objective
+    # Nothing is known before the first evaluation has ended; at the end everything is.
+    with pytest.raises(rj.Interrupted, match="before the first evaluation") as stopped:
+        ask(progress=Stops(1))
+    assert stopped.value.partial is None
+    calls = whole.stats.evaluations  # of both starts: more than there were calls
+    progress = Stops(0)
+    ask(progress=progress)
+    with pytest.raises(rj.Interrupted) as stopped:
+        ask(progress=Stops(-progress.left))
+    assert calls > -progress.left
+    last = stopped.value.partial
+    assert last.result == whole.result
+    assert last.variables == whole.variables
+
+
+def test_progress_is_told():
+    class Counter:
+        count = 0
+
+        def update(self, number):
+            self.count += number
+
+    counter = Counter()
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, progress=counter)
+    assert counter.count >= len(answer.history)
+
+
+# Gradient transformations, beside what the quadratic programming finds
+
+ADAM = optax.adam(0.02)
+BOX = {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}
+CIRCLE = Analytic(lambda p: 1 - (p.alpha**2 + (p.R / 5) ** 2) / 0.1, "circle")
+FLOOR = Analytic(lambda p: p.R / 1.2 - 1, "floor")
+
+
+def test_adam_and_the_quadratic_programming_find_the_same_design():
+    ask = lambda method: optimise.design(BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), starts=2, method=method)
+    expected, answer = ask("sqp"), ask(ADAM)
+    assert result_name(answer.result) == "converged"
+    assert answer.satisfied
+    assert [start.satisfied for start in answer.starts] == [True] * 2
+    assert np.isclose(answer.objective, expected.objective, rtol=1e-5)
+    for name, value in expected.variables.items():
+        assert np.isclose(answer.variables[name], value, rtol=1e-4)
+    for name, prices in expected.multipliers.items():
+        assert prices[0] > 0.01
+        assert np.allclose(answer.multipliers[name], prices, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    "transformation",
+    [optax.sgd(0.05, momentum=0.9), optax.rmsprop(0.02), optax.lbfgs(0.5, linesearch=None), optax.adam(1e-4)],
+    ids=["momentum", "rmsprop", "lbfgs", "small steps"],
+)
+def test_any_transformation_meets_a_minimax_at_its_kink(transformation):
+    worst = lambda p: jnp.stack([(p.R - 1) ** 2 + p.alpha, (p.R - 1.5) ** 2 + 0.5 - p.alpha])
+    answer = optimise.design(BLOCK, BOX, worst, method=transformation)
+    assert result_name(answer.result) == "converged"
+    assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [0.25, 1.25], atol=1e-3)
+    assert np.isclose(answer.objective, 0.3125, atol=1e-5)
+
+
+def test_adam_ends_in_a_named_result():
+    wide = Analytic(lambda p: p.alpha / 0.2 - 2, "wide")
+    slim = Analytic(lambda p: 0.5 - p.alpha / 0.2, "slim")
+    unreachable = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, [wide, slim], method=ADAM)
+    assert result_name(unreachable.result) == "infeasible"
+    assert np.isclose(unreachable.variables["alpha"], 0.25, atol=1e-4)
+    assert np.isnan(unreachable.multipliers["wide"]).all()
+
+    jump = Analytic(lambda p: jnp.where(p.alpha > 0.2371, 0.5 + p.alpha, -0.5 + p.alpha))
+    stalled = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, jump, method=ADAM)
+    assert result_name(stalled.result) == "stalled"
+    assert stalled.satisfied
+    assert 0.2371 < stalled.variables["alpha"] < 0.24
+
+    hole = Analytic(lambda p: jnp.where(p.alpha < 0.1, jnp.nan, p.alpha / 0.2 - 1))
+    lost = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, hole, method=ADAM)
+    assert result_name(lost.result) == "not_finite"
+
+    short = optimise.design(BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), method=ADAM, max_iterations=30)
+    assert result_name(short.result) == "out_of_iterations"
+    assert short.satisfied  # the best on the way, not the last
+    assert len(short.history) <= 30
+
+
+def test_adam_keeps_within_bounds_and_leaves_what_is_not_finite():
+    # Its way leads into a hole at R > 1.6; the optimum is at R = 1.5 and on the bound of alpha.
+    hole = lambda p: jnp.where(p.R > 1.6, jnp.nan, (p.R - 1.5) ** 2 + p.alpha)
+    answer = optimise.design(BLOCK.replace(R=0.6, alpha=0.4), BOX, hole, method=optax.adam(0.2))
+    assert result_name(answer.result) == "converged"
+    assert answer.variables["alpha"] == 0.05
+    assert np.isclose(answer.variables["R"], 1.5, atol=1e-4)
+    assert all((row.x >= 0).all() and (row.x <= 1).all() for row in answer.history)
+
+
+def test_ctrl_c_keeps_the_best_of_adam_too():
+    target = Analytic(lambda podium: 0.29 - podium.alpha, "slender")
+    box = {"alpha": (0.05, 0.5), "R": (1.0, 12.0)}
+    seen = []
+    for after in (3, 60):
+        with pytest.raises(rj.Interrupted, match=r"stopped after \d+ iterations") as stopped:
+            optimise.design(BLOCK, box, _valley, target, starts=2, method=ADAM, progress=Stops(after))
+        best = stopped.value.partial
+        assert best.result == optimise.RESULTS.interrupted
+        assert best.satisfied
+        seen.append(best.objective)
+    assert seen[1] < seen[0]
+
+
+@pytest.mark.slow
+def test_adam_sizes_a_column_as_the_quadratic_programming_does():
+    expected, answer = studies.slimmest(0, count=2), studies.slimmest(0, count=2, method=ADAM)
+    assert answer.satisfied
+    assert np.isclose(answer.objective, expected.objective, rtol=1e-4)
+    prices = [sum(values.sum() for values in a.multipliers.values()) for a in (expected, answer)]
+    assert np.isclose(prices[1], prices[0], rtol=0.03)
+
+
+# Targets
+
+
+@pytest.mark.slow
+def test_suite_groups_kinds_and_keeps_the_order():
+    motions = [rj.Ricker(3.0, 1.0), shaking(n=90, seed=2), rj.Ricker(2.0, 0.7), shaking(n=200), rj.OneSine(2.0, 0.8)]
+    suite = Suite(motions)
+    assert len(suite.groups) == 3  # records of different lengths are one group
+    together = suite.responses(BLOCK, OPTIONS, ("peak_rotation",)).peak_rotation
+    one = OPTIONS.replace(outputs=("peak_rotation",), throw=False)
+    alone = [rj.peak_response(BLOCK, motion, options=one).peak_rotation for motion in motions]
+    assert np.allclose(together, alone, rtol=1e-12)
+    with pytest.raises(ValueError, match="at least one"):
+        Suite([])
+    with pytest.raises(ValueError, match=r"excitations\[1\] must be a rockjax motion"):
+        Suite([motions[0], 3.0])
+
+
+MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
+TARGETS = {
+    "rotation": optimise.PeakRotation(0.4, MOTIONS),
+    "shear": optimise.PeakShear(0.5, MOTIONS),
+    "overturning": optimise.NoOverturning(MOTIONS),
+    # What the acceleration is over moves too; the median takes in every scale.
+    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True),
+    "median": optimise.MedianCapacity(1.5, MOTIONS),
+    "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(TARGETS))
+def test_margins_have_exact_derivatives(name):
+    """Under an elastic building where the target is about it or about the rotation; the others compile sooner without."""
+    target = TARGETS[name]
+    elastic = name in ("rotation", "shear")
+    podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
+    options = rj.Options(rtol=1e-11, atol=1e-13, throw=False)
+
+    def margins(width):
+        return target.margins(podium.replace(alpha=jnp.arctan(width / 3), R=0.5 * jnp.hypot(width, 3.0)), options)
+
+    # One program for values and slopes.
+    both = jax.jit(lambda width: jax.jvp(margins, (width,), (1.0,)))
+    h = 1e-6
+    (low, _), (value, slope), (high, _) = (both(0.5 + step) for step in (-h, 0.0, h))
+    assert np.all(np.isfinite(value))
+    assert np.allclose(slope, (high - low) / (2 * h), rtol=2e-5, atol=1e-6)
+    assert np.all(slope != 0)
+
+
+@pytest.mark.slow
+def test_severity_goes_on_where_the_columns_fall():
+    pulses = [rj.Ricker(a, 1.0) for a in (2.0, 8.0, 14.0)]
+    margins = optimise.PeakRotation(0.5, pulses).margins(BLOCK, OPTIONS)
+    assert margins[0] > -1
+    assert (margins[1:] < -2).all()
+    slope = jax.jacfwd(lambda a: optimise.PeakRotation(0.5, pulses).margins(BLOCK.replace(alpha=a), OPTIONS))(0.15)
+    assert (slope[1:] != 0).all()
+
+
+@pytest.mark.slow
+def test_margins_are_relative_to_the_limit():
+    podium = DRAWING.podium()
+    peak = rj.peak_response(podium, MOTIONS[0], options=OPTIONS)
+    shear, deformation = float(peak.peak_shear), float(peak.peak_deformation)
+    assert np.isclose(optimise.PeakShear(2 * shear, MOTIONS[0]).margins(podium, OPTIONS)[0], 0.5)
+    assert np.isclose(optimise.PeakDeformation(deformation / 2, MOTIONS[0]).margins(podium, OPTIONS)[0], -1.0)
+
+
+@pytest.mark.slow
+def test_an_amplitude_out_of_range_counts_as_its_end():
+    target = optimise.OverturningAcceleration(2.0, rj.Ricker, 0.1, ratio=True, max_acceleration_ratio=3.0)
+    value, slope = jax.jvp(lambda a: target.margins(BLOCK.replace(alpha=a), OPTIONS), (0.15,), (1.0,))
+    assert np.allclose(value, 0.5)
+    assert np.allclose(slope, 0.0)
+
+
+def test_smoothed_quantile_has_the_sign_of_the_probability():
+    rng = np.random.default_rng(3)
+    values = jnp.asarray(rng.normal(0.3, 0.5, 60))
+    for share in (0.02, 0.05, 0.3, 0.9):
+        m = _smoothed_quantile(values, share, 0.05)
+        assert np.isclose(np.mean(jax.scipy.stats.norm.cdf((m - values) / 0.05)), share, atol=1e-9)
+        slope = jax.grad(lambda v, s=share: _smoothed_quantile(v, s, 0.05))(values)
+        assert np.isclose(slope.sum(), 1.0)
+        bumped = _smoothed_quantile(values.at[7].add(1e-5), share, 0.05)
+        assert np.isclose((bumped - m) / 1e-5, slope[7], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_probability_counts_and_smooths():
+    suite = [rj.Ricker(a, 1.0) for a in np.linspace(2.0, 8.0, 13)]
+    target = optimise.OverturningProbability(0.5, suite, smoothing=0.05)
+    counted = np.mean([bool(rj.peak_response(BLOCK, motion).overturned) for motion in suite])
+    assert target.exact(BLOCK) == counted
+    assert abs(target.smoothed(BLOCK) - counted) < 0.1
+    sign = float(target.margins(BLOCK, rj.Options(throw=False))[0])
+    assert (sign >= 0) == (target.smoothed(BLOCK) <= 0.5)
+    assert optimise.OverturningProbability(0.5, suite, intensity=3.0).exact(BLOCK) > counted
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: optimise.PeakRotation(1.2, MOTIONS), r"limit must be finite and in \(0, 1\)"),
+        (lambda: optimise.PeakRotation(MOTIONS, 0.5), "PeakRotation: limit must be finite"),
+        (lambda: optimise.PeakShear(-1.0, MOTIONS), "limit must be finite and > 0"),
+        (lambda: optimise.OverturningAcceleration(3.0, "ricker", 1.0), "pulse must be a class"),
+        (lambda: optimise.OverturningAcceleration(3.0, rj.Ricker, -1.0), "T_p must be"),
+        (lambda: optimise.OverturningAcceleration(13.0, rj.Ricker, 1.0, ratio=True), "below max_acceleration_ratio"),
+        (lambda: optimise.OverturningScale(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
+        (lambda: optimise.MedianCapacity(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
+        (lambda: optimise.MedianCapacity(2.0, MOTIONS[:1]), "two motions or more"),
+        (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
+    ],
+)
+def test_bad_targets_say_what_would_be_right(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+# Studies
+
+
+@pytest.mark.slow
+def test_slimmest_column_from_several_starts():
+    answers = [studies.slimmest(seed, count=2) for seed in range(4)]
+    assert all(answer.satisfied for answer in answers)
+    assert np.ptp([answer.objective for answer in answers]) < 1e-5
+    # The price is the slope of the optimum in the limit.
+    podium, target = answers[0].structure, optimise.PeakRotation(0.4 * 1.01, studies.pulses(2))
+    looser = optimise.design(podium, {"width": (0.2, 1.5)}, _alpha, target, options=studies.OPTIONS)
+    price = sum(values.sum() for values in answers[0].multipliers.values())
+    assert np.isclose((answers[0].objective - looser.objective) / 0.01, price, rtol=0.05)
+
+
+@pytest.mark.slow
+def test_lightest_beam_and_one_that_cannot_be():
+    answer = studies.lightest(0, frequencies=4)
+    assert answer.satisfied
+    assert 0.1 < answer.objective < 10
+    closest = studies.unreachable(0, frequencies=4)
+    assert result_name(closest.result) == "infeasible"
+    assert closest.variables["gamma"] > 99
+    assert -0.1 < next(iter(closest.failing.values())) < 0
+
+
+@pytest.mark.slow
+def test_least_shear_over_two_variables():
+    answer = studies.least_shear(0, records=2, starts=2)
+    assert answer.satisfied
+    worse = [start.objective for start in answer.starts if start.satisfied]
+    assert answer.objective == min(worse)
+
+
+@pytest.mark.slow
+def test_rare_overturning_and_its_bias():
+    answer, smoothed, counted = studies.rarely(1, records=20)
+    assert answer.satisfied
+    assert smoothed <= 0.05 + 1e-6
+    assert abs(smoothed - counted) <= 0.05 + 1e-6
+
+
+@pytest.mark.slow
+def test_fit_recovers_the_truth():
+    fit = studies.measured_fit(4, starts=2)
+    truth = studies.measured(4)[0]
+    assert fit.converged
+    for name, value in (("alpha", truth.alpha), ("restitution", truth.restitution_factor)):
+        assert abs(fit.variables[name] - float(value)) < 4 * fit.errors[name] < 0.01
+    assert np.isclose(fit.rms, 0.01 * np.abs(studies.measured(4, noise=0.0)[3]).max(), rtol=0.15)
+    assert "±" in repr(fit)
+
+
+def test_fit_refuses_what_it_cannot_use():
+    vary, motion = {"alpha": (0.1, 0.3)}, rj.Ricker(3.0, 1.0)
+    with pytest.raises(ValueError, match="vectors of one length"):
+        optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0])
+    with pytest.raises(ValueError, match="times ascending"):
+        optimise.fit(BLOCK, vary, motion, [1.0, 0.0], [0.0, 0.0])
+    with pytest.raises(ValueError, match="cannot tell"):
+        optimise.fit(BLOCK, {**vary, "R": (1, 2), "gamma": (0, 1)}, motion, [0.0, 1.0], [0.0, 0.0])
+    with pytest.raises(ValueError, match="after the scene does"):
+        optimise.fit(BLOCK, vary, motion, [-9.0, 1.0], [0.0, 0.0])
+
+
+# Files and reports
+
+FILE = """
+starts = 2
+[structure]
+tan_alpha = 0.15
+R = 1.5
+gamma = 4.0
+[vary]
+alpha = [0.1, 0.4]
+[motions.pulses]
+kind = "ricker"
+acceleration_ratio = [2.0, 2.5]
+frequency_ratio = 4.0
+[[motions.records]]
+file = "one.txt"
+units = "g"
+dt = 0.01
+[[motions.records]]
+file = "two.csv"
+units = "m/s2"
+[minimise]
+quantity = "alpha"
+[[targets]]
+kind = "peak-rotation"
+limit = 0.4
+motions = "pulses"
+[options]
+rtol = 1e-9
+"""
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    (tmp_path / "one.txt").write_text("# a record\n0.0\n0.1\n-0.1\n0.0\n")
+    (tmp_path / "two.csv").write_text("time,acceleration\n0.00,0.0\n0.02,0.5\n0.04,-0.5\n0.06,0.0\n")
+    return tmp_path
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "problem.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_is_the_problem_it_says(folder):
+    problem = optimise.load(written(folder, FILE))
+    assert np.isclose(problem.podium.alpha, math.atan(0.15))
+    first, second = problem.motions["pulses"]
+    assert np.isclose(first.a_p, 2 * 9.80665 * 0.15)
+    assert np.isclose(second.omega_p / problem.podium.p, 4.0)
+    one, two = problem.motions["records"]
+    assert np.allclose(one.acceleration, [0, 0.980665, -0.980665, 0])
+    assert np.isclose(two.dt, 0.02)
+    assert problem.settings == {"starts": 2}
+    assert problem.options.rtol == 1e-9
+    assert problem.targets[0].limit == 0.4
+    assert problem.vary == {"alpha": (0.1, 0.4)}
+    assert re.search(r"^  alpha +0\.14889 +rad +0\.1 … 0\.4$", repr(problem), re.M), repr(problem)
+    assert re.search(r"^  records +2$", repr(problem), re.M)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("R = 1.5", "", r"structure: R is missing"),
+        ("R = 1.5", "R = -1.5", r"structure\.R: must be a number > 0"),
+        ("R = 1.5", "radius = 1.5", r"structure\.radius: is not known"),
+        ("tan_alpha = 0.15", "", r"needs alpha or tan_alpha"),
+        ("alpha = [0.1, 0.4]", "beta = [0.1, 0.4]", r"vary: .*names 'beta'"),
+        ('kind = "ricker"', 'kind = "mexican"', r"motions\.pulses\.kind: must be one of ricker"),
+        ("frequency_ratio = 4.0", "", r"motions\.pulses: needs T_p or frequency_ratio"),
+        ("frequency_ratio = 4.0", "T_p = [1.0, 1.1, 1.2]", r"2 amplitudes and 3 periods"),
+        ("one.txt", "none.txt", r"motions\.records\[0\]: .*none\.txt: cannot be read: No such file"),
+        ('units = "g"', 'units = "ft"', r"motions\.records\[0\]: .*units must be one of g, m/s2, .*'ft'"),
+        ("dt = 0.01", "", r"give dt"),
+        ('motions = "pulses"', 'motions = "quakes"', r"targets\[0\]\.motions: must name a set"),
+        ("limit = 0.4", "limit = 4", r"targets\[0\]: PeakRotation: limit"),
+        ("limit = 0.4", "", r"targets\[0\]: limit is missing"),
+        ('kind = "peak-rotation"', 'kind = "peak"', r"targets\[0\]\.kind: must be one of"),
+        ('quantity = "alpha"', 'quantity = "peak-shear"', r"minimise: motions is missing"),
+        ("rtol = 1e-9", "rtol = 9", r"options: Options: rtol"),
+        ("[options]", "[options", r"is not TOML"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_named(folder, old, new, words):
+    assert old in FILE
+    path = written(folder, FILE.replace(old, new, 1))
+    with pytest.raises(ValueError, match=words) as caught:
+        optimise.load(path)
+    assert "problem.toml" in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
+        optimise.load(tmp_path / "none.toml")
+
+
+@pytest.mark.slow
+def test_the_command_writes_everything(folder, capsys):
+    from optimise._cli import design_command
+
+    design_command(optimise.load(written(folder, FILE)), folder / "out", starts=1, quiet=True)
+    assert capsys.readouterr().out == ""
+    account = json.loads((folder / "out.json").read_text())
+    assert account["satisfied"] is True
+    assert account["variables"]["alpha"] == pytest.approx(account["podium"]["alpha"])
+    assert {"x", "objective", "margin", "step", "accepted"} <= set(account["history"][0])
+    assert account["stats"]["scenes"] == 2 * account["stats"]["evaluations"]
+    for name in ("out-convergence.png", "out-response.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_reports_are_readable():
+    target = Analytic(lambda p: p.alpha / 0.2 - 1, "width < enough & more")
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, target, starts=2)
+    text = repr(answer)
+    assert "converged, targets satisfied" in text
+    assert "alpha     0.2" in text
+    assert "2 of 2 starts" in text
+    assert "width &lt; enough &amp; more" in answer._repr_html_()
+    axes = optimise.convergence(answer)
+    assert axes.get_ylabel() == "_alpha"

@@ -1,0 +1,363 @@
+"""Programs kept between processes: they never change an answer and never stop a call."""
+
+import errno
+import logging
+import os
+import subprocess
+import sys
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._programs import folder, kind, program
+from rockjax._programs.program import KeptProgram, forget
+from tests.scenes import PODIUMS
+
+
+def waves(x, y, times=2):
+    """Something to compile, in no time."""
+    TRACED.append(times)
+    return {"sum": jnp.sin(x) * times + y["a"], "x": (x, None)}
+
+
+TRACED = []
+ARGUMENTS = np.linspace(0, 1, 7), {"a": 0.25}
+
+
+@pytest.fixture
+def kept(monkeypatch, tmp_path):
+    """A program of its own, in a folder of its own: `kept.call()` is a call as of a new process, (answer, traced anew)."""
+    monkeypatch.setenv("ROCKJAX_CACHE_DIR", str(tmp_path / "cache"))
+    waves.__module__ = "rockjax.waves"  # whose source is known
+    made = KeptProgram(waves)
+
+    class Kept:
+        place = tmp_path / "cache" / "programs"
+
+        def call(self, *arguments, **named):
+            made.forget()
+            before = len(TRACED)
+            answer = made(*(arguments or ARGUMENTS), **named)
+            assert np.array_equal(answer["sum"], expected(*(arguments or ARGUMENTS), **named))
+            return len(TRACED) > before
+
+        def file(self):
+            (found,) = self.place.glob("*.program")
+            return found
+
+    yield Kept()
+    program._ALL.remove(made)
+
+
+def expected(x, y, times=2):
+    return jax.jit(lambda x, a: jnp.sin(x) * times + a)(x, y["a"])
+
+
+def test_a_program_is_traced_once_for_its_kind(kept):
+    assert kept.call()
+    assert not kept.call()
+    assert not kept.call(np.linspace(2, 3, 7), {"a": 0.5})  # whatever the numbers
+    assert kept.call(np.linspace(0, 1, 8), {"a": 0.25})
+    assert kept.call(np.linspace(0, 1, 7, dtype=np.float32), {"a": 0.25})
+    assert kept.call(times=3)
+    assert kept.place.stat().st_mode & 0o777 == 0o700
+    assert len(folder.entries(kept.place)) == 4
+
+
+def test_what_is_traced_goes_through_jit(kept):
+    x, y = ARGUMENTS
+    made = program._ALL[-1]
+    slope = jax.grad(lambda a: made(x, {"a": a})["sum"].sum())(0.25)
+    rows = jax.vmap(lambda x: made(x, y)["sum"])(x)
+    assert float(slope) == 7
+    np.testing.assert_array_equal(rows, jax.jit(lambda x: made(x, y)["sum"])(x))
+    assert not kept.place.exists()
+
+
+@pytest.mark.parametrize("harm", ["cut", "changed", "emptied", "another"])
+def test_a_damaged_program_is_compiled_again(kept, harm):
+    kept.call()
+    file = kept.file()
+    content = bytearray(file.read_bytes())
+    if harm == "another":  # a whole one, under a wrong name
+        file.unlink()
+        kept.call(times=3)
+        kept.file().rename(file)
+    else:
+        content[len(content) // 2] ^= 1
+        file.write_bytes({"cut": content[: len(content) // 2], "changed": content, "emptied": b""}[harm])
+    assert kept.call()
+    assert not kept.call()
+
+
+def test_a_program_that_cannot_be_loaded_is_compiled_again(kept, monkeypatch):
+    kept.call()
+    with monkeypatch.context() as patch:
+        patch.setattr(folder, "read", lambda *_: b"the format of another library")
+        assert kept.call()
+    assert not kept.call()
+
+
+@pytest.mark.parametrize("what", ["version", "_processor", "_settings"])
+def test_another_version_processor_or_setting_is_another_program(kept, monkeypatch, what):
+    kept.call()
+    kind._made_of.cache_clear()
+    monkeypatch.setattr(kind, what, lambda *_: "another")
+    assert kept.call()
+    kind._made_of.cache_clear()
+    monkeypatch.undo()
+
+
+def test_changed_source_is_another_program(kept, monkeypatch):
+    kept.call()
+    monkeypatch.setattr(kind, "source", lambda: "edited")
+    assert kept.call()
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o720, 0o702])
+def test_nothing_is_read_where_others_can_write(kept, mode, caplog):
+    kept.call()
+    kept.place.chmod(mode)
+    with caplog.at_level(logging.DEBUG, "rockjax"):
+        assert kept.call()
+    assert "others can write" in caplog.text
+    kept.place.chmod(0o700)
+    kept.file().chmod(0o666)
+    assert kept.call()  # and written anew
+    assert kept.file().stat().st_mode & 0o777 == 0o600
+    assert not kept.call()
+
+
+def test_nothing_is_read_that_belongs_to_others(kept, monkeypatch):
+    kept.call()
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    assert kept.call()
+
+
+def test_a_folder_that_cannot_be_made_stops_nothing(kept, tmp_path):
+    (tmp_path / "cache").write_text("a file")
+    assert kept.call()
+    assert kept.call()
+
+
+def test_a_full_disk_stops_nothing(kept, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert kept.call()
+    assert not list(kept.place.iterdir())  # nothing half-written is left
+
+
+def test_the_size_is_limited(kept, monkeypatch):
+    kept.call()
+    size = kept.file().stat().st_size
+    monkeypatch.setenv("ROCKJAX_CACHE_SIZE", str(2.5 * size / 2**20))
+    for age, times in enumerate((3, 4, 5, 6)):
+        for k, entry in enumerate(folder.entries(kept.place)):
+            os.utime(entry.path, (1000 * age + k, 1000 * age + k))
+        assert kept.call(times=times)
+        assert len(folder.entries(kept.place)) == 2
+    assert not kept.call(times=6)
+    monkeypatch.setenv("ROCKJAX_CACHE_SIZE", "much")
+    assert not kept.call(times=6)
+    assert kept.call(times=9)  # no limit that could be kept to: not written, and answered
+
+
+def test_one_setting_turns_it_off(kept, monkeypatch):
+    monkeypatch.setenv("ROCKJAX_CACHE", "off")
+    assert kept.call()
+    assert kept.call()
+    assert not kept.place.exists()
+
+
+def test_the_folder_is_where_the_user_says(monkeypatch, tmp_path):
+    monkeypatch.delenv("ROCKJAX_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert folder.path() == tmp_path / "rockjax"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert folder.path().name == "rockjax"
+    assert folder.path().is_absolute()
+
+
+def test_threads_compile_a_program_once(kept):
+    made, before = program._ALL[-1], len(TRACED)
+    answers = []
+    threads = [threading.Thread(target=lambda: answers.append(made(*ARGUMENTS)["sum"])) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(TRACED) == before + 1
+    assert all(np.array_equal(answers[0], y) for y in answers)
+
+
+def test_functions_of_no_module_have_no_name():
+    names: dict = {}
+    exec("def ask(x):\n    return x", {"__name__": None}, names)
+    for thing in (names["ask"], lambda x: x):
+        with pytest.raises(kind.Unknown):
+            kind.describe(thing)
+
+
+def test_classes_of_the_user_are_known_by_what_they_compute(kept):
+    """A function of the user's may change while its name stays."""
+
+    def law(x):
+        return 2 * x
+
+    made = KeptProgram(lambda law, x: law(x))
+    try:
+        assert float(made(law, 3.0)) == 6
+        made.forget()
+        law = lambda x: 3 * x
+        law.__qualname__ = "law"
+        assert float(made(law, 3.0)) == 9
+        with pytest.raises(kind.Unknown):
+            kind.describe(law)
+    finally:
+        program._ALL.remove(made)
+
+
+def test_compiling_that_takes_long_is_said_once(kept, monkeypatch, caplog):
+    monkeypatch.setattr(program, "_PATIENCE", 0.0)
+    program._SAID.clear()
+    caplog.set_level(logging.WARNING, logger="rockjax")  # a quiet command in this process has raised it
+    for times in (2, 3, 4):
+        kept.call(times=times)
+    said = [record for record in caplog.records if "compiling" in record.getMessage()]
+    assert len(said) == 1
+    assert said[0].name == "rockjax"
+    assert said[0].levelno == logging.WARNING  # shown in notebooks without any setting
+
+
+SCRIPT = """
+import rockjax as rj, numpy as np
+podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(eta=100.0))
+peaks = rj.peak_responses(podium, rj.Ricker(np.array([1.0, 2.0, 3.0]), 1.0))
+alone = rj.peak_response(podium, rj.Ricker(2.0, 1.0)).peak_rotation
+print([float(y).hex() for y in (*peaks.peak_rotation, alone)])
+from rockjax._programs.program import COUNTS
+print(COUNTS)
+"""
+
+
+@pytest.mark.slow
+def test_several_processes_at_once(tmp_path):
+    """They write the same programs at the same time; all answer the same, and so does one that compiles for itself."""
+    # Without a cache of JAX's own, which a sweep of the command line leaves to processes.
+    environment = {name: y for name, y in os.environ.items() if not name.startswith("JAX_COMPILATION_CACHE")}
+    environment["ROCKJAX_CACHE_DIR"] = str(tmp_path)
+    command = [sys.executable, "-c", SCRIPT]
+    alone = subprocess.run(command, env=environment | {"ROCKJAX_CACHE": "off"}, capture_output=True, text=True, check=True)
+    both = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    answers = [process.communicate()[0].splitlines() for process in both]
+    later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert {answer[0] for answer in (*answers, later)} == {alone.stdout.splitlines()[0]}
+    assert later[1] == "{'loaded': 2, 'compiled': 0}"
+    assert not later[2:]
+
+
+def test_derivatives_of_known_numbers_are_those_of_jit():
+    podium = PODIUMS["rigid"]
+
+    def peak(alpha, a_p):
+        return rj.peak_response(podium.replace(alpha=alpha), rj.Ricker(a_p, 1.0)).peak_rotation
+
+    point = 0.15, 3.0
+    traced = jax.jit(jax.grad(peak, (0, 1)))(*point)
+    for found in (jax.grad(peak, (0, 1))(*point), jax.jacfwd(peak, (0, 1))(*point), jax.jacrev(peak, (0, 1))(*point)):
+        np.testing.assert_allclose(found, traced, rtol=1e-12)
+    _, along = jax.jvp(peak, point, (1.0, 2.0))
+    assert float(along) == pytest.approx(float(traced[0] + 2 * traced[1]), rel=1e-12)
+    counts = dict(program.COUNTS)
+    jax.grad(lambda R: rj.peak_response(podium.replace(R=R), rj.Ricker(3.0, 1.0)).margin)(1.6)
+    assert counts == program.COUNTS  # whichever derivative it is
+    with pytest.raises(NotImplementedError, match="first derivatives only"):
+        jax.grad(jax.grad(peak))(*point)
+
+
+def test_kept_answers_are_those_of_this_process():
+    podium, motion = PODIUMS["rigid"], rj.Ricker(3.0, 1.0)
+    first = rj.peak_response(podium, motion)
+    forget()
+    again = rj.peak_response(podium, motion)
+    traced = jax.jit(lambda a_p: rj.peak_response(podium, rj.Ricker(a_p, 1.0)))(3.0)
+    assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), first, again))
+    assert float(first.peak_rotation) == pytest.approx(float(traced.peak_rotation), rel=1e-12)
+
+
+def test_records_of_other_lengths_share_programs():
+    """And however much fills one up, its answers are the same to the last bit."""
+    from rockjax._motions.record import PaddedRecord
+
+    samples = 8 * np.convolve(np.random.default_rng(1).normal(size=330), np.hanning(12) / 6, "same")
+    podium, options = PODIUMS["rigid"], rj.Options(rtol=1e-6, atol=1e-8)
+    peak = lambda motion: rj.peak_response(podium, motion, options=options)
+    long = peak(rj.Record(samples, 0.01))
+    counts = dict(program.COUNTS)
+    short = peak(rj.Record(samples[:290], 0.01))
+    assert counts == program.COUNTS
+    assert int(long.stats.steps) != int(short.stats.steps)
+    more = np.pad(samples[:290], (0, 512 - 290))
+    again = peak(PaddedRecord(more, 0.01, count=290))
+    assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), short, again))
+    traced = jax.jit(lambda dt: peak(rj.Record(samples[:290], dt)))(0.01)
+    assert float(traced.peak_rotation) == pytest.approx(float(short.peak_rotation), rel=1e-12)
+    assert int(traced.impacts) == int(short.impacts)
+
+
+def broken(*passed):
+    raise jax.errors.JaxRuntimeError("NOT_FOUND: Function add_fusion not found (type id: 1)")
+
+
+def test_a_broken_program_of_the_users_own_classes_is_taken_away(kept, monkeypatch):
+    """XLA notices only when such a program is run."""
+    made = KeptProgram(lambda law, x: law(x))
+    try:
+        assert float(made(lambda x: 5 * x, 3.0)) == 15
+        assert len(folder.entries(kept.place)) == 1
+        made.forget()
+        with monkeypatch.context() as patch:
+            patch.setattr(program, "_load", lambda place, text: broken)
+            assert float(made(lambda x: 5 * x, 3.0)) == 15
+        assert not folder.entries(kept.place)
+    finally:
+        program._ALL.remove(made)
+
+
+def test_a_program_without_its_code_is_compiled_again(kept, monkeypatch):
+    """XLA notices only when such a program is run."""
+    assert kept.call()
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "_load", lambda place, text: broken)
+        assert kept.call()  # traced anew, with the right answer
+    assert kept.call()  # what was broken is gone from the folder
+    assert not kept.call()
+
+
+@pytest.mark.slow
+def test_what_comes_from_the_cache_of_jax_is_not_kept(tmp_path):
+    """Kept, it would be without its code: XLA writes out only what it has compiled itself."""
+    code = (
+        "import jax, rockjax as rj\n"
+        "from rockjax._programs.program import COUNTS\n"
+        "peak = rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(4.0, 1.0), options=rj.Options(method='bosh3'))\n"
+        "print(peak.peak_rotation.item().hex(), COUNTS['loaded'])"
+    )
+    settings = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+
+    def run(folder):
+        env = os.environ | settings | {"ROCKJAX_CACHE_DIR": str(tmp_path / folder)}
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    first, again = run("one"), run("one")
+    assert again == [first[0], "1"]
+    # Another folder of programs, as after a change of the source: JAX's own cache has them.
+    assert run("two") == [first[0], "0"]
+    assert run("two") == [first[0], "0"]

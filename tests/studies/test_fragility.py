@@ -1,0 +1,402 @@
+"""Ensembles: records in one table, incremental dynamic analysis, fragility curves and their derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.stats
+import xarray
+
+import rockjax as rj
+from rockjax._studies import lognormal as _lognormal
+from rockjax._studies.curve import FEW
+from rockjax._studies.fragility import ENSEMBLE
+from rockjax._studies.intervals import Capacities, of_capacities
+from tests.scenes import PODIUMS, shaking
+
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+fit_capacities, fit_counts = jax.jit(_lognormal.fit_capacities), jax.jit(_lognormal.fit_counts)
+
+
+def suite() -> list[rj.Record]:
+    """Records of different lengths and intervals, one of them negative in scale, one later."""
+    one, two, three = shaking(120, 0.02, 3.0, 1), shaking(260, 0.01, 4.0, 2), shaking(75, 0.04, 3.5, 3)
+    return [one, two.scaled(-1.5), rj.Record(three.acceleration + 0.1, three.dt, t_start=2.0)]
+
+
+RECORDS = suite()
+TABLE = rj.Records.of(RECORDS)
+
+
+# ------------------------------------------------------------------------------------------------- records in one table
+@pytest.mark.parametrize("kind", ["rigid", "elastic"])
+def test_a_table_answers_as_its_records_do(kind):
+    podium = PODIUMS[kind]
+    scales = np.linspace(0.4, 3.0, 30)
+    options = rj.Options(outputs=("peak_rotation", "peak_shear") if kind == "rigid" else ("peak_rotation",))
+    together = rj.peak_responses(podium, TABLE.pick(np.arange(3)[:, None]).scaled(scales), options=options)
+    assert together.peak_rotation.shape == (3, 30)
+    assert 0 < together.overturned.sum() < 90
+    for j, record in enumerate(RECORDS):
+        alone = rj.peak_responses(podium, record.scaled(scales), options=options)
+        for name in ("peak_rotation", "peak_shear", "uplift_time", "overturned"):
+            a, b = getattr(together, name)[j], getattr(alone, name)
+            np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9, err_msg=f"{name} of record {j}")
+
+
+def test_a_table_is_the_same_motion():
+    t = np.linspace(-1.0, 8.0, 400)
+    for j, record in enumerate(RECORDS):
+        one = TABLE.pick(j)
+        np.testing.assert_allclose(one(t), record(t), rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(one(record.breakpoints), record(record.breakpoints), rtol=1e-13)
+        np.testing.assert_allclose(one.support, record.support)
+        known = np.asarray(one.breakpoints)
+        np.testing.assert_allclose(known[: record.acceleration.size], record.breakpoints)
+        assert np.all(known[record.acceleration.size :] == np.inf)
+    assert len(list(TABLE)) == len(TABLE) == 3
+
+
+def test_derivatives_of_a_scene_of_a_table():
+    podium = PODIUMS["rigid"]
+
+    @jax.jit
+    @jax.grad
+    def slopes(numbers, motion):
+        alpha, scale = numbers
+        return rj.peak_response(podium.replace(alpha=alpha), motion.scaled(scale)).peak_rotation
+
+    both = [slopes((podium.alpha, jnp.asarray(1.1)), motion) for motion in (TABLE.pick(1), RECORDS[1])]
+    assert all(slope != 0 for slope in both[0])
+    np.testing.assert_allclose(*both, rtol=1e-7)
+
+
+def test_segments_engine_takes_a_table():
+    options = rj.Options(rtol=1e-10, atol=1e-12, engine="segments")
+    motion = TABLE.pick(2).scaled(1.3)
+    a, b = rj.peak_response(BLOCK, motion, options=options), rj.peak_response(BLOCK, motion)
+    assert float(a.peak_rotation) == pytest.approx(float(b.peak_rotation), abs=1e-7)
+    assert b.peak_rotation > 0
+
+
+@pytest.mark.parametrize("n", [2, 3, 64, 65, 300])
+@pytest.mark.parametrize("threshold", [0.5, 2.0, 20.0])
+def test_next_exceedance_against_fine_sampling(n, threshold):
+    rng = np.random.default_rng(n)
+    record = rj.Record(rng.normal(size=n), 0.1, scale=-1.5)
+    outlook = record.outlook(jnp.asarray(threshold))
+    samples = 0.1 * np.arange(n)
+    begin = np.sort(np.concatenate([rng.uniform(-0.2, samples[-1], 100), samples[:-1]]))
+    found = np.asarray(jax.jit(jax.vmap(lambda t: outlook.next_exceedance(t, record.locate(t))))(begin))
+    fine = np.union1d(np.linspace(-0.2, samples[-1], 30001), samples)
+    above = fine[np.abs(np.asarray(record(fine))) > threshold]
+    for t, next_time in zip(begin, found, strict=True):
+        later = above[above >= t]
+        if not len(later):
+            assert next_time >= samples[-1] - 1e-9 or next_time == np.inf
+            continue
+        assert t <= next_time <= later[0] + 1e-9
+        assert later[0] - next_time <= 2 * (samples[-1] + 0.2) / 30000
+        assert abs(float(record(next_time))) >= threshold * (1 - 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rj.Records.of([]), "at least one record"),
+        (lambda: rj.Records.of([RECORDS[0], rj.Ricker(1.0, 1.0)]), "entry 1 must be a rockjax.Record"),
+        (lambda: rj.Records.of([RECORDS[0].scaled(np.ones(3))]), "single record"),
+        (lambda: TABLE.pick(3), "from 0 to 2"),
+        (lambda: TABLE.pick(1.0), "whole numbers"),
+    ],
+)
+def test_tables_that_make_no_sense(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+# --------------------------------------------------------------------------------------------------------- distributions
+def test_fits_are_those_of_scipy():
+    rng = np.random.default_rng(1)
+    capacity = 0.8 * np.exp(0.4 * rng.normal(size=60))
+    plain = fit_capacities(jnp.asarray(capacity), jnp.full(60, 9.0))
+    assert float(plain.median) == pytest.approx(np.exp(np.log(capacity).mean()), rel=1e-9)
+    assert float(plain.dispersion) == pytest.approx(np.log(capacity).std(), rel=1e-9)
+
+    limit = 1.0
+    known = capacity < limit
+    censored = fit_capacities(jnp.where(known, capacity, jnp.inf), jnp.full(60, limit))
+
+    def loss(y):
+        log = np.log(np.where(known, capacity, limit))
+        likelihood = scipy.stats.norm(y[0], np.exp(y[1]))
+        return -np.where(known, likelihood.logpdf(log), likelihood.logsf(log)).sum()
+
+    tight = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 10_000}
+    best = np.exp(scipy.optimize.minimize(loss, [0.0, -1.0], method="Nelder-Mead", options=tight).x)
+    np.testing.assert_allclose(censored, best, rtol=1e-6)
+
+    levels, trials = np.linspace(0.2, 2, 10), np.full(10, 40.0)
+    events = rng.binomial(40, scipy.stats.norm.cdf(np.log(levels / 0.8) / 0.4)).astype(float)
+
+    def counts(y):
+        z = (np.log(levels) - y[0]) / np.exp(y[1])
+        return -np.sum(events * scipy.stats.norm.logcdf(z) + (trials - events) * scipy.stats.norm.logsf(z))
+
+    best = np.exp(scipy.optimize.minimize(counts, [0.0, -1.0], method="Nelder-Mead", options=tight).x)
+    np.testing.assert_allclose(fit_counts(levels, events, trials), best, rtol=1e-6)
+
+
+def test_weights_are_repeated_data():
+    capacity = jnp.array([0.5, 0.7, 0.9, jnp.inf, jnp.inf])
+    weights = np.array([2, 0, 1, 1, 1])
+    again = fit_capacities(jnp.repeat(capacity, weights, total_repeat_length=5), jnp.ones(5))
+    np.testing.assert_allclose(fit_capacities(capacity, jnp.ones(5), jnp.asarray(weights, float)), again, rtol=1e-9)
+
+
+def test_derivatives_of_a_fit():
+    capacity = jnp.array([0.5, 0.62, 0.9, 0.75, jnp.inf, jnp.inf])
+    limit = jnp.ones(6)
+    jacobian = jax.jit(jax.jacrev(_lognormal.fit_capacities))(capacity, limit)
+    for k, name in enumerate(("median", "dispersion")):
+        gradient = jacobian[k]
+        for j in range(4):
+            step = 1e-6 * jnp.eye(6)[j]
+            up, down = (fit_capacities(capacity + s * step, limit)[k] for s in (1, -1))
+            assert float(gradient[j]) == pytest.approx(float(up - down) / 2e-6, rel=1e-5), name
+
+
+@pytest.mark.parametrize(
+    "capacity", [[0.5, np.inf, np.inf], [np.inf] * 3, [0.4, 0.4, 0.4]], ids=["one", "none", "all the same"]
+)
+def test_what_does_not_fit_is_not_a_number(capacity):
+    assert np.isnan(fit_capacities(jnp.asarray(capacity), jnp.ones(3)).median)
+
+
+def test_counts_that_do_not_overlap_are_not_a_number():
+    levels, trials = jnp.arange(1.0, 5.0), jnp.full(4, 10.0)
+    for events in ([0.0, 0, 10, 10], [0.0, 4, 10, 10], [0.0] * 4, [10.0] * 4):
+        assert np.isnan(fit_counts(levels, jnp.asarray(events), trials).dispersion)
+
+
+# -------------------------------------------------------------------------------------------------------------- analysis
+@pytest.fixture(scope="module")
+def analysis():
+    motions = rj.synthetic_motions(8, seed=3, duration=8.0, dt=0.02, pulse=None)
+    table = rj.Records.of(motions.records())
+    levels = np.linspace(1.0, 14.0, 14)
+    data = rj.incremental_dynamic_analysis(
+        BLOCK, table, levels, names=motions.names, sensitivities=["alpha", "R"], resolution=64
+    )
+    return table, data
+
+
+def test_boundaries_are_where_the_verdict_changes(analysis):
+    table, data = analysis
+    places = data["boundaries"].values
+    line, number = np.nonzero(np.isfinite(places))
+    scale = places[line, number] / data["measure"].values[line]
+    below, above = (
+        rj.peak_responses(BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=ENSEMBLE).overturned
+        for side in (1 - 1e-9, 1 + 1e-9)  # the capacity of record 4 is the end of a window 3e-6 wide
+    )
+    assert line.size > 8
+    np.testing.assert_array_equal(below, number % 2 == 1)
+    np.testing.assert_array_equal(above, number % 2 == 0)
+    np.testing.assert_array_equal(data["capacity"], places[:, 0])
+
+
+def test_the_responses_are_those_of_the_scaled_records(analysis):
+    table, data = analysis
+    level = data["intensity"].values[3]
+    motion = table.pick(2)
+    unit = float(jnp.max(jnp.abs(motion.row(motion.table))))
+    assert float(data["measure"][2]) == pytest.approx(unit)
+    peak = rj.peak_response(BLOCK, motion.scaled(level / unit), options=ENSEMBLE)
+    assert float(data["peak_rotation"][2, 3]) == pytest.approx(float(peak.peak_rotation), rel=1e-9)
+    assert data.attrs["measure"] == "PGA"
+    assert data["capacity"].attrs["units"] == "m s-2"
+
+
+def test_sensitivities_of_capacities_against_bisection(analysis):
+    """Where the boundary of a record goes when alpha or R changes, followed by bisection beside where it was."""
+    table, data = analysis
+    h = 1e-6
+    for parameter in ("alpha", "R"):
+        slopes = data["sensitivity"].sel(parameter=parameter).values
+        for j in (0, 2, 7):  # alone within 3e-4: below that of record 4 is one more
+            ends = []
+            for sign in (1, -1):
+                podium = BLOCK.replace(**{parameter: getattr(BLOCK, parameter) * np.exp(sign * h)})
+                lo, hi = (float(data["capacity"][j]) * (1 + s * 2e-4) for s in (-1, 1))
+                while hi - lo > 1e-12 * hi:
+                    places = np.linspace(lo, hi, 66)
+                    motion = table.pick(np.full(66, j, np.int32)).scaled(places / float(data["measure"][j]))
+                    first = int(np.argmax(rj.peak_responses(podium, motion, options=ENSEMBLE).overturned))
+                    assert first > 0
+                    lo, hi = places[first - 1], places[first]
+                ends.append(np.log(0.5 * (lo + hi)))
+            assert slopes[j] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=2e-4, abs=2e-5), (parameter, j)
+
+
+def test_fragility_of_capacities(analysis):
+    _, data = analysis
+    curve = rj.fragility(data)
+    log = np.log(data["capacity"].values)
+    assert np.isfinite(log).all()
+    assert float(curve["median_capacity"]) == pytest.approx(np.exp(log.mean()), rel=1e-9)
+    assert float(curve["dispersion"]) == pytest.approx(log.std(), rel=1e-9)
+    # All records count the same: the median's derivative is the mean of theirs.
+    np.testing.assert_allclose(curve["median_sensitivity"], data["sensitivity"].mean("record"), rtol=1e-8)
+    exact = scipy.stats.lognorm(log.std(), scale=np.exp(log.mean())).cdf(curve["at"])
+    np.testing.assert_allclose(curve["probability"], exact, atol=1e-9)
+    assert np.all((curve["lower"] <= curve["probability"]).values)
+    assert np.all((curve["probability"] <= curve["upper"]).values)
+    # Without censored records, Student's and the χ² interval of normal samples.
+    expected = scipy.stats.t(7, log.mean(), scipy.stats.sem(log)).interval(0.9)
+    np.testing.assert_allclose(np.log(curve["interval"].sel(quantity="median_capacity")), expected, rtol=1e-9)
+    expected = np.sqrt(8 * log.var() / scipy.stats.chi2(7).ppf([0.95, 0.05]))
+    np.testing.assert_allclose(curve["interval"].sel(quantity="dispersion"), expected, rtol=1e-9)
+    assert curve["interval"].attrs["records"] == curve["interval"].attrs["overturning_records"] == 8
+    # The band at the median is the interval of the median, seen from the side.
+    at = rj.fragility(data, at=curve["interval"].sel(quantity="median_capacity").values)
+    np.testing.assert_allclose([at["upper"][0], at["lower"][1]], 0.5, atol=1e-9)
+    alone = rj.fragility(data, confidence=None)
+    assert not {"interval", "lower", "upper"} & set(alone.data_vars)
+    xarray.testing.assert_equal(alone, curve[list(alone.data_vars)].drop_vars(["quantity", "bound"], errors="ignore"))
+
+
+def test_fragility_of_stripes_is_the_fit_of_its_counts(analysis):
+    _, data = analysis
+    curve = rj.fragility(data, method="stripes")
+    overturned = data["overturned"].values.astype(float)
+    levels, counts = data["intensity"].values, overturned.sum(axis=0)
+    fit = fit_counts(levels, counts, np.full(counts.size, 8.0))
+    assert float(curve["median_capacity"]) == pytest.approx(float(fit.median))
+    np.testing.assert_allclose(curve["observed"], counts / 8)
+    # The jackknife, record by record.
+    logs = np.log([fit_counts(levels, counts - row, np.full(counts.size, 7.0)).median for row in overturned])
+    middle = 8 * np.log(fit.median) - 7 * logs.mean()
+    half = scipy.stats.t(7).ppf(0.95) * np.sqrt(7 / 8 * np.sum((logs - logs.mean()) ** 2))
+    bounds = curve["interval"].sel(quantity="median_capacity")
+    np.testing.assert_allclose(np.log(bounds), [middle - half, middle + half], rtol=1e-6)
+
+
+def test_records_that_never_overturn_are_censored(analysis):
+    table, data = analysis
+    levels = np.sort(data["capacity"].values)[[0, 4]] * [1.0, 1.001]
+    low = rj.incremental_dynamic_analysis(BLOCK, table, levels, resolution=64)
+    known = np.isfinite(low["capacity"].values)
+    assert known.sum() >= FEW
+    assert known.sum() < 8
+    curve = rj.fragility(low)
+    assert float(curve["median_capacity"]) > np.exp(np.log(low["capacity"].values[known]).mean())
+    assert curve["interval"].attrs["overturning_records"] == known.sum()
+    with pytest.raises(ValueError, match="raise the highest intensity"):
+        rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
+
+
+# ------------------------------------------------------------------------------------------------------------- intervals
+def counted(capacity, levels) -> xarray.Dataset:
+    """What `fragility` looks at of an analysis."""
+    capacity = np.asarray(capacity, float)
+    return xarray.Dataset(
+        {
+            "capacity": ("record", np.where(capacity <= levels[-1], capacity, np.nan)),
+            "overturned": (("record", "intensity"), np.asarray(levels) >= capacity[:, None]),
+        },
+        coords={"intensity": ("intensity", levels, {"units": "1"})},
+        attrs={"kind": "incremental-dynamic-analysis", "measure": "scale"},
+    )
+
+
+@pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
+def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
+    """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of .0095."""
+    rng = np.random.default_rng(count)
+    drawn = np.exp(0.4 * rng.normal(size=(1000, count)))
+    drawn = np.where(drawn < limit, drawn, np.inf)
+    fits = jax.jit(jax.vmap(_lognormal.fit_capacities))(drawn, np.full_like(drawn, limit))
+    median, dispersion = (np.asarray(y) for y in fits)
+    good = np.isfinite(median)
+    of = Capacities.of(drawn[good], limit)
+    found = of_capacities(of, median[good], dispersion[good], np.array([[0.6], [1.6]]), 0.9)
+    held = lambda bounds, truth: np.mean((bounds[0] <= truth) & (truth <= bounds[1]), axis=-1)
+    shares = [held(found.log_median, 0), held(found.log_dispersion, np.log(0.4))]
+    shares += list(held(found.probit, np.log([[0.6], [1.6]]) / 0.4))
+    assert good.mean() > 0.99
+    np.testing.assert_allclose(shares, 0.9, atol=0.03)
+
+
+def test_few_records_are_said():
+    with pytest.warns(RuntimeWarning, match="rest on 2 records that overturn"):
+        curve = rj.fragility(counted([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
+    low, high = curve["interval"].sel(quantity="median_capacity").values
+    assert high / low > 10
+    assert curve["interval"].attrs["overturning_records"] == 2
+    with pytest.warns(RuntimeWarning, match="rest on 4 records only"):
+        rj.fragility(counted([0.4, 0.8, 1.2, 1.6], np.linspace(0.1, 2, 20)), method="stripes")
+
+
+def test_an_interval_that_is_none_is_refused():
+    """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
+    few = counted([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
+    with pytest.raises(ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"):
+        rj.fragility(few, method="stripes")
+    assert "interval" not in rj.fragility(few, method="stripes", confidence=None)
+
+
+@pytest.mark.slow
+def test_the_distribution_is_differentiable():
+    """Sampled pulses: their first boundaries are clean, and near those of the pulses."""
+    periods = np.array([0.8, 1.0, 1.3])
+    t = np.arange(-100, 101) * 0.02
+    few = rj.Records.of([rj.Record(rj.Ricker(1.0, T)(t), 0.02) for T in periods])
+    unit = np.array([1.0, 1.0, 2.0])
+
+    def log_median(log_alpha):
+        podium = BLOCK.replace(alpha=BLOCK.alpha * jnp.exp(log_alpha))
+        return jnp.log(rj.overturning_distribution(podium, few, max_scale=15.0, measure=unit, resolution=64).median)
+
+    both = jax.jit(lambda log_alpha: jax.jvp(log_median, (log_alpha,), (1.0,)))
+    exact = jax.jit(jax.vmap(lambda T: rj.overturning_acceleration(BLOCK, rj.Ricker, T)))(periods)
+    h = 1e-4
+    (low, _), (value, slope), (high, _) = (both(step) for step in (-h, 0.0, h))
+    assert float(value) == pytest.approx(np.log(exact * unit).mean(), abs=2e-3)
+    assert float(slope) == pytest.approx(float(high - low) / (2 * h), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"intensity": [2.0, 1.0]}, "ascending"),
+        ({"intensity": [-1.0, 1.0]}, "> 0"),
+        ({"measure": "PGV"}, "must be 'PGA', 'scale' or a rockjax.Measure"),
+        ({"measure": rj.Measure("Sa", np.ones(2), "m s-2")}, "a value for each of 3 records"),
+        ({"measure": rj.Measure("Sa", [1.0, 0.0, 1.0], "m s-2")}, "> 0 for every record"),
+        ({"names": ["a", "a", "b"]}, "3 different ones"),
+        ({"sensitivities": ["eta"]}, "sensitivities must be some of"),
+        ({"resolution": 3}, "resolution"),
+        ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, "single numbers"),
+    ],
+)
+def test_analyses_that_make_no_sense(change, words):
+    arguments = {"podium": BLOCK, "records": TABLE, "intensity": [1.0, 2.0]} | change
+    with pytest.raises(ValueError, match=words):
+        rj.incremental_dynamic_analysis(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"method": "probit"}, "'capacities' or 'stripes'"),
+        ({"confidence": 90}, "confidence"),
+        ({"confidence": "90 %"}, "confidence"),
+        ({"analysis": BLOCK}, "must come from rockjax.incremental_dynamic_analysis, got a Podium"),
+        ({"at": [0.0, 1.0]}, "at must be"),
+    ],
+)
+def test_curves_that_make_no_sense(analysis, change, words):
+    with pytest.raises(ValueError, match=words):
+        rj.fragility(**{"analysis": analysis[1]} | change)

@@ -1,0 +1,140 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray
+
+import rockjax as rj
+from rockjax import plots
+from rockjax._files import write_whole
+from tests.scenes import PODIUMS, G, pulse
+
+X, Y = np.linspace(1.5, 8, 7), np.linspace(1, 8, 6)
+
+
+@pytest.fixture(scope="module")
+def spectrum():
+    return rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, X, Y)
+
+
+def test_axes_units_and_values(spectrum):
+    assert spectrum["peak_rotation"].dims == ("acceleration_ratio", "frequency_ratio")
+    p = float(PODIUMS["rigid"].p)
+    np.testing.assert_allclose(spectrum["T_p"], 2 * np.pi / (X * p))
+    np.testing.assert_allclose(spectrum["a_p"], Y * G * 0.15)
+    for i, j in ((1, 2), (3, 6), (5, 0)):
+        peak = rj.peak_response(PODIUMS["rigid"], rj.Ricker(float(spectrum.a_p[i]), float(spectrum.T_p[j])))
+        assert float(spectrum["peak_rotation"][i, j]) == pytest.approx(float(peak.peak_rotation), abs=1e-9)
+        assert bool(spectrum["overturned"][i, j]) == bool(peak.overturned)
+        assert int(spectrum["result"][i, j]) == rj._results.NAMES.index("overturned" if peak.overturned else "settled")
+    for name in ("alpha_rad", "R_m", "gamma", "eta", "pulse", "rtol", "rockjax_version", "jax_version"):
+        assert name in spectrum.attrs
+    assert all("units" in spectrum[name].attrs for name in spectrum.variables)
+
+
+def test_only_what_is_asked_for():
+    o = rj.Options(outputs=("peak_rotation",))
+    data = rj.rocking_spectrum(PODIUMS["elastic"], lambda a, T: rj.Gabor(a, T, 2.0), [4.0], [2.0, 3.0], options=o)
+    assert "peak_shear" not in data
+    assert "peak_rotation" in data
+
+
+def test_minimum_overturning(spectrum):
+    least = rj.minimum_overturning(spectrum)
+    over = spectrum["overturned"].values
+    for j in range(len(X)):
+        expected = Y[np.argmax(over[:, j])] if over[:, j].any() else np.nan
+        np.testing.assert_equal(float(least[j]), expected)
+    assert np.isnan(float(least[-1]))
+
+
+def test_survives_a_file(spectrum, tmp_path):
+    path = write_whole(tmp_path / "s.nc", lambda name: spectrum.to_netcdf(name, engine="netcdf4"))
+    with xarray.open_dataset(path) as back:
+        np.testing.assert_array_equal(back["peak_rotation"], spectrum["peak_rotation"])
+        assert back.attrs["pulse"] == "Ricker"
+
+
+def test_pictures_have_the_axes_of_the_field(spectrum):
+    ax = plots.rocking_spectrum(spectrum)
+    assert "omega_p" in ax.get_xlabel()
+    assert "tan" in ax.get_ylabel()
+    plots.dimensional_axes(spectrum, ax)
+    bar = plots.rotation_bar(ax, pad=0.2)
+    assert "peak rotation" in bar.ax.get_ylabel()
+    assert bar.mappable in ax.collections
+    with pytest.raises(ValueError, match="hold no rocking spectrum"):
+        plots.rotation_bar(bar.ax.figure.add_subplot())
+    curve = plots.overturning_curve(spectrum, label="rigid")
+    assert curve.lines[0].get_label() == "rigid"
+    assert {line.get_marker() for line in curve.lines[1:]} <= {"^"}  # where nothing overturns beside it
+    figure = plots.response(rj.simulate(PODIUMS["elastic"], pulse(), t_end=2.0))
+    assert [ax.get_ylabel()[:5] for ax in figure.axes] == [r"$\the", "defor", r"$\ddo"]
+    plots.plt.close("all")
+
+
+def run(*arguments, cwd, **more):
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    return subprocess.run(
+        [sys.executable, "-m", "rockjax", *arguments], cwd=cwd, capture_output=True, text=True, env=environment, **more
+    )
+
+
+def test_command_line_spectrum(tmp_path):
+    arguments = ("--points", "8", "--eta-over-gamma", "1,10", "--T-s", "0,0.5", "-o", "out/s")
+    done = run("spectrum", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "256 scenes" in done.stdout
+    assert "0 without an answer" in done.stdout
+    with xarray.open_dataset(tmp_path / "out" / "s.nc") as data:
+        assert data["peak_rotation"].sizes == {"eta_over_gamma": 2, "T_s": 2, "acceleration_ratio": 8, "frequency_ratio": 8}
+        panel = data.sel(eta_over_gamma=10, T_s=0.5)
+        direct = rj.rocking_spectrum(
+            PODIUMS["elastic"], rj.Ricker, np.linspace(1, 8, 8), np.linspace(1, 12, 8),
+            options=rj.Options(outputs=("peak_rotation",)),
+        )  # fmt: skip
+        np.testing.assert_allclose(panel["peak_rotation"], direct["peak_rotation"], atol=1e-6)
+    for name in ("s-rotation.png", "s-overturning.png"):
+        assert (tmp_path / "out" / name).read_bytes()[:4] == b"\x89PNG"
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["s-overturning.png", "s-rotation.png", "s.nc"]
+
+
+def test_command_line_response(tmp_path):
+    done = run("response", "--acceleration-ratio", "2.0", "--t-end", "3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "peak rotation" in done.stdout
+    with xarray.open_dataset(tmp_path / "rockjax-response.nc") as data:
+        assert data["theta"].attrs["units"] == "rad"
+    assert (tmp_path / "rockjax-response.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("response", "--R", "-1"), "R"),
+        (("response", "--method", "euler"), "euler"),
+        (("spectrum", "--T-s", "a,b"), "a,b"),
+    ],
+)
+def test_command_line_errors_are_one_line(tmp_path, arguments, word):
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_and_imports(tmp_path):
+    for arguments in ((), ("spectrum",), ("response",)):
+        done = run(*arguments, "--help", cwd=tmp_path)
+        assert done.returncode == 0
+    code = (
+        "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_no_podiums_have_no_spectra():
+    assert rj.rocking_spectra([], rj.Ricker, [2.0], [3.0]) == []

@@ -1,0 +1,671 @@
+"""Sweeps: the same answers as the batch, kept chunk by chunk; every fault with real processes, files and signals."""
+
+import contextlib
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import rockjax as rj
+from rockjax._sweep import chunks as _chunks
+from rockjax._sweep.store import ChunkLayout, Store
+from tests.scenes import PODIUMS
+
+resource = pytest.importorskip("resource")  # limits and signals are POSIX
+
+OUTPUTS = ("peak_rotation",)
+OPTIONS = rj.Options(outputs=OUTPUTS)
+GRID = rj.grid(
+    PODIUMS["rigid"],
+    rj.Ricker(1.0, 1.0),
+    tan_alpha=np.linspace(0.1, 0.2, 4),
+    acceleration_ratio=np.linspace(1, 8, 20),
+    frequency_ratio=np.linspace(1, 8, 15),
+)
+CHUNK = 300  # 4 chunks, one for each slenderness
+
+
+def sweep(store, grid=GRID, **more):
+    given = {"outputs": OUTPUTS, "chunk": CHUNK, "progress": False} | more
+    return rj.sweep(*grid, store=store, **given)
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return rj.peak_responses(*GRID[:2], options=OPTIONS)
+
+
+def same(data, batch):
+    np.testing.assert_array_equal(data["peak_rotation"], batch.peak_rotation)
+    np.testing.assert_array_equal(data["overturned"], batch.overturned)
+    np.testing.assert_array_equal(data["impacts"], batch.impacts)
+    assert set(np.unique(data["result"])) <= {0, 1, 2}
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Numbers of the chunks that are solved."""
+    solved = []
+    solve = _chunks.Job.solve
+
+    def counting(self, k, *args):
+        solved.append(k)
+        return solve(self, k, *args)
+
+    monkeypatch.setattr(_chunks.Job, "solve", counting)
+    return solved
+
+
+@pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5, 6), 30), ((4, 5, 6), 7), ((4, 5, 6), 1000), ((3, 1, 8), 8)])
+def test_chunks_hold_every_scene_once(shape, chunk):
+    layout = ChunkLayout.of(shape, chunk)
+    assert math.prod(layout.block) <= chunk
+    times = np.zeros(shape, int)
+    sizes = layout.sizes()
+    for k in range(layout.number):
+        box = layout.box(k)
+        times[box] += 1
+        assert times[box].size == sizes[k]
+        scenes = np.arange(times.size).reshape(shape)[box].reshape(-1)
+        assert np.all(layout.chunk_of(scenes) == k)
+        assert np.all(np.diff(scenes) > 0)
+    assert np.all(times == 1)
+
+
+def test_a_grid_is_every_combination():
+    podium = PODIUMS["elastic"]
+    grid = rj.grid(
+        podium, rj.Ricker(1.0, 1.0), R=[1.0, 2.0], T_s=[0.2, 0.4, 0.5], frequency_ratio=[2.0, 3.0], scale=[1.0, 2.0]
+    )
+    assert grid.shape == (2, 3, 2, 2)
+    assert grid.size == 24
+    assert list(grid.coords) == ["R", "T_s", "frequency_ratio", "scale"]
+    assert grid.structures.superstructure.T_s.shape == (1, 3, 1, 1)
+    two = podium.replace(R=2.0)
+    T_p = np.broadcast_to(grid.excitations.T_p, grid.shape)
+    np.testing.assert_allclose(T_p[1, 0, 1, 0], 2 * np.pi / (3.0 * two.p))
+    np.testing.assert_allclose(np.ravel(grid.excitations.a_p), [1.0, 2.0])
+    assert "24 scenes" in repr(grid)
+    assert "R: 2 from 1 to 2" in repr(grid)
+    widths = rj.grid(podium, rj.Rest(), width=[0.4, 0.5], height=[3.0])
+    np.testing.assert_allclose(np.ravel(widths.structures.width), [0.4, 0.5])
+    np.testing.assert_allclose(np.ravel(widths.structures.height), 3.0)
+    gammas = rj.grid(podium, rj.MavroeidisPapageorgiou(1.0, 1.0, 2.0, 0.0), gamma=[1.0, 2.0], **{"excitation.gamma": [3.0]})
+    assert gammas.structures.gamma.shape == (2, 1)
+    assert gammas.excitations.gamma.shape == (1, 1)
+
+
+def test_several_motions_are_an_axis():
+    podium = PODIUMS["rigid"]
+    motions = rj.synthetic_motions(3, seed=0, duration=4.0, dt=0.02)
+    grid = rj.grid(podium, motions, scale=[1.0, 2.0], alpha=[0.1, 0.2])
+    assert grid.shape == (3, 2, 2)
+    assert list(grid.coords["motion"]) == motions.names
+    assert grid.excitations.which.shape == (3, 1, 1)
+    for same in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
+        np.testing.assert_array_equal(rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table)
+    chosen = rj.grid(podium, rj.Records.of(motions).pick([2, 0]).scaled(2.0), alpha=[0.1]).excitations
+    np.testing.assert_allclose(chosen.table, 2 * grid.excitations.table[np.array([2, 0])])
+    assert rj.grid(podium, motions[0], alpha=[0.1]).shape == (1,)
+    pulses = rj.grid(podium, [rj.Ricker(1.0, 0.5), rj.Ricker(2.0, 0.7)], alpha=[0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(np.ravel(pulses.excitations.T_p), [0.5, 0.7])
+    assert pulses.shape == (2, 3)
+    for bad, words in (
+        ([rj.Ricker(1.0, 0.5), rj.OneSine(1.0, 0.5)], "one kind, got OneSine, Ricker"),
+        ([], "holds no motion: at least one is needed"),
+        (rj.Ricker([1.0, 2.0], 0.5), "a_p is an array"),
+        ("file.csv", r"must be a rockjax motion .* got 'file.csv'; rockjax.read_motion\(path\) reads"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            rj.grid(podium, bad, alpha=[0.1])
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ({"alpha": [0.1], "tan_alpha": [0.1]}, "alpha and tan_alpha say the same"),
+        ({"width": [0.1], "R": [1.0]}, "R and width say the same"),
+        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio say the same"),
+        ({"T_s": [0.5]}, "axes must be some of"),
+        ({"restitution": [0.9]}, "axes must be some of"),
+        ({"alpha": [[0.1]]}, "one-dimensional"),
+        ({"alpha": []}, "one-dimensional"),
+        ({"alpha": [2.0]}, r"alpha must be in \(0, π/2\)"),
+        ({"frequency_ratio": [0.0]}, "frequency_ratio must be finite and > 0"),
+        ({"width": [-1.0]}, "width must be finite and > 0"),
+    ],
+)
+def test_axes_that_make_no_sense_are_refused(axes, words):
+    with pytest.raises(ValueError, match=words):
+        rj.grid(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), **axes)
+
+
+def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, counted):
+    data = sweep(tmp_path / "a.zarr")
+    assert sorted(counted) == [0, 1, 2, 3]
+    same(data, batch)
+    assert data["peak_rotation"].dims == ("tan_alpha", "acceleration_ratio", "frequency_ratio")
+    assert data["alpha"].dims == ("tan_alpha",)
+    assert data["a_p"].dims == ("tan_alpha", "acceleration_ratio")
+    np.testing.assert_allclose(data["T_p"], np.ravel(GRID.excitations.T_p))
+    assert data["peak_rotation"].attrs["units"] == "1"
+    assert data["T_p"].attrs["units"] == "s"
+    assert data.attrs["kind"] == "sweep"
+    assert data.attrs["rockjax_version"] == rj.__version__
+    assert data["steps"].chunks is not None  # lazy
+    again = sweep(str(tmp_path / "a.zarr"), chunk=None)
+    assert len(counted) == 4
+    xarray.testing.assert_identical(again, data)
+    xarray.testing.assert_identical(again, xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)[list(again.data_vars)])
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_a_table_of_scenes(tmp_path, batch):
+    """Arrays of one length are a table; what is common to all is an attribute."""
+    a_p = np.broadcast_to(GRID.excitations.a_p, GRID.shape)[1].ravel()
+    T_p = np.broadcast_to(GRID.excitations.T_p, GRID.shape)[1].ravel()
+    podium = PODIUMS["rigid"].replace(alpha=np.ravel(GRID.structures.alpha)[1])
+    data = rj.sweep(podium, rj.Ricker(a_p, T_p), store=tmp_path / "t.zarr", outputs=OUTPUTS, progress=False)
+    assert data["peak_rotation"].dims == ("scene",)
+    np.testing.assert_array_equal(data["a_p"], a_p)
+    assert data.attrs["structures.R"] == float(podium.R)
+    np.testing.assert_allclose(data["peak_rotation"], batch.peak_rotation[1].ravel(), atol=1e-12)
+
+
+def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, counted):
+    store = tmp_path / "a.zarr"
+    sweep(store)
+    counted.clear()
+    chunks = store / "peak_rotation" / "c"
+    (store / "progress" / "rows" / "c" / "0" / "0").unlink()  # killed before it was through
+    with open(chunks / "1" / "0" / "0", "r+b") as file:  # a bit has turned
+        file.seek(40)
+        byte = file.read(1)
+        file.seek(40)
+        file.write(bytes([byte[0] ^ 4]))
+    (store / "overturned" / "c" / "2" / "0" / "0").unlink()
+    with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged, and is solved again") as said:
+        data = sweep(store)
+    assert len(said) == 2
+    assert sorted(counted) == [0, 1, 2]
+    same(data, batch)
+    counted.clear()
+    shutil.copy(chunks / "0" / "0" / "0", chunks / "3" / "0" / "0")  # whole, but of another chunk
+    (chunks / "2" / "0" / "0").write_bytes((chunks / "2" / "0" / "0").read_bytes()[:100])
+    with pytest.warns(RuntimeWarning, match="damaged"):
+        data = sweep(store)
+    assert sorted(counted) == [2, 3]
+    same(data, batch)
+
+
+def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
+    store = tmp_path / "a.zarr"
+    data = sweep(store)
+    changed = GRID.structures.replace(gamma=11.0)
+    for call, words in (
+        ({"grid": (changed, *GRID[1:])}, "structures.gamma has other values"),
+        ({"grid": (GRID.structures, GRID.excitations.scaled(1.1), GRID.coords)}, "excitations.a_p has other values"),
+        ({"grid": (GRID.structures, rj.OneSine(GRID.excitations.a_p, GRID.excitations.T_p), GRID.coords)}, "its kinds are"),
+        ({"grid": (*GRID[:2], GRID.coords | {"tan_alpha": np.arange(4.0)})}, "labels of tan_alpha are others"),
+        ({"options": rj.Options(rtol=1e-7)}, "options.rtol is 1e-08 there, not 1e-07"),
+        ({"outputs": ("peak_rotation", "peak_shear")}, "options.outputs is"),
+        ({"chunk": 600}, r"its chunks are \[1, 20, 15\], not \[2, 20, 15\]"),
+        ({"t_end": 30.0}, "its kinds are"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sweep(store, **call)
+    monkeypatch.setattr(rj._version, "__version__", "9.9")
+    with pytest.raises(ValueError, match=f"made with rockjax {data.attrs['rockjax_version']}, this is 9.9"):
+        sweep(store)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").touch()
+    (tmp_path / "file").write_text("text")
+    xarray.Dataset({"x": 1.0}).to_zarr(tmp_path / "other.zarr", consolidated=False)
+    for name in ("full", "file", "other.zarr"):
+        with pytest.raises(ValueError, match=rf"{name}: (exists and is no store of a sweep|is a zarr store, but not)"):
+            sweep(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        ({"chunk": 0}, "chunk must be a whole number"),
+        ({"client": "tcp://x"}, "client must be a dask.distributed.Client"),
+        ({"options": rj.Options(engine="segments")}, "engine must be 'flat'"),
+        (
+            {"grid": (*GRID[:2], ("a", "b"))},
+            r"coords names 2 axes, \['a', 'b'\], but .* shape \(4, 20, 15\)",
+        ),
+        ({"grid": (*GRID[:2], ("a", "b", "a"))}, "names an axis twice"),
+        ({"grid": (*GRID[:2], "abc")}, "one text"),
+        ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must hold 4 labels"),
+        ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
+        ({"grid": (GRID.structures, 3.0, None)}, "excitations must be a rockjax motion"),
+    ],
+)
+def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
+    with pytest.raises(ValueError, match=words):
+        sweep(tmp_path / "a.zarr", **call)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_varies_is_a_coordinate(tmp_path):
+    """An axis of one value, a number of the motion that is named as one of the podium, labels that are not the numbers."""
+    motion = rj.MavroeidisPapageorgiou(2.0, 1.0, 2.0, 0.0)
+    grid = rj.grid(PODIUMS["rigid"], motion, gamma=np.linspace(5, 10, 200), R=[2.0], **{"excitation.gamma": [2.0, 3.0]})
+    coords = grid.coords | {"gamma": np.arange(200)}
+    data = rj.sweep(*grid[:2], coords, store=tmp_path / "a.zarr", outputs=OUTPUTS, progress=False)
+    np.testing.assert_array_equal(data["gamma"], np.arange(200))
+    np.testing.assert_allclose(data["structures.gamma"], np.linspace(5, 10, 200))
+    assert data["structures.gamma"].dims == ("gamma",)
+    assert data["R"].dims == ("R",)
+    assert data["excitations.gamma"].dims == ("excitation.gamma",)
+    assert set(np.unique(data["result"])) <= {0, 1, 2}
+
+
+def test_a_url(tmp_path, batch):
+    same(sweep("memory://rockjax/a.zarr"), batch)
+    with pytest.raises(ValueError, match="other values"):
+        sweep("memory://rockjax/a.zarr", (GRID.structures.replace(gamma=11.0), *GRID[1:]))
+    same(sweep(f"file://{tmp_path}/a.zarr"), batch)
+    same(sweep(tmp_path / "a.zarr"), batch)
+    (tmp_path / "b.zarr").mkdir()
+    same(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
+
+
+def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else 1)
+    with pytest.raises(ImportError, match=r"a sweep needs zarr; install with: pip install 'rockjax\[sweep\]'"):
+        sweep(tmp_path / "a.zarr")
+
+
+def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
+    """A worker that is still at it when its store is removed, and made again for something else."""
+    store = tmp_path / "a.zarr"
+    other = GRID.structures.replace(gamma=11.0)
+    solve = _chunks.solved
+
+    def replaced(*args):
+        monkeypatch.setattr(_chunks, "solved", solve)
+        peaks = solve(*args)
+        shutil.rmtree(store)
+        sweep(store, (other, *GRID[1:]))
+        return peaks
+
+    monkeypatch.setattr(_chunks, "solved", replaced)
+    with pytest.raises(RuntimeError, match="another sweep has taken the place of this one"):
+        sweep(store)
+    same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
+
+
+def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(tmp_path, batch, counted, monkeypatch):
+    """Both find nothing; while the second prepares its own store, the first one's appears."""
+    store = tmp_path / "a.zarr"
+    create = Store.create
+
+    def late(*args):
+        monkeypatch.setattr(Store, "create", create)
+        sweep(store, chunk=CHUNK)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", late)
+    # Chunks are sized by what was measured: the second may have wanted others.
+    monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk", lambda *_: 2 * CHUNK)
+    same(sweep(store, chunk=None), batch)
+    assert sorted(counted) == [0, 1, 2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+    # It is refused where it is another sweep.
+    other = tmp_path / "b.zarr"
+
+    def another(*args):
+        monkeypatch.setattr(Store, "create", create)
+        shutil.copytree(store, other)
+        return create(*args)
+
+    monkeypatch.setattr(Store, "create", another)
+    with pytest.raises(ValueError, match=r"b\.zarr: is of another sweep: structures.gamma has other values"):
+        sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
+
+
+@pytest.mark.parametrize("name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"])
+@pytest.mark.parametrize("content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"])
+def test_damaged_metadata_are_named(tmp_path, small_store, name, content):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / name).write_bytes(content)
+    with pytest.raises(ValueError, match=rf"a\.zarr: .*{name} is damaged.*move the store away") as caught:
+        sweep(store)
+    assert not isinstance(caught.value, json.JSONDecodeError)
+
+
+@pytest.fixture(scope="module")
+def small_store(tmp_path_factory):
+    store = tmp_path_factory.mktemp("small") / "a.zarr"
+    sweep(store)
+    return store
+
+
+def test_metadata_of_something_else_are_named(tmp_path, small_store):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": 3}')
+    with pytest.raises(ValueError, match=r"a\.zarr: .*move the store away"):
+        sweep(store)
+
+
+def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
+    plan = sweep(tmp_path / "a.zarr", dry_run=True)
+    assert not list(tmp_path.iterdir())
+    data = sweep(tmp_path / "a.zarr")
+    size = sum(path.stat().st_size for path in (tmp_path / "a.zarr").rglob("*") if path.is_file())
+    assert (plan.scenes, plan.chunks, plan.chunk, plan.done) == (1200, 4, (1, 20, 15), 0)
+    assert plan.steps == pytest.approx(float(data["steps"].sum()), rel=0.2)
+    assert plan.core_seconds > 0
+    assert 0.5 * size < plan.disk < 2 * size
+    assert plan.memory > 50e6
+    assert "1200 (4 × 20 × 15)" in repr(plan)
+    done = sweep(tmp_path / "a.zarr", dry_run=True)
+    assert (done.done, done.steps, done.seconds) == (1200, 0.0, 0.0)
+
+
+def test_costly_chunks_come_first(tmp_path, counted):
+    sweep(tmp_path / "a.zarr", chunk=75)
+    expected = Store.open(tmp_path / "a.zarr").expected
+    assert sorted(counted) == list(range(16))
+    assert np.all(np.diff(expected[counted]) <= 0)
+    assert expected.max() > 1.05 * expected.min()
+
+
+def test_scenes_without_an_answer_are_counted(tmp_path):
+    options = rj.Options(outputs=OUTPUTS, max_steps=25)
+    with pytest.warns(RuntimeWarning, match="of 1200 scenes ended without an answer"):
+        data = sweep(tmp_path / "a.zarr", options=options)
+    assert 0 < int((data["result"] == 3).sum()) < 1200
+
+
+def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, counted, monkeypatch):
+    solve, seen = _chunks.Job.solve, []
+
+    def stopping(self, k, *args):
+        seen.append(k)
+        if len(seen) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return solve(self, k, *args)
+
+    monkeypatch.setattr(_chunks.Job, "solve", stopping)
+    with pytest.raises(
+        rj.Interrupted, match=r"stopped with 2 of 4 chunks solved, kept in .*the same call goes on"
+    ) as stopped:
+        sweep(tmp_path / "a.zarr")
+    partial = stopped.value.partial
+    assert int((partial["result"] == 6).sum()) == 600
+    assert int(partial["peak_rotation"].isnull().sum()) == 600
+    monkeypatch.undo()
+    done = [k for k, row in enumerate(Store.open(tmp_path / "a.zarr").rows()) if np.isfinite(row[0])]
+    assert sorted(done) == sorted(seen[:2])
+    same(sweep(tmp_path / "a.zarr"), batch)
+
+
+@contextlib.contextmanager
+def full_disk(size):
+    """No file may grow past so many bytes: writing fails as on a full disk."""
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
+    store = tmp_path / "a.zarr"
+    with full_disk(600), pytest.raises(OSError, match="could not be written"):
+        sweep(store)  # not even the store
+    assert not list(tmp_path.iterdir())
+    sweep(store)
+    (store / "progress" / "rows" / "c" / "1" / "0").unlink()
+    for path in store.rglob("c/1/0/0"):
+        path.unlink()
+    with full_disk(1000), pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are kept, the same call"):
+        sweep(store)
+    assert not list(store.rglob("*.partial"))
+    same(sweep(store), batch)
+
+
+SCRIPT = """
+    import sys
+    import numpy as np
+    import rockjax as rj
+    from tests.sweep import test_sweep as t
+
+    store, scheduler = sys.argv[1:]
+    if scheduler:
+        from distributed import Client
+        with Client(scheduler_file=scheduler) as client:
+            t.sweep(store, t.LARGE, chunk=t.LARGE_CHUNK, client=client)
+    else:
+        t.sweep(store, t.LARGE, chunk=t.LARGE_CHUNK)
+"""
+LARGE = rj.grid(
+    PODIUMS["rigid"],
+    rj.Ricker(1.0, 1.0),
+    alpha=np.linspace(0.1, 0.2, 30),
+    acceleration_ratio=np.linspace(1, 8, 60),
+    frequency_ratio=np.linspace(1, 8, 60),
+)
+LARGE_CHUNK = 3600
+ROOT = Path(__file__).parents[2]
+
+
+def start(command, folder, cache):
+    environment = os.environ | {
+        "JAX_PLATFORMS": "cpu",
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s",
+        "DASK_TEMPORARY_DIRECTORY": str(folder),
+    }
+    with open(folder / "log.txt", "a") as log:
+        return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+
+
+def wait_for(condition, process, folder, seconds=240):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, (folder / "log.txt").read_text()[-2000:]
+        assert time.monotonic() < end, (folder / "log.txt").read_text()[-2000:]
+        time.sleep(0.01)
+
+
+def rows_of(store):
+    folder = store / "progress" / "rows" / "c"
+    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("programs")
+
+
+@pytest.fixture(scope="module")
+def large():
+    return rj.peak_responses(*LARGE[:2], options=OPTIONS)
+
+
+@pytest.mark.slow
+def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large, counted):
+    store = tmp_path / "a.zarr"
+    process = start([sys.executable, "-c", textwrap.dedent(SCRIPT), str(store), ""], tmp_path, cache)
+    wait_for(lambda: len(rows_of(store)) >= 3, process, tmp_path)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    done = {int(name) for name in rows_of(store)}
+    assert 3 <= len(done) < 30
+    data = sweep(store, LARGE, chunk=LARGE_CHUNK)
+    assert sorted(counted) == sorted(set(range(30)) - done)
+    same(data, large)
+
+
+AT_ONCE = """
+    import sys, time
+    from pathlib import Path
+    from tests.sweep import test_sweep as t
+
+    me, other = sys.argv[1:]
+    for k in range(ROUNDS):
+        Path(f"{me}{k}").touch()
+        while not Path(f"{other}{k}").exists():
+            pass
+        t.sweep(Path(f"{k}.zarr"))
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_that_start_one_store_at_once(tmp_path, cache, batch):
+    """Each waits for the other just before; both end well, and the answers are there once."""
+    rounds = 4
+    code = textwrap.dedent(AT_ONCE).replace("ROUNDS", str(rounds))
+    both = [start([sys.executable, "-c", code, *names], tmp_path, cache) for names in (("a", "b"), ("b", "a"))]
+    for process in both:
+        assert process.wait(240) == 0, (tmp_path / "log.txt").read_text()[-2000:]
+    for k in range(rounds):
+        same(sweep(tmp_path / f"{k}.zarr"), batch)
+    assert not list(tmp_path.glob("*.partial*"))
+
+
+@pytest.mark.slow
+def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
+    """One cluster of real processes, each killed by its own id; every time the same call goes on."""
+    from distributed import Client
+
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = start([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], tmp_path, cache)
+    workers = []
+    try:
+        wait_for(file.exists, scheduler, tmp_path)
+        flags = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        workers = [start([*dask, "worker", *flags], tmp_path, cache) for _ in range(2)]
+
+        first = tmp_path / "a.zarr"
+        client = start([sys.executable, "-c", textwrap.dedent(SCRIPT), str(first), str(file)], tmp_path, cache)
+        wait_for(lambda: len(rows_of(first)) >= 3, client, tmp_path)
+        os.kill(client.pid, signal.SIGKILL)
+        client.wait()
+
+        with Client(scheduler_file=str(file), timeout=10) as here:
+            found = KillsOnce(workers[0].pid, first, len(rows_of(first)) + 3)
+            with found:
+                same(sweep(first, LARGE, chunk=LARGE_CHUNK, client=here), large)
+            assert found.killed
+            workers[0].wait()
+            rows = Store.open(first).rows()
+            assert np.isfinite(rows).all()
+
+            second = tmp_path / "b.zarr"
+            found = KillsOnce(scheduler.pid, second, 3)
+            with found, pytest.raises(RuntimeError, match=r"the scheduler is lost.* the same call goes on"):
+                sweep(second, LARGE, chunk=LARGE_CHUNK, client=here)
+            assert found.killed
+        assert 3 <= len(rows_of(second)) < 30
+        same(sweep(second, LARGE, chunk=LARGE_CHUNK), large)
+    finally:
+        for process in (scheduler, *workers):
+            process.kill()
+            process.wait()
+
+
+class KillsOnce:
+    """A thread that kills a process once a store holds so many chunks."""
+
+    def __init__(self, pid, store, chunks):
+        import threading
+
+        self.killed = False
+        self.over = threading.Event()
+
+        def watch():
+            while not self.over.wait(0.01):
+                if len(rows_of(store)) >= chunks:
+                    os.kill(pid, signal.SIGKILL)
+                    self.killed = True
+                    return
+
+        self.thread = threading.Thread(target=watch)
+
+    def __enter__(self):
+        self.thread.start()
+
+    def __exit__(self, *_):
+        self.over.set()
+        self.thread.join()
+
+
+def test_the_command(tmp_path, capsys):
+    from rockjax._cli import app
+
+    problem = tmp_path / "problem.toml"
+    problem.write_text(
+        textwrap.dedent("""
+            [structure]
+            tan_alpha = 0.15
+            R = 1.5
+            gamma = 5.0
+            superstructure = { eta = 20.0 }
+            [motions.pulses]
+            kind = "ricker"
+            a_p = [3.0, 4.0]
+            T_p = [0.8, 1.2]
+            [sweep.axes]
+            tan_alpha = { from = 0.1, to = 0.2, points = 8 }
+            gamma = [5.0, 10.0]
+        """)
+    )
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as done, contextlib.chdir(tmp_path):
+            app(["sweep", *map(str, arguments)])
+        return done.value.code, capsys.readouterr()
+
+    axes = ["--axis", "gamma=4:16:3:log", "--axis", "scale=" + ",".join(map(str, np.linspace(0.5, 2, 10)))]
+    code, said = run(problem, *axes, "-q", "--json", "--dry-run")
+    assert code == 0, said
+    assert json.loads(said.out)["shape"] == [2, 8, 3, 10]
+    assert sorted(os.listdir(tmp_path)) == ["problem.toml"]
+    code, said = run(problem, *axes, "-o", "study.zarr")
+    assert code == 0, said
+    assert "480 scenes" in said.out
+    assert "wrote study.zarr" in said.out
+    data = xarray.open_zarr(tmp_path / "study.zarr", consolidated=False)
+    np.testing.assert_allclose(data["gamma"], [4.0, 8.0, 16.0])
+    assert data["peak_rotation"].dims == ("motion", "tan_alpha", "gamma", "scale")
+    one = rj.peak_response(
+        rj.Podium(np.arctan(0.1), 1.5, 8.0, rj.Rigid(20.0)), rj.Ricker(4.0, 1.2).scaled(2.0), options=OPTIONS
+    )
+    np.testing.assert_allclose(data["peak_rotation"][1, 0, 1, -1], one.peak_rotation, atol=1e-10)
+    for arguments, words in (
+        ([problem, "--axis", "gamma=1:2"], "expected numbers separated by commas"),
+        ([problem, "--axis", "gamma"], "expected NAME=VALUES"),
+        ([problem, "--axis", "gamma=-1,2:3:4:log"], "expected numbers"),
+        ([problem, "--axis", "gamma=0:2:3:log"], "equal ratios need from and to > 0"),
+        ([problem, "--axis", "T_s=1,2"], "axes must be some of"),
+        ([problem, "--workers", "1", "--scheduler", "x"], "give one of them"),
+        ([], "no axis is given"),
+    ):
+        with pytest.raises(ValueError, match=words), contextlib.chdir(tmp_path), warnings.catch_warnings():
+            app(["sweep", *map(str, arguments)], standalone_mode=False)
