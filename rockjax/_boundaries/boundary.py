@@ -290,10 +290,11 @@ def _in_program(leaves, structure, margin: bool) -> First:
 
 def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
     """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
-    found = jnp.isfinite(scale)
+    numpy = array_module(leaves, scale)
+    found = numpy.isfinite(scale)
     places = [k for k, moves in enumerate(live) if moves]
     limit = jax.tree.unflatten(structure, leaves)[2]
-    past = jnp.where(found, scale * (1 + PAST), limit)
+    past = numpy.where(found, numpy.multiply(scale, 1 + PAST), limit)
 
     def residual(scale, *values):
         numbers = list(leaves)
@@ -306,10 +307,10 @@ def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: 
 
     point = tuple(leaves[k] for k in places)
     _, along = jax.linearize(residual, past, *point)
-    slope = along(jnp.ones_like(past), *(jnp.zeros_like(y) for y in point))
-    change = along(jnp.zeros_like(past), *moving)
-    usable = found & (slope != 0) & jnp.isfinite(slope)
-    weight = jnp.where(usable, -1 / jnp.where(usable, slope, 1.0), 0.0)
+    slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
+    change = along(numpy.zeros_like(past), *moving)
+    usable = found & (slope != 0) & numpy.isfinite(slope)
+    weight = numpy.where(usable, -1 / numpy.where(usable, slope, 1.0), 0.0)
     return weight * jnp.where(usable, change, 0.0)
 
 
