@@ -73,8 +73,8 @@ def design_chart(
     require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
     if method not in ("scan", "trace"):
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
-    if method == "trace" and (periods.size < 2 or not has_margin(options)):
-        raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ 1")
+    if method == "trace" and (periods.size < 2 or not has_margin(options, as_podium(podium))):
+        raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ θ_s/α")
     if not isinstance(resolution, int) or resolution < 4:
         raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
     if not isinstance(scans, int) or scans < 2:

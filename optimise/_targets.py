@@ -219,7 +219,7 @@ class OverturningAcceleration(AbstractTarget):
         self.max_acceleration_ratio, self.width = float(max_acceleration_ratio), float(width)
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        unit = podium.uplift_ground_acceleration
+        unit = podium.g * jnp.tan(podium.alpha)
 
         def least(T_p):
             return rj.overturning_acceleration(

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax import internal
-from rockjax.internal import DIMENSIONS, Parameter, card, clash, find, readable, written
+from rockjax.internal import DIMENSIONS, Parameter, as_exponent, card, clash, find, readable, written
 
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
 
@@ -27,6 +27,8 @@ class Dimensions(eqx.Module):
     - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
     - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
+    - `tendon_force` P₀ [N], `tendon_stiffness` K [N/m], `damper_coefficient` C [N(s/m)^ν], `damper_exponent` ν,
+      `inertance` b [kg]: restrainers of each column
 
     Raises `ValueError` for numbers that are no podium.
     """
@@ -42,6 +44,11 @@ class Dimensions(eqx.Module):
     lam: Any = 1 / 3
     restitution: Any = "paper"
     g: Any = 9.80665
+    tendon_force: Any = 0.0
+    tendon_stiffness: Any = 0.0
+    damper_coefficient: Any = 0.0
+    damper_exponent: Any = eqx.field(converter=as_exponent, default=1.0)
+    inertance: Any = 0.0
 
     def __check_init__(self):
         self.podium()
@@ -179,6 +186,9 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
         return
     if entry.name == "restitution":
         raise ValueError(_no_factor(owner, base.restitution))
+    if entry.place.startswith("restrainers."):
+        device = entry.place.split(".")[1]
+        raise ValueError(f"{owner}: vary names {name!r}, but the podium has not just one {device} among its restrainers")
     top = base.superstructure
     kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
     raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")

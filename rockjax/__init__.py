@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ._responses.peak import Peak
     from ._responses.response import Response
     from ._responses.simulate import peak_response, simulate
+    from ._restrainers.damper import Damper
+    from ._restrainers.inerter import Inerter
+    from ._restrainers.tendon import Tendon
     from ._results import RESULTS, Errors, Interrupted, State, Stats
     from ._risk.annual import AnnualFrequency, annual_frequency, disaggregation
     from ._risk.files import read_fragility_model, write_fragility_model
@@ -52,6 +55,7 @@ __all__ = [
     "AnnualFrequency",
     "AntisymmetricRicker",
     "Boundary",
+    "Damper",
     "DesignPoint",
     "Elastic",
     "Energies",
@@ -63,6 +67,7 @@ __all__ = [
     "Grid",
     "HalfSine",
     "Hazard",
+    "Inerter",
     "Interrupted",
     "Lognormal",
     "MavroeidisPapageorgiou",
@@ -86,6 +91,7 @@ __all__ = [
     "State",
     "Stats",
     "SweepPlan",
+    "Tendon",
     "annual_frequency",
     "design_points",
     "disaggregation",
@@ -169,6 +175,9 @@ _MODULES = {
         "State",
         "Stats",
     ),
+    "_restrainers.damper": ("Damper",),
+    "_restrainers.inerter": ("Inerter",),
+    "_restrainers.tendon": ("Tendon",),
     "_risk.annual": (
         "AnnualFrequency",
         "annual_frequency",

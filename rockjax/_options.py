@@ -34,7 +34,8 @@ class Options(eqx.Module):
       that they set the step), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit
       Runge–Kutta method with an error estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
     - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for cross-checks
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2, with the
+      output `"margin"` not [`rockjax.Podium.stability_angle`][]
     - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By default `rtol`
     - `max_steps`: bound on trial steps of a scene
     - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
@@ -84,14 +85,6 @@ class Options(eqx.Module):
                 raise ValueError(f"Options: the output {name!r} needs engine='flat', got {self.engine!r}")
         if "errors" in self.outputs and "peak_rotation" not in self.outputs:
             raise ValueError("Options: the output 'errors' needs 'peak_rotation' beside it")
-        if "margin" in self.outputs:
-            require(
-                "Options",
-                "overturn_ratio",
-                self.overturn_ratio,
-                lambda v: v <= 1,
-                "<= 1 for the margin: past α a column may still come back, and no one moment decides",
-            )
         if not isinstance(self.method, str) or self.method not in _EXPLICIT:
             self._check_solver()
 

@@ -99,6 +99,7 @@ from ._motions.motion import Motions
 from ._motions.readers import read_motion, read_suite
 from ._motions.synthetic import synthetic_motions
 from ._options import Options
+from ._parameters.table import STRUCTURE
 from ._parameters.variants import pulse_acceleration, pulse_period
 from ._problem_keys import (
     BY_DIMENSIONS,
@@ -108,6 +109,7 @@ from ._problem_keys import (
     ONE_OR_MORE,
     OPTIONS,
     RECORDED,
+    RESTRAINERS,
     SOURCES,
     SUPERSTRUCTURE,
     Kind,
@@ -115,6 +117,8 @@ from ._problem_keys import (
     is_number,
     whole,
 )
+from ._restrainers import KINDS
+from ._restrainers.base import AbstractRestrainer
 from ._structures import Elastic, Podium, Rigid
 
 
@@ -243,7 +247,18 @@ class Reader:
         if "superstructure" in numbers:
             numbers["superstructure"] = self.superstructure(numbers["superstructure"], f"{key}.superstructure")
         with self.at(key):
-            return Podium(**numbers)
+            return Podium(**numbers, restrainers=self.restrainers(numbers))
+
+    def restrainers(self, numbers: dict[str, Any]) -> tuple[AbstractRestrainer, ...]:
+        """The restrainers of the numbers that are theirs, which are taken out."""
+        found: dict[str, dict[str, Any]] = {}
+        for name in RESTRAINERS & numbers.keys():
+            _, kind, field = STRUCTURE[name].place.split(".")
+            found.setdefault(kind, {})[field] = numbers.pop(name)
+        if "Damper" in found and "coefficient" not in found["Damper"]:
+            raise ValueError("exponent needs the coefficient of a damper")
+        least = {"Tendon": {"prestress": 0.0}}
+        return tuple(kind(**least.get(name, {}) | found[name]) for name, kind in KINDS.items() if name in found)
 
     def superstructure(self, value, key: str) -> Elastic | Rigid:
         top = self.typed(self.table(value, key, ("eta",), ("T_s", "zeta")), key, SUPERSTRUCTURE)

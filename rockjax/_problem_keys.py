@@ -100,6 +100,7 @@ BY_RATIOS = {
     **_kinds({name: y for name, y in _RATIOS.items() if name not in SUPERSTRUCTURE}),
     "superstructure": TABLE,
 }
+RESTRAINERS = {name for name, y in _RATIOS.items() if y.place.startswith("restrainers.")}
 BY_DIMENSIONS = _kinds(table.DIMENSIONS)
 OPTIONS: dict[str, Kind] = {
     "rtol": POSITIVE,

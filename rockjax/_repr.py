@@ -39,7 +39,8 @@ def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
 
 
 def _fields(module: eqx.Module) -> list[tuple[str, Any]]:
-    return [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
+    fields = [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
+    return [(name, value) for name, value in fields if not (isinstance(value, tuple) and not value)]
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
@@ -47,7 +48,11 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
     meanings = _meanings(type(module))
     for name, value in _fields(module):
         known = meanings.get(name, "")
-        if isinstance(value, eqx.Module) and type(value).__repr__ is not eqx.Module.__repr__ and _fields(value):
+        if isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
+            for k, part in enumerate(value):
+                yield f"{prefix}{name}[{k}]", type(part).__name__, known
+                yield from _rows(part, f"{prefix}{name}[{k}].")
+        elif isinstance(value, eqx.Module) and type(value).__repr__ is not eqx.Module.__repr__ and _fields(value):
             yield f"{prefix}{name}", type(value).__name__, known
             yield from _rows(value, f"{prefix}{name}.")
         else:

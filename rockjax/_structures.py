@@ -16,6 +16,18 @@ import numpy as np
 from ._checks import as_float, as_number, concrete, not_negative, positive, require
 from ._plausibility import doubt
 from ._repr import card, readable
+from ._restrainers.base import AbstractRestrainer
+from ._restrainers.damper import Damper
+from ._restrainers.inerter import Inerter
+from ._restrainers.tendon import Tendon
+from ._restrainers.together import (
+    apparent_mass,
+    as_restrainers,
+    check_restrainers,
+    prestress,
+    stability_angle,
+    stiffness,
+)
 from ._types import Number
 
 STANDARD_GRAVITY = 9.80665
@@ -68,10 +80,15 @@ class Rigid(eqx.Module):
 
 
 class PaperRestitution(eqx.Module):
-    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η)."""
+    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
-        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
+    With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
+    """
+
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+        if mu is None:
+            return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
+        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
 
     def __repr__(self):
         return "'paper'"
@@ -80,11 +97,13 @@ class PaperRestitution(eqx.Module):
 class CompatibleRestitution(eqx.Module):
     """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
 
-    e = 1 − 2 sin²α (1+4γ+4η) / ((1+λ)+4γ+4η sin²α).
+    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
     """
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
-        return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+        if mu is None:
+            return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
+        return 1 - 2 * sin2 * (1 + 4 * (gamma + eta + mu)) / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
 
     def __repr__(self):
         return "'compatible'"
@@ -104,8 +123,8 @@ class GivenRestitution(eqx.Module):
             "'paper', 'compatible' or a factor in [0, 1]",
         )
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number) -> Number:
-        del sin2, gamma, eta, lam
+    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+        del sin2, gamma, eta, lam, mu
         return self.e
 
     def __repr__(self):
@@ -145,6 +164,25 @@ def column_of(width: Number, height: Number) -> tuple[Number, Number]:
     return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
 
 
+def _devices(
+    owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
+) -> tuple[AbstractRestrainer, ...]:
+    """The restrainers of a column of `mass` [kg] from their numbers in N, N/m, N(s/m)^ν and kg."""
+    given = {"tendon_force": force, "tendon_stiffness": slope, "damper_coefficient": coefficient, "inertance": inertance}
+    not_negative(owner, **given)
+    require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
+    absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
+    weight, found = mass * g, []
+    if not (absent[0] and absent[1]):
+        found.append(Tendon(as_float(force) / weight, as_float(slope) * R / weight))
+    if not absent[2]:
+        speed = jnp.sqrt(0.75 * g * R)  # Rp
+        found.append(Damper(as_float(coefficient) * speed**exponent / weight, exponent))
+    if not absent[3]:
+        found.append(Inerter(as_float(inertance) / mass))
+    return tuple(found)
+
+
 class Podium(eqx.Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
@@ -155,6 +193,7 @@ class Podium(eqx.Module):
     - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
     - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
+    - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][] of every column, side by side
 
     Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and `rockjax.peak_responses`.
     Raises `ValueError` for concrete numbers outside these ranges.
@@ -167,6 +206,7 @@ class Podium(eqx.Module):
     lam: Number = eqx.field(converter=as_number("Podium: lam"), default=1 / 3)
     restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
     g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
+    restrainers: tuple[AbstractRestrainer, ...] = eqx.field(converter=as_restrainers, default=())
 
     def __check_init__(self):
         require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
@@ -174,6 +214,7 @@ class Podium(eqx.Module):
         not_negative("Podium", gamma=self.gamma, lam=self.lam)
         if not isinstance(self.superstructure, None | Elastic | Rigid):
             raise ValueError(f"Podium: superstructure must be None, Elastic(...) or Rigid(...), got {self.superstructure!r}")
+        check_restrainers(self.restrainers)
 
     @classmethod
     def from_dimensions(
@@ -189,12 +230,20 @@ class Podium(eqx.Module):
         lam=1 / 3,
         restitution="paper",
         g=STANDARD_GRAVITY,
+        tendon_force=0.0,
+        tendon_stiffness=0.0,
+        damper_coefficient=0.0,
+        damper_exponent=1.0,
+        inertance=0.0,
     ) -> Podium:
         """A podium from what stands on a drawing.
 
         - `width`, `height`: full column width 2B and height 2H [m]
         - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
         - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
+        - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon of a column;
+          `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`: b of its inerter [kg]. They
+          act between the ground and the beam; a plain 0 is no such device
         """
         owner = "Podium.from_dimensions"
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
@@ -212,6 +261,8 @@ class Podium(eqx.Module):
         else:
             superstructure = Rigid(eta=eta)
         alpha, R = column_of(width, height)
+        numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
+        devices = _devices(owner, column_mass, R, as_float(g), *numbers)
         return cls(
             alpha=alpha,
             R=R,
@@ -220,6 +271,7 @@ class Podium(eqx.Module):
             lam=lam,
             restitution=restitution,
             g=g,
+            restrainers=devices,
         )
 
     @property
@@ -246,19 +298,25 @@ class Podium(eqx.Module):
     def uplift_ground_acceleration(self) -> Number:
         """The ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²].
 
+        Tendons press the columns down: g tan α (1 + τ/w), w = γ+η+½.
+
         With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do when it is
         exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must go that makes the top
         mass swing depends on the motion: a swing lifts the columns at less than g tan α, a jump, which the spring has not
         answered yet, at once only above `uplift_acceleration`.
         """
-        return self.g * jnp.tan(self.alpha)
+        threshold = self.g * jnp.tan(self.alpha)
+        if any(each.stores for each in self.restrainers):
+            threshold = threshold * (1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5))
+        return threshold
 
     @property
     def uplift_acceleration(self) -> Number:
         """The demand |q| at which the columns uplift [m/s²], Eq. (9): the spring's part of q included.
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
-        g tan α with a rigid one or none, Eq. (5). For the ground acceleration see `uplift_ground_acceleration`.
+        g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where γ includes a rigid
+        superstructure. For the ground acceleration see `uplift_ground_acceleration`.
         """
         threshold = self.uplift_ground_acceleration
         if isinstance(self.superstructure, Elastic):
@@ -274,31 +332,63 @@ class Podium(eqx.Module):
         gamma, eta = self.gamma, self.eta
         if isinstance(self.superstructure, Rigid):
             gamma, eta = gamma + eta, jnp.zeros_like(eta)
-        return self.restitution.factor(jnp.sin(self.alpha) ** 2, gamma, eta, self.lam)
+        return self.restitution.factor(jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers))
+
+    @property
+    def stability_angle(self) -> Number:
+        """θ_s: the smallest rotation in (0, π/2] at which a column without motion does not come back any more [rad], (C7).
+
+        α where nothing but gravity holds it; larger with tendons, and inf where they hold it at every rotation.
+        """
+        return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
+
+    @property
+    def critical_stiffness(self) -> Number:
+        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: from this stiffness of tendons on columns rock stiffly [–], (C6).
+
+        The stiffness of small rotations is negative below it and positive above. It depends neither on the tendons that
+        there are nor on a prestress.
+        """
+        return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
     @property
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        Raises `ValueError` without an elastic superstructure: nothing oscillates.
+        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic superstructure: nothing
+        oscillates.
         """
         if not isinstance(self.superstructure, Elastic):
             raise ValueError("Podium.uplifted_frequency: only an Elastic superstructure oscillates")
         heavy = self.lam + 1 + 4 * self.gamma
+        if self.restrainers:
+            return self._restrained_frequency(heavy, self.superstructure)
         ratio = (heavy + 4 * self.eta) / (heavy + 4 * self.eta * jnp.sin(self.alpha) ** 2)
         return jnp.sqrt(ratio) * self.superstructure.omega_s
+
+    def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
+        """The larger root of (C15), heavy = 1+λ+4γ."""
+        sin2, omega2 = jnp.sin(self.alpha) ** 2, top.omega_s**2
+        mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
+        inertia = 0.75 * heavy + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
+        against = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
+        middle = 0.5 * (against + omega2 * (inertia + 3 * self.eta * (1 - sin2)))
+        return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * against * omega2)) / inertia)
 
     def equivalent_block(self) -> Podium:
         """The solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
 
-        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
+        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)). Restrainers become
+        those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)).
         Raises `ValueError` for an elastic superstructure, which no block can stand for.
         """
         if isinstance(self.superstructure, Elastic):
             raise ValueError("Podium.equivalent_block: a frame with an Elastic superstructure has no equivalent block")
         gamma = self.gamma + self.eta
-        ratio = (2 * gamma + 1) / (3 * gamma + 0.75 * (1 + self.lam))
-        return Podium(alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g)
+        weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
+        ratio = weight / inertia
+        devices = tuple(each.of_block(weight, inertia, jnp.sqrt(ratio)) for each in self.restrainers)
+        return Podium(alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g, restrainers=devices)
 
     def replace(self, **changes) -> Podium:
         """A variant with some fields changed, as `dataclasses.replace`."""

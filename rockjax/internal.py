@@ -14,6 +14,7 @@ from ._problem_keys import whole as whole_number
 from ._progress import bar
 from ._repr import card, readable
 from ._responses.datasets import describe_options
+from ._restrainers.damper import as_exponent
 from ._studies.lognormal import fit_capacities
 from ._tables import html, lines
 
@@ -32,6 +33,7 @@ __all__ = [
     "Reader",
     "about",
     "as_excitation",
+    "as_exponent",
     "as_float",
     "as_json",
     "as_pulse",

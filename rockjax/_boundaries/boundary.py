@@ -32,8 +32,8 @@ from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._parameters.variants import pulse_acceleration
 from rockjax._responses.arguments import check_range, check_types
-from rockjax._responses.datasets import derived_numbers
 from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._types import Value
@@ -106,17 +106,9 @@ def overturning_acceleration(
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    numpy = array_module(max_acceleration_ratio, lifting := _lifting(podium))
-    limit = numpy.asarray(max_acceleration_ratio) * lifting
+    limit = pulse_acceleration(podium, as_float(max_acceleration_ratio))
     motion = as_pulse(owner, pulse)(1.0, T_p)
     return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
-
-
-def _lifting(podium: Podium) -> Any:
-    """The ground acceleration that lifts the columns [m/s²]; from a program that is kept, where the podium is known."""
-    if _traced(jax.tree.leaves(podium)) or any(map(jnp.ndim, jax.tree.leaves(podium))):
-        return podium.uplift_ground_acceleration
-    return derived_numbers(podium)["uplift_ground_acceleration_m_s2"]
 
 
 def overturning_scale(
@@ -169,7 +161,7 @@ def overturning_boundary(
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be
     spacing = as_float(array_module(width).minimum(width, 1 / resolution))
-    return _boundary(podium, excitation, as_float(max_scale), options, spacing, has_margin(options))
+    return _boundary(podium, excitation, as_float(max_scale), options, spacing, has_margin(options, podium))
 
 
 def check_search(owner: str, width, resolution) -> None:

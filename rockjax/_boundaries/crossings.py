@@ -162,8 +162,9 @@ def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progre
     (x, y), on all cores."""
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int)
-    margin = has_margin(options)
-    peaks = peak_responses(*plane(x, y), options=margin_options(options, margin), progress=progress)
+    podiums, motions = plane(x, y)
+    margin = has_margin(options, podiums)
+    peaks = peak_responses(podiums, motions, options=margin_options(options, margin), progress=progress)
     floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
     value = signed_margin(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
     value = np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, value)

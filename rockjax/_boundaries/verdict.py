@@ -9,16 +9,20 @@ import numpy as np
 
 from rockjax._checks import concrete
 from rockjax._options import Options
+from rockjax._structures import Podium
 
 NARROWEST = 1e-4  # of the range: below a boundary no wider window of overturning is missed
 LOOSE = 1e-6  # tolerance of scenes that only look: it moves a boundary by about as much, as a share of itself
 _TINY = float(np.finfo(np.float32).tiny)
 
 
-def has_margin(options: Options) -> bool:
-    """Whether the convention of overturning has a margin: known to be |θ| = α at most."""
+def has_margin(options: Options, podium: Podium) -> bool:
+    """Whether the convention of overturning has a margin: known to be |θ| = θ_s at most, α without tendons."""
     ratio = concrete(options.overturn_ratio)
-    return ratio is not None and bool(np.all(ratio <= 1))
+    if ratio is None or bool(np.all(ratio <= 1)):
+        return ratio is not None
+    limit = concrete(podium.stability_angle / podium.alpha)
+    return limit is not None and bool(np.all(ratio <= limit))
 
 
 def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bool, xp: Any = jnp):

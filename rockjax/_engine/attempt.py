@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._types import Flag, Value, Vector
 
 from .hermite import quintic
-from .model import Coefficients, acceleration
+from .model import Coefficients, acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
@@ -89,6 +89,9 @@ def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: V
     returns = fresh & (speed * angular < 0)
     hop = jnp.where(returns, -2 * speed / jnp.where(returns, angular, 1.0), jnp.inf)
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
+    if scene.c.steep:
+        steady = jax.lax.stop_gradient(steady_for(scene.c, speed, angular))
+        h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= room
 
 

@@ -12,10 +12,14 @@ its positive part. A column that reaches α_o with the speed θ̇ had I θ̇²/2
 and superstructure moving as one: so they do where they linger at the saddle.
 
 So M passes through zero with a slope, whether the columns are pushed over or linger at the saddle after the shaking; one
-slope exactly where gravity alone decides, nearly where the ground still moves or the superstructure sways. The margin of
-a scene is the least of its turning points, at most 1 (the columns never lift), or that of its fall. Turning points come
-and go with the parameters, and each has its own f: W is kept below w, so that away from the boundary M follows the largest
-rotation, which is continuous.
+slope exactly where gravity alone decides, nearly where the ground still moves or the superstructure sways. Where restrainers
+hold the columns as well, the potential V of (C3) stands for that of gravity, (C21):
+
+    G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
+
+The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its fall. Turning
+points come and go with the parameters, and each has its own f: W is kept below w, so that away from the boundary M follows
+the largest rotation, which is continuous.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ import jax.numpy as jnp
 
 from rockjax._types import Value
 
-from .model import Coefficients
+from .model import Coefficients, potential, potential_slope, rotational_inertia
 from .sincos import sincos
 
 OTHERS = 0.02  # w: as much as others than gravity may add
@@ -34,6 +38,12 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
     """M of a turning point at |θ| = `theta` with the angular deceleration `slowing` = −σθ̈ ≥ 0."""
     sin_o, cos_o = sincos(c.alpha - overturn_angle)
     sin, cos = sincos(c.alpha - theta)
+    if c.restrainers:
+        one = jnp.ones_like(theta)
+        depth = potential(c, one, overturn_angle)
+        push = _moment(c, theta, slowing) - potential_slope(c, theta)
+        work = jnp.maximum(push, 0.0) * (sin - sin_o) / depth
+        return 1 - potential(c, one, theta) / depth + work / (1 + work / OTHERS)
     push = jnp.maximum((c.inertia + c.centrifugal) * slowing / c.gravity - sin, 0.0)
     depth = cos_o - c.cos_alpha
     work = push * (sin - sin_o) / depth
@@ -42,12 +52,23 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
 
 def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """M of a column that reaches the overturning angle with the speed θ̇."""
+    if c.restrainers:
+        return -0.5 * _moment(c, overturn_angle, theta_dot**2) / potential(c, jnp.ones_like(theta_dot), overturn_angle)
     _, cos_o = sincos(c.alpha - overturn_angle)
     return -0.5 * (c.inertia + c.centrifugal) * theta_dot**2 / (c.gravity * (cos_o - c.cos_alpha))
 
 
 def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
     """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that angle."""
+    if c.restrainers:
+        one = jnp.ones_like(theta)
+        left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
+        return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)
     _, cos_o = sincos(c.alpha - overturn_angle)
     _, cos = sincos(c.alpha - theta)
     return jnp.where(theta < overturn_angle, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / overturn_angle)
+
+
+def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
+    """Inertia times a rate of the rotation, per N m_c: an angular acceleration, or the square of a velocity."""
+    return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

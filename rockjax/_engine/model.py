@@ -5,14 +5,21 @@ and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and 
 
 States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is elastic,
 (θ, u_t) with an elastic superstructure. Which of the two is known before tracing.
+
+Restrainers add what each of them says of an elongation and its rate; their equations are numbered (C1) … in
+docs/control.md. A podium without any never looks at them.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
+from rockjax._restrainers.base import AbstractRestrainer
+from rockjax._restrainers.together import apparent_mass, stiffness
 from rockjax._structures import Elastic, Podium
 from rockjax._types import Value, Vector
 
@@ -44,14 +51,31 @@ class Coefficients(NamedTuple):
     omega2: Value  # ω_s²
     damping: Value  # 2ζω_s
     uplifted_frequency: Value  # Eq. (31)
+    # Likewise where nothing restrains:
+    restrainers: tuple[AbstractRestrainer, ...]
+    slip: Value  # rate of the elongation over Rp below which forces without a slope are rounded
+    well: Value  # θ_w: |θ| at the top of the potential well
+    apparent_mass: Value  # μ, None where there is no inerter
+    restrained_frequency: Value  # of rocking against the stiffness of tendons alone, None where there is none
 
     @property
     def elastic(self) -> bool:
         return self.omega2 is not None
 
+    @property
+    def steep(self) -> bool:
+        """Whether a force has no slope where θ̇ = 0."""
+        return any(each.steep for each in self.restrainers)
 
-def coefficients(podium: Podium) -> Coefficients:
-    """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`)."""
+
+SLIP = 1e-8  # over pα: the rate of rotation below which forces without a slope are rounded, unless it is said
+
+
+def coefficients(podium: Podium, slip: Value | float = SLIP) -> Coefficients:
+    """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`).
+
+    `slip` is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded.
+    """
     elastic = podium.superstructure if isinstance(podium.superstructure, Elastic) else None
     eta = podium.eta
     gamma = podium.gamma if elastic else podium.gamma + eta  # a rigid superstructure is part of the beam
@@ -82,7 +106,85 @@ def coefficients(podium: Podium) -> Coefficients:
         omega2=elastic.omega_s**2 if elastic else absent,
         damping=2 * elastic.zeta * elastic.omega_s if elastic else absent,
         uplifted_frequency=podium.uplifted_frequency if elastic else absent,
+        **_of_restrainers(podium, slip),
     )
+
+
+def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
+    """The constants of the restrainers; nothing where there are none."""
+    restrainers = podium.restrainers
+    names = ("slip", "well", "apparent_mass", "restrained_frequency")
+    if not restrainers:
+        return {"restrainers": ()} | dict.fromkeys(names)
+    sin_alpha, kappa = jnp.sin(podium.alpha), stiffness(restrainers)
+    gamma = podium.gamma if isinstance(podium.superstructure, Elastic) else podium.gamma + podium.eta
+    k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
+    return {
+        "restrainers": restrainers,
+        "slip": jax.lax.stop_gradient(2 * sin_alpha * slip * podium.alpha),
+        "well": jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
+        "apparent_mass": apparent_mass(restrainers),
+        "restrained_frequency": None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),
+    }
+
+
+def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
+    """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
+
+    Half as long as it takes to stop, or as long as it has taken to come to its rate. Steps that are no longer close in on a
+    moment without motion in halves, so that their error is that of the method although the forces have no slope there; not
+    in states alone, whose error tells, but in their derivatives as well, whose error does not.
+    """
+    speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
+    rounded = c.slip / (2 * c.sin_alpha)  # over p
+    share = jnp.where(theta_dot * theta_ddot < 0, 0.5, 1.0)
+    still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
+    span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
+    span = jnp.where(change > 0, span, jnp.inf)
+    return jnp.where(speed > 0, span, jnp.minimum(span, still))
+
+
+class Elongation(NamedTuple):
+    """ℓ of (C1) and its derivative by θ, over R; both are zero in full contact."""
+
+    stretch: Value
+    lever: Value
+
+
+def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
+    """How far a column's joints are open."""
+    s, cos = sincos(0.5 * theta)
+    return Elongation(4 * c.sin_alpha * sigma * s, 2 * c.sin_alpha * sigma * cos)
+
+
+def _restraint(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value | float]:
+    """What restrainers take from the right side of Eq. (24), and what they add to its inertia, (C8)."""
+    stretch, lever = elongation(c, sigma, theta)
+    rate = lever * theta_dot / c.p
+    against = c.p**2 * lever * sum(each.force(stretch, rate, c.slip) for each in c.restrainers)
+    if c.apparent_mass is None:
+        return against, 0.0
+    push = 0.75 * c.apparent_mass * lever
+    return against - 0.25 * push * stretch * theta_dot**2, push * lever
+
+
+def restraint_at_most(c: Coefficients, theta: Value, theta_dot: Value) -> Value:
+    """A bound of what restrainers take from the right side of Eq. (24), up to |θ| and |θ̇| inside the well, (C20)."""
+    s, _ = sincos(0.5 * theta)
+    lever = 2 * c.sin_alpha
+    forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, c.slip) for each in c.restrainers)
+    most = c.p**2 * lever * forces
+    if c.apparent_mass is not None:
+        most = most + 0.75 * c.apparent_mass * (c.sin_alpha * theta_dot) ** 2
+    return most
+
+
+def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
+    """The inertia of Eq. (24) where the superstructure moves with the beam, with that of inerters, (C21)."""
+    total = c.inertia + c.centrifugal
+    if c.apparent_mass is None:
+        return total
+    return total + 0.75 * c.apparent_mass * elongation(c, sigma, theta).lever ** 2
 
 
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
@@ -103,14 +205,21 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vec
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
     s, cos = sincos(sigma * c.alpha - x[0])
+    against, added = _restraint(c, sigma, x[0], v[0]) if c.restrainers else (0.0, 0.0)
     if not c.elastic:
-        return (-jnp.abs(sigma) * (c.gravity * s + c.ground * ground * cos) / c.inertia,)
+        rocks = -jnp.abs(sigma)
+        return (rocks * _plus(c.gravity * s + c.ground * ground * cos, against) / _plus(c.inertia, added),)
     deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
     rate = v[1] - c.two_R * v[0] * cos
     spring = c.omega2 * deformation + c.damping * rate  # V_s/m_t, Eq. (7)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - c.gravity) + cos * (c.coupling * spring - c.ground * ground)
-    theta_ddot = jnp.abs(sigma) * moment / (c.inertia + c.centrifugal * s**2)
+    theta_ddot = jnp.abs(sigma) * _plus(moment, -against) / _plus(c.inertia + c.centrifugal * s**2, added)
     return theta_ddot, -ground - spring
+
+
+def _plus(value: Value, more: Value | float) -> Value:
+    """The sum, where there is something to add: known before tracing."""
+    return value if isinstance(more, float) else value + more
 
 
 def uplift_demand(c: Coefficients, ground: Value, x: Vector, v: Vector) -> Value:
@@ -129,20 +238,50 @@ def impact(c: Coefficients, theta_dot: Value) -> Value:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Gravity part of Eq. (19) per N m_c, zero in full contact [m²/s²]."""
+    """Gravity part of Eq. (19) per N m_c with what restrainers store, zero in full contact [m²/s²], (C3)."""
+    if c.restrainers:
+        return _restrained_potential(c, sigma, theta)
     _, cos = sincos(sigma * c.alpha - theta)
     return c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
 
 
+def _restrained_potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
+    """V of (C3), without cancellation at small rotations."""
+    stretch, lever = elongation(c, sigma, theta)
+    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2)
+    rise = 0.5 * stretch * (0.5 * sigma * lever - 0.25 * stretch * c.cos_alpha / c.sin_alpha) / c.sin_alpha
+    stored = sum((each.potential(stretch) for each in c.restrainers if each.stores), jnp.zeros_like(rise))
+    return c.weight * rise + 0.5 * c.two_R * c.g * stored
+
+
+def potential_slope(c: Coefficients, theta: Value) -> Value:
+    """V' of (C5) at |θ| = `theta`, per N m_c [m²/s²]."""
+    one = jnp.ones_like(theta)
+    return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
+
+
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²]."""
+    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²], (C17)."""
     s, cos = sincos(sigma * c.alpha - x[0])
-    total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
+    if c.restrainers:
+        spin = c.spin
+        if c.apparent_mass is not None:
+            spin = spin + c.apparent_mass * (0.5 * c.two_R * elongation(c, sigma, x[0]).lever) ** 2
+        total = 0.5 * spin * v[0] ** 2 + _restrained_potential(c, sigma, x[0])
+    else:
+        total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
     if c.elastic:
         deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
         top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
         total = total + 0.5 * c.eta * (top + c.omega2 * deformation**2)
     return total
+
+
+def damper_power(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
+    """What restrainers take, (C/m_c)|ℓ̇|^(1+ν) of dampers, per N m_c [m²/s³]."""
+    rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
+    taken = sum((each.power(rate, c.slip) for each in c.restrainers), jnp.zeros_like(rate))
+    return 0.5 * c.two_R * c.g * c.p * taken
 
 
 def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> tuple[Value, Value]:
@@ -164,13 +303,32 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v:
 
     Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground act at the
     edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15).
-    The columns' centres rise half as fast as the beam. Both are σ at uplift, where v̈_b = 0.
+    The columns' centres rise half as fast as the beam. Both are σ at uplift, where v̈_b = 0. Restrainers add their forces
+    times their levers, (C22).
     """
     s, cos = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
     rises = c.two_R * (theta_ddot * s - v[0] ** 2 * cos)
     rocking = s / c.sin_alpha * (1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g)
+    if c.restrainers:
+        rocking = _with_restrainers(c, sigma, x[0], v[0], theta_ddot, rocking)
     return jnp.where(sigma == 0, -uplift_demand(c, ground, x, v) / c.uplift, rocking)
+
+
+def _with_restrainers(
+    c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value, rocking: Value
+) -> Value:
+    """The moment of weights over their own at uplift, with that of restrainers and over that of both."""
+    stretch, lever = elongation(c, sigma, theta)
+    rate = lever * theta_dot / c.p
+    zero = jnp.zeros_like(stretch)
+    forces = sum((each.force(stretch, rate, c.slip) for each in c.restrainers), zero)
+    pressed = sum((each.force(zero, zero, c.slip) for each in c.restrainers), zero)
+    if c.apparent_mass is not None:
+        lengthening = lever * theta_ddot - 0.25 * stretch * theta_dot**2  # ℓ̈/R
+        forces = forces + 0.5 * c.two_R / c.g * c.apparent_mass * lengthening
+    weight = c.weight / (c.two_R * c.g)  # w
+    return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + pressed)
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
@@ -178,7 +336,7 @@ def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
 
     The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c; by Cauchy–Schwarz that is at most
     2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts
-    only take. Valid while the potential cannot be negative, that is within |θ| ≤ 2α.
+    only take. Valid while the potential cannot be negative, that is within |θ| ≤ 2α without restrainers.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2
 

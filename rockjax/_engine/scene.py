@@ -53,13 +53,15 @@ def prepare(
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
-    c = coefficients(podium)
+    c = coefficients(podium, options.rtol)
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = 1 / c.p
     if plan.elastic:
         longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
+    elif c.restrained_frequency is not None:
+        longest = jnp.minimum(longest, 3 / c.restrained_frequency)
     longest = options.stride * longest
     # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in it.
     closer = options.stride < 1

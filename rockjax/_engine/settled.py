@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from rockjax._types import Flag, Index, Value
 
-from .model import energy, energy_after, potential
+from .model import energy, energy_after, potential, restraint_at_most
 from .state import LoopState, Plan, Scene, present
 
 
@@ -27,16 +27,21 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     now = energy(c, sigma, x, v)
     most = energy_after(c, now, impulse)
     one = jnp.ones_like(t)
-    stays_inside = (jnp.abs(x[0]) <= c.alpha) & (most < potential(c, one, c.alpha))
+    # Restrainers move the top of the well; what counts as overturned may come before it.
+    well = jnp.minimum(c.well, scene.overturn_angle) if c.restrainers else c.alpha
+    stays_inside = (jnp.abs(x[0]) <= well) & (most < potential(c, one, well))
     stays_under = stays_inside
     if plan.rotation:
-        stays_under &= most < potential(c, one, jnp.minimum(state.peak, c.alpha))
+        stays_under &= most < potential(c, one, jnp.minimum(state.peak, well))
     if plan.margin:
         stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
     if not plan.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
         if plan.shear:
             # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.
-            angular = (c.gravity * c.sin_alpha + c.ground * to_come) / c.inertia + 2 * most / c.spin
+            steepest = jnp.maximum(c.sin_alpha, jnp.sin(well - c.alpha)) if c.restrainers else c.sin_alpha
+            angular = (c.gravity * steepest + c.ground * to_come) / c.inertia + 2 * most / c.spin
+            if c.restrainers:
+                angular += restraint_at_most(c, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
             stays_under &= to_come + c.two_R * angular < present(state.shear) * c.g
         return stays_under & (not plan.impacts)
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.

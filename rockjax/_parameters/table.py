@@ -41,6 +41,7 @@ POSITIVE = Range(0.0)
 NOT_NEGATIVE = Range(0.0, closed=(True, False))
 FACTOR = Range(0.0, 1.0, (True, True))
 ANGLE = Range(0.0, math.pi / 2, unit="rad")
+POWER = Range(0.0, 1.0, (False, True))
 
 
 class Parameter(NamedTuple):
@@ -85,6 +86,7 @@ def _named(entries: Iterable[Parameter]) -> dict[str, Parameter]:
 SIDES = ("width", "height")  # of a column: together they are its slenderness and size
 _COLUMN = ("alpha", "tan_alpha", "R")
 _RIGID = "without it the superstructure is rigid"
+_TENDON, _DAMPER = "restrainers.Tendon.", "restrainers.Damper."
 
 # Of a podium. What it keeps has a place; the others are worked out in variants.py.
 STRUCTURE = _named(
@@ -103,6 +105,11 @@ STRUCTURE = _named(
         Parameter("lam", "λ", "1", NOT_NEGATIVE, "inertia factor of a column", "lam", "I_c/(m_c R²)"),
         Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
         Parameter("g", "g", "m s-2", POSITIVE, "acceleration of gravity", "g"),
+        Parameter("prestress", "τ", "1", NOT_NEGATIVE, "initial force of a tendon", _TENDON + "prestress", "P₀/(m_c g)"),
+        Parameter("stiffness", "κ", "1", NOT_NEGATIVE, "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"),
+        Parameter("coefficient", "δ", "1", NOT_NEGATIVE, "damper coefficient", _DAMPER + "coefficient", "C(Rp)^ν/(m_c g)"),
+        Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", "", "1 is a linear damper"),
+        Parameter("inertance_ratio", "μ", "1", NOT_NEGATIVE, "inertance", "restrainers.Inerter.inertance", "b/m_c"),
     )
 )
 
@@ -120,6 +127,11 @@ DIMENSIONS = _named(
         STRUCTURE["lam"],
         STRUCTURE["restitution"],
         STRUCTURE["g"],
+        Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
+        Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
+        Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
+        Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note="1 is a linear damper"),
+        Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
     )
 )
 
@@ -141,7 +153,7 @@ MOTION = _named(
     )
 )
 
-_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "1": "–"}
+_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
 
 def written(unit: str) -> str:

@@ -72,7 +72,7 @@ def check_values(owner: str, values: Mapping[str, Any]) -> None:
 
 def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
     """a_p of a pulse of given a_p/(g tan α) [m/s²]."""
-    return acceleration_ratio * podium.uplift_ground_acceleration
+    return acceleration_ratio * (podium.g * jnp.tan(podium.alpha))
 
 
 def pulse_period(p: Any, frequency_ratio: Any) -> Any:

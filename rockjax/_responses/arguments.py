@@ -42,11 +42,22 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
+    if "margin" in options.outputs and ratio is not None and np.any(ratio > 1):
+        _check_margin(owner, podium, ratio)
     if t_end is None:
         return
     start = concrete(excitation.support[0])
     if start is not None and start.ndim == 0:
         require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
+
+
+def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
+    """Past the stability angle a column may still come back, and no one moment decides."""
+    limit = concrete(podium.stability_angle / podium.alpha)
+    if limit is not None:
+        least = float(limit.min())
+        accepted = f"<= θ_s/α = {least:.6g} for the margin: past the stability angle a column may still come back"
+        require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
 IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly anything in m/s²

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
@@ -16,6 +18,8 @@ from rockjax._options import Options
 from rockjax._parameters import variants
 from rockjax._parameters.table import attribute, of_motion
 from rockjax._programs.program import KeptProgram
+from rockjax._restrainers import KINDS
+from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
 
 
@@ -26,6 +30,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
         "p_rad_s": podium.p,
         "uplift_acceleration_m_s2": podium.uplift_acceleration,
         "uplift_ground_acceleration_m_s2": podium.uplift_ground_acceleration,
+        "g_tan_alpha_m_s2": podium.g * jnp.tan(podium.alpha),
     }
 
 
@@ -49,8 +54,25 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
         "superstructure": "none" if top is None else type(top).__name__.lower(),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
+        **({"restrainers": _as_text(podium.restrainers)} if podium.restrainers else {}),
         **derived,
     }
+
+
+def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
+    """Restrainers as JSON, for an attribute of a file."""
+    numbers = [{field.name: getattr(each, field.name) for field in dataclasses.fields(each)} for each in restrainers]
+    return json.dumps(
+        [
+            {"kind": type(each).__name__} | {name: y if isinstance(y, int) else float(y) for name, y in own.items()}
+            for each, own in zip(restrainers, numbers, strict=True)
+        ]
+    )
+
+
+def _of_text(text: str) -> tuple[AbstractRestrainer, ...]:
+    rows = json.loads(text)
+    return tuple(KINDS[row["kind"]](**{name: y for name, y in row.items() if name != "kind"}) for row in rows)
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
@@ -68,6 +90,7 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
         lam=attributes["lambda"],
         restitution=attributes["restitution"],
         g=attributes["g_m_s2"],
+        restrainers=_of_text(attributes.get("restrainers", "[]")),
     )
 
 

@@ -18,6 +18,7 @@ from rockjax._engine.model import (
     acceleration,
     beam,
     coefficients,
+    damper_power,
     energy,
     power,
     restoring_moment,
@@ -35,12 +36,16 @@ _PLACES = 0.5 + _PLACES
 
 
 class Energies(eqx.Module):
-    """Where the energy is and went, per N m_c [m²/s²]: initial + input = mechanical + impacts + damping + residual.
+    """Where the energy is and went, per N m_c [m²/s²].
 
-    - `mechanical`: kinetic energy relative to the ground, strain energy and gravity, Eqs. (16)–(19); `initial`: at the start
+    initial + input = mechanical + impacts + damping + dampers + residual:
+
+    - `mechanical`: kinetic energy relative to the ground, strain energy, gravity and tendons, Eqs. (16)–(19); `initial`: at
+      the start
     - `input`: work of the ground since the start, −∫ü_g[(½+γ)u̇_b + η u̇_t] dt
     - `impacts`: lost at the impacts since the start, Eqs. (26), (27)
-    - `damping`: lost in the damper since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
+    - `damping`: lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
+    - `dampers`: lost in the dampers that restrain the columns since the start, ∫(C/m_c)|ℓ̇|^(1+ν) dt
     - `residual`: what the solution leaves open; its size measures the error of the whole history
     """
 
@@ -48,14 +53,16 @@ class Energies(eqx.Module):
     input: Float[Array, "*times"]
     impacts: Float[Array, "*times"]
     damping: Float[Array, "*times"]
+    dampers: Float[Array, "*times"]
     initial: Float[Array, ""]
 
     @property
     def residual(self) -> Float[Array, "*times"]:
-        return self.initial + self.input - self.mechanical - self.impacts - self.damping
+        return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any]  # and its end, and the method between the nodes
+# Podium, excitation, nodes, end, the method between the nodes, and the tolerance where restrainers depend on it.
+Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
 class _Sample(NamedTuple):
@@ -148,10 +155,14 @@ def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
     return jnp.clip(passed - 1, 0, nodes.used - 1)
 
 
+def _coefficients(podium: Podium, rtol: Value | None) -> Coefficients:
+    return coefficients(podium) if rtol is None else coefficients(podium, rtol)
+
+
 @KeptProgram
 def along(scene: Solved, t, left, quantity):
-    podium, excitation, nodes, end, method = scene
-    c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
+    podium, excitation, nodes, end, method, rtol = scene
+    c, nodes = _coefficients(podium, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(s, left):
         here = _sample(c, excitation, nodes, method, _before(nodes, s, left), s)
@@ -164,9 +175,12 @@ def along(scene: Solved, t, left, quantity):
 
 @KeptProgram
 def balance(scene: Solved, t, left):
-    """All samples, the energies (mechanical, input, impacts, damping) at times t, and the first of them at the start."""
-    podium, excitation, nodes, end, method = scene
-    c, nodes = coefficients(podium), jax.tree.map(jnp.asarray, nodes)
+    """All samples, the energies at times t, and the first of them at the start.
+
+    Energies are mechanical, input, impacts, damping and, with restrainers, dampers.
+    """
+    podium, excitation, nodes, end, method, rtol = scene
+    c, nodes = _coefficients(podium, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
     # All steps to their ends, and from the nodes before t to t. Padding has no length.
     k = jnp.where(jnp.arange(size) < nodes.used, jnp.arange(size), 0)
@@ -178,21 +192,22 @@ def balance(scene: Solved, t, left):
     def advance(z, k, stop):
         """State, powers and energy at the part z of a step."""
         here = _sample(c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k])))
-        return here, (*power(c, *here), mechanical_energy(c, *here))
+        by_dampers = (damper_power(c, here.sigma, here.x, here.v),) if c.restrainers else ()
+        return here, (*power(c, *here), *by_dampers, mechanical_energy(c, *here))
 
     # One program of the step for all of them: compiling it is what takes time.
     places = jnp.asarray(np.append(_PLACES, 1.0), t.dtype)
-    states, (given, taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(starts, stops)
+    states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(starts, stops)
     lengths = stops - nodes.t[starts]
-    given, taken = (lengths * (y[:, :-1] @ jnp.asarray(_WEIGHTS, t.dtype)) for y in (given, taken))
+    given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(_WEIGHTS, t.dtype)) for y in (given, *taken))
     mechanical = held[:, -1]
     leaving = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
         nodes.sigma, *nodes.x, *nodes.v
     )
     struck = jnp.isfinite(nodes.impact_time)
     lost = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
-    given, taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, taken))
+    given, *taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, *taken))
     samples = jax.vmap(lambda here: _samples(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
     inside = (t >= nodes.t[0]) & (t <= end)
-    parts = samples, mechanical[size:], given, lost[before], taken
+    parts = samples, mechanical[size:], given, lost[before], *taken
     return *jax.tree.map(lambda y: jnp.where(inside, y, jnp.nan), parts), leaving[0]

@@ -39,7 +39,8 @@ _SERIES = {
     "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
     "input_energy": ("m2 s-2", "work of the ground since the start per N m_c"),
     "impact_energy": ("m2 s-2", "energy lost at the impacts since the start per N m_c"),
-    "damping_energy": ("m2 s-2", "energy lost in the damper since the start per N m_c"),
+    "damping_energy": ("m2 s-2", "energy lost in the damper of the superstructure since the start per N m_c"),
+    "damper_energy": ("m2 s-2", "energy lost in the dampers of the columns since the start per N m_c"),
 }
 
 _IMPACTS = {
@@ -99,9 +100,17 @@ class Response(AbstractPeak):
         """The moment that holds the frame up, over its value at uplift [–].
 
         In full contact −q/q_up, Eq. (9): between −1 and 1. While rocking the moment of the ground's vertical forces,
-        (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls with the frame.
+        (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls with the frame; and of
+        the forces of restrainers.
         """
         return self._map(t, restoring_moment)
+
+    def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
+        """Energy that the dampers of the columns have taken up to times t, per N m_c [m²/s²]; by default at the end.
+
+        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; what they have taken in all depends on when the scene ends.
+        """
+        return self.energies(self.stats.end_time if t is None else t).dampers
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
         """The balance of energy at times t [s], integrated over every step of the history."""
@@ -145,6 +154,8 @@ class Response(AbstractPeak):
         times, flags = history.filled(t, left)
         samples, *parts, initial = history.balance(self._scene(), times, flags)
         samples, parts = jax.tree.map(lambda y: y[:size], (samples, parts))
+        if not self.podium.restrainers:
+            parts.append(0.0 * parts[-1])  # NaN where there is no state
         return samples, Energies(*parts, initial=initial)
 
     def _scene(self) -> history.Solved:
@@ -152,7 +163,8 @@ class Response(AbstractPeak):
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not isinstance(self.podium.superstructure, Elastic))
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
-        return self.podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit
+        rtol = self.options.rtol if self.podium.restrainers else None
+        return self.podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
 
 
 def _dataset(
@@ -167,11 +179,15 @@ def _dataset(
         "input_energy": energies.input,
         "impact_energy": energies.impacts,
         "damping_energy": energies.damping,
+        "damper_energy": energies.dampers,
     }
+    if not response.podium.restrainers:
+        del values["damper_energy"]
     data = xarray.Dataset(
         {
             name: ("time", np.asarray(values[name]), {"units": unit, "long_name": description})
             for name, (unit, description) in _SERIES.items()
+            if name in values
         },
         coords={"time": ("time", t, {"units": "s", "long_name": "time"})},
     )

@@ -187,7 +187,9 @@ def _sensitivities(podium: Podium, records: Records, scale, names: tuple[str, ..
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)
-        found = _along(podium, records, filled, scale[filled], options, names=tuple(names), margin=has_margin(options))
+        found = _along(
+            podium, records, filled, scale[filled], options, names=tuple(names), margin=has_margin(options, podium)
+        )
         result[:, part] = np.asarray(found)[: part.size].T
     return result
 

@@ -72,7 +72,7 @@ def _overturns(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """A function: acceleration ratios, one row per interval → whether they overturn."""
     derived = [derived_numbers(podium) for podium in podiums]
-    unit = np.array([numbers["uplift_ground_acceleration_m_s2"] for numbers in derived])[which, None]
+    unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which, None]
     p = np.array([numbers["p_rad_s"] for numbers in derived])[which]
     T_p = (pulse_period(p, spectra[0]["frequency_ratio"].values[column]))[:, None]
     # One number where it is common to all, as for the grid: the same program.

@@ -83,14 +83,16 @@ def overturning_spectrum(
     check_search(owner, width, resolution)
     if method not in ("scan", "trace"):
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
-    if method == "trace" and not has_margin(options):
-        raise ValueError(f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ 1; use method='scan'")
+    if method == "trace" and not has_margin(options, podium):
+        raise ValueError(
+            f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ θ_s/α; use method='scan'"
+        )
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
     whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     derived = derived_numbers(podium)
-    unit, p = derived["uplift_ground_acceleration_m_s2"], derived["p_rad_s"]
+    unit, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
         return podium, pulse(y * unit, pulse_period(p, x))
@@ -161,7 +163,7 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
             "T_p": ("frequency_ratio", T_p, about("T_p")),
             "minimum_a_p": (
                 "frequency_ratio",
-                places[:, 0] * derived["uplift_ground_acceleration_m_s2"],
+                places[:, 0] * derived["g_tan_alpha_m_s2"],
                 {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
             ),
         },
@@ -177,7 +179,9 @@ def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], opti
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
-        found = _along(podium, a_p[filled], T_p[filled], options, pulse=pulse, names=names, margin=has_margin(options))
+        found = _along(
+            podium, a_p[filled], T_p[filled], options, pulse=pulse, names=names, margin=has_margin(options, podium)
+        )
         result[:, part] = np.asarray(found)[: part.size].T
     return result
 

@@ -101,7 +101,7 @@ def rocking_spectra(
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
         group = [podiums[k] for k in members]
         T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
-        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["uplift_ground_acceleration_m_s2"] for k in members])
+        a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha_m_s2"] for k in members])
         # One number where it is common to all, else one per podium.
         stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
         together = jax.tree.map(stack, *group)

@@ -5,18 +5,20 @@ Each function takes a [`rockjax.Response`][], or the dataset of one, such as `ro
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._engine.model import coefficients, potential
+from rockjax._engine.model import coefficients, elongation, potential, potential_slope
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
-from rockjax._structures import Elastic, Rigid
+from rockjax._structures import Elastic, Podium, Rigid
 
 from ._style import COLOURS, ROTATION, look, on_axes, styled
 
@@ -112,8 +114,9 @@ def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax:
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their separatrices.
 
-    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. The separatrices are those of the
-    frame with its superstructure rigid, without ground motion and impacts: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. With tendons it is at ±θ_s, where there
+    is one. The separatrices are those of the frame with its superstructure rigid, without ground motion, impacts and
+    dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -127,14 +130,17 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     x = np.concatenate([data["theta"].values / alpha, zero, gap, zero])[order]
     y = np.concatenate([data["theta_dot"].values, before, gap, after])[order] / unit
 
-    reach = 1.15 * max(1.0, float(np.nanmax(np.abs(x))))
+    top = float(podium_of(data.attrs).stability_angle) / alpha
+    reach = 1.15 * max(min(top, 3.0), float(np.nanmax(np.abs(x))))
     ratio = np.linspace(-reach, reach, 801)
     rate = separatrix(data, ratio * alpha) / unit
     for sign in (1, -1):
         ax.plot(
             ratio, sign * rate, color="0.55", ls="--", lw=1.0, label="separatrix, rigid and undamped" if sign > 0 else None
         )
-    ax.plot([-1, 1], [0, 0], "X", color=COLOURS[0], ms=7, label=r"saddle, $\theta = \pm\alpha$")
+    if top < reach:
+        at = r"\alpha" if top == 1 else r"\theta_s"
+        ax.plot([-top, top], [0, 0], "X", color=COLOURS[0], ms=7, label=rf"saddle, $\theta = \pm{at}$")
     ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
     if times.size:
         jumps = np.stack([before, after, gap]).T.ravel() / unit
@@ -153,8 +159,17 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     if isinstance(podium.superstructure, Elastic):
         podium = podium.replace(superstructure=Rigid(podium.eta))
     c = coefficients(podium)
-    depth = potential(c, jnp.ones(()), c.alpha) - potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
-    return np.sqrt(np.maximum(2 * np.asarray(depth) / float(c.spin), 0.0))
+    held = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
+    depth = potential(c, jnp.ones(()), jnp.asarray(saddle(podium))) - held
+    spin = c.spin
+    if c.apparent_mass is not None:
+        spin = spin + c.apparent_mass * (podium.R * elongation(c, jnp.ones(()), jnp.asarray(theta)).lever) ** 2
+    return np.sqrt(np.maximum(2 * np.asarray(depth / spin), 0.0))
+
+
+def saddle(podium: Podium) -> float:
+    """|θ| at the top of the potential well [rad]: α without tendons, π/2 where they hold the columns at every rotation."""
+    return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
 @on_axes
@@ -162,8 +177,9 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     """Restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
 
     In full contact (θ = 0) it is what is asked of the frame, −q/q_up of Eq. (9), between −1 and 1. While rocking it is the
-    moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1 to 0 at θ = α, and of the
-    vertical inertia of beam, columns and superstructure, Eq. (15).
+    moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1 to 0 at θ = α, of the
+    vertical inertia of beam, columns and superstructure, Eq. (15), and of restrainers. The thick line is what weights and
+    tendons do at rest.
     """
     assert ax is not None
     data = as_history(response)
@@ -171,11 +187,15 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     ratio, moment = data["theta"].values / alpha, data["restoring_moment"].values
     reach = max(1.0, float(np.nanmax(np.abs(ratio))))
     theta = np.linspace(0, reach, 201) * alpha
-    weights = np.sin(alpha - theta) / np.sin(alpha)
+    podium = podium_of(data.attrs)
+    weights, label = np.sin(alpha - theta) / np.sin(alpha), r"weights alone, $\sin\psi\,/\,\sin\alpha$"
+    if podium.restrainers:
+        slope = np.asarray(jax.vmap(functools.partial(potential_slope, coefficients(podium)))(jnp.asarray(theta)))
+        weights, label = slope / slope[0], "weights and tendons at rest"
     backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-weights[::-1], weights])
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.axvline(0, color="0.7", lw=0.6, zorder=0)
-    ax.plot(*backbone, color="0.7", ls="-", lw=4, label=r"weights alone, $\sin\psi\,/\,\sin\alpha$")
+    ax.plot(*backbone, color="0.7", ls="-", lw=4, label=label)
     ax.plot(ratio, moment, color=COLOURS[2], ls="-", lw=0.9, label="response")
     ax.set(xlabel=ROTATION, ylabel=r"restoring moment $M_r\,/\,M_r(\mathrm{uplift})$", xlim=(-1.05 * reach, 1.05 * reach))
     ax.grid(True, alpha=0.3)
@@ -197,10 +217,12 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     unit = 2 * a["R_m"] * a["g_m_s2"] * masses * (1 - np.cos(a["alpha_rad"]))
     names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
     given, held, struck, damped = (data[name].values / unit for name in names)
-    residual = float(data["initial_energy"]) / unit + given - held - struck - damped
+    taken = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(given)
+    residual = float(data["initial_energy"]) / unit + given - held - struck - damped - taken
     t = data["time"].values
     curves = [("work of the ground", given), ("mechanical energy", held), ("lost at impacts", struck)]
     curves += [("lost in the damper", damped)] if a["superstructure"] == "elastic" else []
+    curves += [("lost in the columns' dampers", taken)] if taken.any() else []
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))
     most = float(np.nanmax(np.abs(residual)))

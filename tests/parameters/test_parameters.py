@@ -12,7 +12,8 @@ from optimise._variables import Dimensions, variables
 from rockjax._parameters import table, variants
 from rockjax._problem_keys import BY_DIMENSIONS, BY_RATIOS, SUPERSTRUCTURE
 
-FULL = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7)
+DEVICES = rj.Tendon(5.0, 100.0), rj.Damper(4.0, 0.5), rj.Inerter(8.0)
+FULL = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES)
 BARE = rj.Podium(0.2, 1.5)
 
 # What changes with a parameter besides.
@@ -38,6 +39,7 @@ def test_a_parameter_is_read_where_it_is_set(name):
 def test_which_parameters_a_podium_has():
     assert set(variants.parameters_of(FULL)) == set(table.STRUCTURE)
     left_out = {"eta", "T_s", "zeta", "restitution"}
+    left_out |= {"prestress", "stiffness", "coefficient", "exponent", "inertance_ratio"}
     assert set(variants.parameters_of(BARE)) == set(table.STRUCTURE) - left_out
     assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
     with pytest.raises(ValueError, match=r"parameters of this podium are alpha, tan_alpha, .*; got 'T_s'"):

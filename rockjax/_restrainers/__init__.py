@@ -1,0 +1,8 @@
+"""Restrainers: devices between the ground and the beam, one module each. A new one is a module and its name in `KINDS`."""
+
+from .base import AbstractRestrainer
+from .damper import Damper
+from .inerter import Inerter
+from .tendon import Tendon
+
+KINDS: dict[str, type[AbstractRestrainer]] = {kind.__name__: kind for kind in (Tendon, Damper, Inerter)}

@@ -1,0 +1,82 @@
+"""Viscous dampers, linear and of a power law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from rockjax._checks import as_float, as_number, not_negative, require
+from rockjax._types import Number, Value
+
+from .base import AbstractRestrainer
+
+
+class Linear(float):
+    """The exponent 1 as it is known before tracing: no number of the program, so that a linear damper needs no powers."""
+
+    def __new__(cls) -> Linear:
+        return super().__new__(cls, 1.0)
+
+    def __reduce__(self):
+        return Linear, ()
+
+
+jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Linear())
+
+
+def as_exponent(value) -> Any:
+    """The converter of an exponent."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
+        return Linear()
+    return as_float(value, "exponent of a damper")
+
+
+class Damper(AbstractRestrainer):
+    """A viscous damper beside every column: force C|ℓ̇|^ν against the rate of the elongation ℓ.
+
+    - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
+    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array, also one of 1, is any
+    - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
+
+    The force is 0 where the rate is: a damper never holds the column. For ν < 1 its slope is infinite there; it is rounded
+    below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for concrete numbers outside these
+    ranges.
+    """
+
+    coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))
+    exponent: Number | float = eqx.field(converter=as_exponent, default=1.0)
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    def _check(self, owner: str) -> None:
+        not_negative(owner, coefficient=self.coefficient)
+        if not self.linear:
+            require(owner, "exponent", self.exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
+
+    @property
+    def linear(self) -> bool:
+        """Whether ν is known to be 1."""
+        return isinstance(self.exponent, Linear)
+
+    @property
+    def steep(self) -> bool:
+        return not self.linear
+
+    def _growth(self, rate: Value, slip: Value) -> Value | float:
+        """|rate|^(ν−1), rounded where it would be infinite."""
+        if self.linear:
+            return 1.0
+        return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))
+
+    def _force(self, stretch: Value, rate: Value, slip: Value) -> Value:
+        del stretch
+        return self.coefficient * rate * self._growth(rate, slip)
+
+    def _power(self, rate: Value, slip: Value) -> Value:
+        return self.coefficient * rate * rate * self._growth(rate, slip)
+
+    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Damper:
+        del inertia
+        return Damper(self.coefficient / weight * speed**self.exponent, self.exponent, self.joints)

@@ -1,0 +1,36 @@
+"""Inerters."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+from rockjax._checks import as_number, not_negative
+from rockjax._types import Number
+
+from .base import AbstractRestrainer
+
+
+class Inerter(AbstractRestrainer):
+    """An inerter beside every column: force b ℓ̈ against the acceleration of the elongation ℓ.
+
+    - `inertance`: μ = b/m_c, ≥ 0 [–]
+    - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
+
+    A rigid link in both directions, without play or clutch: it passes an impulse at impacts, which lowers the restitution
+    factor of the laws `"paper"` and `"compatible"`, [`rockjax.Podium.restitution_factor`][]. Raises `ValueError` for
+    concrete numbers outside this range.
+    """
+
+    inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    def _check(self, owner: str) -> None:
+        not_negative(owner, inertance=self.inertance)
+
+    @property
+    def _apparent_mass(self) -> Number:
+        return self.inertance
+
+    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Inerter:
+        del weight, speed
+        return Inerter(self.inertance / inertia, self.joints)

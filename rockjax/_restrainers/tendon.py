@@ -1,0 +1,44 @@
+"""Vertical elastic tendons."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+from rockjax._checks import as_number, not_negative
+from rockjax._types import Number, Value
+
+from .base import AbstractRestrainer
+
+
+class Tendon(AbstractRestrainer):
+    """An unbonded elastic tendon along the centre line of every column: force P₀ + K ℓ, never slack, without yielding.
+
+    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it is a massless weight on each column
+    - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. From [`rockjax.Podium.critical_stiffness`][] on it makes the
+      rocking stiffness positive
+    - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
+
+    Raises `ValueError` for concrete numbers outside these ranges.
+    """
+
+    prestress: Number = eqx.field(converter=as_number("Tendon: prestress"))
+    stiffness: Number = eqx.field(converter=as_number("Tendon: stiffness"), default=0.0)
+    joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    def _check(self, owner: str) -> None:
+        not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)
+
+    def _force(self, stretch: Value, rate: Value, slip: Value) -> Value:
+        del rate, slip
+        return self.prestress + self.stiffness * stretch
+
+    def _potential(self, stretch: Value) -> Value:
+        return stretch * (self.prestress + 0.5 * self.stiffness * stretch)
+
+    @property
+    def _stiffness(self) -> Number:
+        return self.stiffness
+
+    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Tendon:
+        del inertia, speed
+        return Tendon(self.prestress / weight, self.stiffness / weight, self.joints)
