@@ -1,16 +1,22 @@
-"""Windows of overturning below the boundary that is reported: `python -m benchmarks.boundaries [records] [structure …]`.
+"""Windows of overturning below the boundary that is reported.
+
+`python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER]`
 
 For each structure and each motion the boundary is searched as users do, certain to `WIDTH` of the range. Then every scale
-below it is tried at a quarter of that width, by plain responses; each window of overturning that this shows is measured.
-None may be wider than what the search is certain to. Half of the motions have a velocity pulse; some are pulses alone.
+from the last that lifts nothing up to it is tried at a quarter of that width, by plain responses; each window of overturning
+that this shows is measured. None may be wider than what the search is certain to. Half of the synthetic motions have a
+velocity pulse; some are pulses alone. With a folder, its records (text with times and accelerations, in any unit: the range
+is in terms of PGA) are the motions, cut to 1000 samples from 400 before their peak.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import sys
 import time
+import warnings
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -21,7 +27,12 @@ from .measure import RESULTS, keep, show
 
 WIDTH = 1e-4  # of the range
 RANGE = 10.0  # scales up to so many g tan α over PGA
-TRIALS = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("margin",))
+LEAST = 256  # scenes of a batch
+COARSE = 256  # scales that tell from where on the columns lift
+LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
+NEAR = 0.02  # a margin as small is worked out again …
+SHARP = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))  # … at the accuracy of a boundary
+BEFORE, SAMPLES = 400, 1000  # of a record: so many before its peak, and altogether
 SLENDER, STOCKY = math.atan(0.15), 0.25
 STRUCTURES = {
     "solitary column": rj.Podium(0.2, 1.0),
@@ -43,28 +54,63 @@ def motions(count: int) -> rj.Records:
     return rj.Records.of([(alone if k % 5 == 4 else mixed if k % 2 else plain)[k] for k in range(count)])
 
 
+def recorded(folder: Path, count: int) -> rj.Records:
+    """The records in a folder, around their peaks."""
+    cut = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.RecordWarning)  # of PGA in another unit
+        suite = rj.read_suite(folder, units="m/s2", pattern="*.dat")
+    for motion in suite:
+        samples = np.asarray(motion.acceleration)
+        first = max(0, int(np.argmax(np.abs(samples))) - BEFORE)
+        cut.append(rj.Record(samples[first : first + SAMPLES], motion.dt))
+    return rj.Records.of(cut[:count])
+
+
+def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
+    """Whether scales of one record overturn; those that are close to it at the full accuracy."""
+
+    looked = peaks(podium, records, j, scales, LOOKING)
+    over = np.array(looked.overturned)
+    near = np.flatnonzero(np.abs(np.asarray(looked.margin)) < NEAR)
+    if near.size:
+        over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)[: near.size]
+    return over[: scales.size]
+
+
+def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, options: rj.Options) -> rj.Peak:
+    """Of one record at some scales, filled up with scenes at rest: a small batch would be a program of its own."""
+    scales = np.append(scales, np.zeros(max(0, LEAST - scales.size)))
+    motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
+    return rj.peak_responses(podium, motion, options=options)
+
+
+def still(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
+    """The last of some coarse scales that lifts nothing: columns at rest feel the motion in proportion."""
+    scales = np.linspace(0.0, end, COARSE)
+    uplifted = np.asarray(peaks(podium, records, j, scales, LOOKING).uplifted)
+    return float(scales[np.argmax(uplifted) - 1] if uplifted.any() else end)
+
+
 def windows(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
     """(n, 2): beginnings and ends of the windows that overturn among ascending scales of one record."""
-
-    def over(scales):
-        motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
-        return np.asarray(rj.peak_responses(podium, motion, options=TRIALS).overturned)
-
-    found = np.flatnonzero(np.diff(np.concatenate([[False], over(scales), [False]]).astype(int)))
+    over = overturns(podium, records, j, scales)
+    found = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(int)))
     edges = []
     for change in found:
         lo, hi = scales[max(change - 1, 0)], scales[min(change, scales.size - 1)]
         finer = np.linspace(lo, hi, 200)
-        at = np.flatnonzero(np.diff(over(finer).astype(int)))
+        at = np.flatnonzero(np.diff(overturns(podium, records, j, finer).astype(int)))
         edges.append(finer[at[0]] if at.size else lo)
     return np.reshape(edges, (-1, 2))
 
 
-def measured(name: str, records: rj.Records) -> dict:
+def measured(name: str, source: str, records: rj.Records) -> dict:
     podium = STRUCTURES[name]
     pga = np.asarray(records.sizes()).max(axis=1)
     limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / pga
-    rows: dict = {"structure": name, "motions": len(records), "overturned": 0, "scenes_tried": 0, "windows": []}
+    rows: dict = {"structure": name, "source": source, "motions": len(records)}
+    rows |= {"overturned": 0, "scenes_tried": 0, "windows": []}
     began = time.process_time()
 
     def search(which, limit):
@@ -78,7 +124,7 @@ def measured(name: str, records: rj.Records) -> dict:
     for j in range(len(records)):
         end = scale[j] * (1 - 1e-9) if np.isfinite(scale[j]) else limits[j]
         rows["overturned"] += bool(np.isfinite(scale[j]))
-        scales = np.arange(0.0, end, 0.25 * WIDTH * limits[j])
+        scales = np.arange(still(podium, records, j, end), end, 0.25 * WIDTH * limits[j])
         rows["scenes_tried"] += scales.size
         for lo, hi in windows(podium, records, j, scales):
             window = {"motion": j, "from": float(lo), "width": float((hi - lo) / limits[j])}
@@ -89,17 +135,25 @@ def measured(name: str, records: rj.Records) -> dict:
     return rows
 
 
-def main(count: int = 40, names: tuple[str, ...] = tuple(STRUCTURES)) -> None:
-    records = motions(count)
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("motions", nargs="?", type=int, default=40)
+    arguments.add_argument("structures", nargs="*", help=", ".join(STRUCTURES))
+    arguments.add_argument("--records", type=Path, help="a folder of records, *.dat, to take instead of synthetic ones")
+    given = arguments.parse_args()
+    source = "synthetic" if given.records is None else "recorded"
+    records = motions(given.motions) if given.records is None else recorded(given.records, given.motions)
     path = RESULTS / "boundaries.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
-    for name in names:
-        rows = [row for row in rows if row["structure"] != name] + [measured(name, records)]
+    for name in given.structures or STRUCTURES:
+        others = [row for row in rows if (row["structure"], row["source"]) != (name, source)]
+        rows = [*others, measured(name, source, records)]
         keep("boundaries", rows)
-    columns = {"structure": "", "motions": "d", "overturned": "d", "certain_to": ".1e", "scenes_tried": ",d"}
-    show(rows, columns | {"narrower": "d", "missed": "d", "cpu_s_search": ".1f", "cpu_s_trials": ".0f"})
+    columns = {"structure": "", "source": "", "motions": "d", "overturned": "d", "certain_to": ".1e"}
+    show(
+        rows, columns | {"scenes_tried": ",d", "narrower": "d", "missed": "d", "cpu_s_search": ".1f", "cpu_s_trials": ".0f"}
+    )
 
 
 if __name__ == "__main__":
-    arguments = sys.argv[1:]
-    main(int(arguments[0]) if arguments else 40, tuple(arguments[1:]) or tuple(STRUCTURES))
+    main()

@@ -63,7 +63,7 @@ def scan(kept: Kept, name: str, podium: rj.Podium, record: rj.Record) -> dict[st
             podium, rj.Record(record.acceleration, dt, scale), max_scale=HIGHEST
         )
         axes = jax.tree.map(lambda y: 0 if np.ndim(y) else None, columns)
-        return np.asarray(jax.jit(jax.vmap(one, in_axes=(axes, 0, 0)))(columns, *motion)).tolist()
+        return np.asarray(jax.vmap(one, in_axes=(axes, 0, 0))(columns, *motion)).tolist()
 
     found = np.concatenate(
         [kept.remember(f"{name}-{first}", lambda first=first: part(first)) for first in range(0, count, PART)]

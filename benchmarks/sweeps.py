@@ -1,12 +1,14 @@
 """Sweeps: throughput over local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
 
-Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several.
+Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several. And one large sweep,
+in fact: `python -m benchmarks.sweeps large SCENES STORE`; stopped at any moment, the same command goes on.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -173,7 +175,38 @@ def memory(folder: Path) -> list[dict]:
     return rows
 
 
+def large(scenes: int, store: Path) -> list[dict]:
+    """So many rigid scenes into a store: processor time, disk and memory."""
+    import psutil
+
+    points = 1000
+    whole = grid(max(1, scenes // points**2), points)
+    before = os.times()
+    data = rj.sweep(*whole, store=store, outputs=OUTPUTS, progress=sys.stderr.isatty())
+    after, process = os.times(), psutil.Process()
+    assert not isinstance(data, rj.SweepPlan)
+    result = data["result"].astype("int64")
+    return [
+        {
+            "scenes": whole.size,
+            "cpu s": after.user + after.system - before.user - before.system,
+            "wall s": after.elapsed - before.elapsed,
+            "memory [MiB]": process.memory_info().rss / 2**20,
+            "peak memory [MiB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10,
+            "disk [MiB]": sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / 2**20,
+            "files": sum(1 for file in store.rglob("*") if file.is_file()),
+            "overturned": int((result == 2).sum()),
+            "without an answer": int((result > 2).sum()),
+        }
+    ]
+
+
 def main() -> None:
+    if sys.argv[1:2] == ["large"]:
+        rows = large(int(float(sys.argv[2])), Path(sys.argv[3]))
+        keep("sweeps-large", rows)
+        show(rows, {key: "d" if isinstance(y, int) else ".0f" for key, y in rows[0].items()})
+        return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         wanted = sys.argv[1:] or ["overhead", "processes", "memory"]

@@ -159,7 +159,7 @@ print(spectrum.peak_rotation.sel(frequency_ratio=3, acceleration_ratio=2, method
 # ## Results
 #
 # Every scene ends in a named result. `settled` and `end_of_time` are survival, `overturned` is what it
-# says. A scene that runs `out_of_steps` or is `not_finite` has no answer, and raises an error.
+# says. A scene that runs `out_of_steps` or is `not_finite`, for instance, has no answer, and raises an error.
 
 # %%
 strong = rj.peak_response(podium, rj.Ricker(a_p=5.0, T_p=1.0))

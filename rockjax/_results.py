@@ -21,12 +21,23 @@ class RESULTS(eqx.Enumeration):
     not_finite = "A state or a parameter is not finite; check the inputs."
     history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
     interrupted = "The computation was stopped before this scene had ended; resume it."
+    chattering = (
+        "The columns bounced on until max_steps, on hops ever shorter, for impacts take almost nothing; a restitution "
+        "further below 1 or a larger rest_velocity lets them come to rest."
+    )
+    too_stiff = (
+        "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration for so long; "
+        "make it Rigid, end the scene earlier, or raise max_steps."
+    )
 
 
 # Codes inside the loop, where a scene that goes on has none.
 RUNNING = -1
-SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL, INTERRUPTED = range(7)
-NAMES = ("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted")
+SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL, INTERRUPTED, CHATTERING, TOO_STIFF = range(9)
+NAMES = (
+    *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
+    *("chattering", "too_stiff"),
+)
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:

@@ -88,7 +88,7 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         state, done = loop.lanes, loop.done
         lane = over_lanes(settle, state.parts, state.lane)
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
-        floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(lane)), state.parts, lane)
+        floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, lane)
         done = _kept(done, ended, state.held, floats, integers)
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free, dtype=index_type) - 1

@@ -16,6 +16,10 @@ from .contact import cross_full_contact
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .step import step
 
+MANY_STEPS = 50_000  # trials; who allows fewer has run out of them for no other reason
+BOUNCING = 0.2  # of the steps end with an impact: nothing happens but hops
+MANY_RADIANS = 50_000  # of a superstructure's vibration on lifted columns
+
 
 class Nodes(NamedTuple):
     """The accepted steps of a scene: node k holds the state from which the next step starts, after any impact."""
@@ -64,15 +68,22 @@ def runs(state: LoopState, max_steps: int) -> Array:
     return (state.code == results.RUNNING) & (state.steps + state.rejected < max_steps)
 
 
-def closed(state: LoopState) -> LoopState:
-    """Out of steps is a result as well."""
-    return state._replace(code=jnp.where(state.code == results.RUNNING, results.OUT_OF_STEPS, state.code))
+def closed(scene: Scene, state: LoopState) -> LoopState:
+    """Out of steps is a result as well, and says why where so many of them have one of two causes."""
+    cause = jnp.full_like(state.code, results.OUT_OF_STEPS)
+    many = state.steps + state.rejected >= MANY_STEPS
+    if scene.c.elastic:
+        radians = jax.lax.stop_gradient(scene.c.uplifted_frequency * (scene.end - scene.start))
+        cause = jnp.where(many & (radians > MANY_RADIANS), results.TOO_STIFF, cause)
+    cause = jnp.where(many & (state.impacts > BOUNCING * state.steps), results.CHATTERING, cause)
+    return state._replace(code=jnp.where(state.code == results.RUNNING, cause, state.code))
 
 
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
     state = cross_full_contact(scene, plan, state)
-    return closed(jax.lax.while_loop(lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state))
+    state = jax.lax.while_loop(lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state)
+    return closed(scene, state)
 
 
 def run_with_history(scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int) -> tuple[LoopState, Nodes]:
@@ -115,7 +126,7 @@ def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, k
         return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), kept
 
     state, kept = jax.lax.while_loop(lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, kept))
-    return closed(state), kept
+    return closed(scene, state), kept
 
 
 def replay(

@@ -38,6 +38,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
+LANDED, FARTHEST = 10.0, 0.02  # times √rtol of the step, and at most: its quintic carries the state over the rest …
+LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
@@ -80,6 +82,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
+        landing=jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST) * jnp.where(closer, LANDED_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

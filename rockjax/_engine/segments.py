@@ -66,7 +66,7 @@ def run_segments(
         return jax.lax.cond(state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes))
 
     state, nodes = jax.lax.while_loop(running, body, (state, nodes))
-    code = closed(state).code
+    code = closed(scene, state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return state._replace(code=code), nodes

@@ -41,6 +41,7 @@ class Scene(NamedTuple):
     end: Value
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
+    landing: Value  # part of a step within which it lands on an event
     rtol: Value
     atol: Value
     longest: Value  # longest step [s] …

@@ -38,7 +38,6 @@ from .settled import certificate
 from .state import Decision, LoopState, Plan, Scene, StepInfo, present
 from .transitions import restart, transition
 
-LANDED = 10.0  # times √rtol of the step, at most 2 %: the quintic of the step carries the state over the rest
 NEARLY = 0.95  # of the uplift demand
 
 
@@ -82,7 +81,7 @@ def _classify(
 ) -> StepOutcome:
     constant = jax.lax.stop_gradient
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, state.sigma != 0
-    near = jnp.maximum(jnp.minimum(LANDED * jnp.sqrt(scene.rtol), 0.02) * h, tiny)
+    near = jnp.maximum(scene.landing * h, tiny)
     in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + tiny
     left, slope = guard.ending.value(guard.time_past_end), guard.ending.slope(guard.time_past_end)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
