@@ -247,7 +247,8 @@ class Reader:
         if "superstructure" in numbers:
             numbers["superstructure"] = self.superstructure(numbers["superstructure"], f"{key}.superstructure")
         with self.at(key):
-            return Podium(**numbers, restrainers=self.restrainers(numbers))
+            restrainers = self.restrainers(numbers)
+            return Podium(**numbers, restrainers=restrainers)
 
     def restrainers(self, numbers: dict[str, Any]) -> tuple[AbstractRestrainer, ...]:
         """The restrainers of the numbers that are theirs, which are taken out."""

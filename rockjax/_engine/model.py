@@ -153,13 +153,26 @@ class Elongation(NamedTuple):
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
     """How far a column's joints are open."""
-    s, cos = sincos(0.5 * theta)
+    return _elongation(c, sigma, *sincos(0.5 * theta))
+
+
+def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongation:
+    """The same from sin θ/2 and cos θ/2."""
     return Elongation(4 * c.sin_alpha * sigma * s, 2 * c.sin_alpha * sigma * cos)
 
 
-def _restraint(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value | float]:
+def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
+    """sin ψ, cos ψ and the elongation by one sine and cosine, of θ/2; cos ψ is not to be asked of full contact."""
+    s, cos = sincos(0.5 * theta)
+    sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
+    sin_side = sigma * c.sin_alpha
+    sin_psi = sin_side * cos_theta - c.cos_alpha * sin_theta
+    return sin_psi, c.cos_alpha * cos_theta + sin_side * sin_theta, _elongation(c, sigma, s, cos)
+
+
+def _restraint(c: Coefficients, open_by: Elongation, theta_dot: Value) -> tuple[Value, Value | float]:
     """What restrainers take from the right side of Eq. (24), and what they add to its inertia, (C8)."""
-    stretch, lever = elongation(c, sigma, theta)
+    stretch, lever = open_by
     rate = lever * theta_dot / c.p
     against = c.p**2 * lever * sum(each.force(stretch, rate, c.slip) for each in c.restrainers)
     if c.apparent_mass is None:
@@ -204,8 +217,12 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vec
 
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
-    s, cos = sincos(sigma * c.alpha - x[0])
-    against, added = _restraint(c, sigma, x[0], v[0]) if c.restrainers else (0.0, 0.0)
+    against, added = 0.0, 0.0
+    if c.restrainers:
+        s, cos, open_by = _angles(c, sigma, x[0])
+        against, added = _restraint(c, open_by, v[0])
+    else:
+        s, cos = sincos(sigma * c.alpha - x[0])
     if not c.elastic:
         rocks = -jnp.abs(sigma)
         return (rocks * _plus(c.gravity * s + c.ground * ground * cos, against) / _plus(c.inertia, added),)

@@ -10,10 +10,10 @@ import pytest
 
 import rockjax as rj
 from rockjax._engine import model
+from rockjax._problem import Reader
 from rockjax._responses.datasets import describe_podium, podium_of
-
-from . import restrained
-from .restrained import Frame
+from tests import restrained
+from tests.restrained import Frame
 
 S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
 ELASTIC = rj.Elastic(30.0, 0.5, 0.05)
@@ -393,6 +393,19 @@ def test_written_and_read_again():
     data = free(all_three(), 0.12).dataset()
     assert float(data["damper_energy"][-1]) == pytest.approx(0.4140209814315648, abs=1e-9)
     assert "damper_energy" not in free(podium(), 0.12).dataset()
+
+
+def test_problem_files():
+    read = Reader().structure
+    column = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
+    structure = read(column | {"stiffness": 100.0, "prestress": 5.0, "coefficient": 4.0, "inertance_ratio": 8.0})
+    assert repr(structure) == repr(all_three())
+    assert repr(read(column | {"stiffness": 100.0}).restrainers) == repr((rj.Tendon(0.0, 100.0),))
+    assert read(column).restrainers == ()
+    with pytest.raises(ValueError, match="exponent needs the coefficient of a damper"):
+        read(column | {"exponent": 0.5})
+    with pytest.raises(ValueError, match="structure\\.prestress: must be a number >= 0"):
+        read(column | {"prestress": -1.0})
 
 
 @pytest.mark.parametrize(
