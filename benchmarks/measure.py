@@ -81,6 +81,11 @@ def keep(name: str, rows: list[dict]) -> None:
     (RESULTS / f"{name}.json").write_text(text + "\n")
 
 
+def kept(name: str) -> list[dict]:
+    """The rows of a table that was stored before."""
+    return json.loads((RESULTS / f"{name}.json").read_text())["rows"]
+
+
 def _cores() -> int:
     from rockjax._batch.executors import workers
 

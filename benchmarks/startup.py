@@ -1,7 +1,8 @@
 """How long the first answer of a process takes: `python -m benchmarks.startup`, or with names of rows.
 
 "First" has nothing kept, "later" is a further process of the same user. CPU seconds of the process and all its threads,
-which say the same on a busy machine, and wall time, the shortest of several, in units of J, the time of `import jax`.
+which say the same on a busy machine, and wall time, the shortest of several; also in units of J, the time of `import jax`.
+Rows that are named replace those of the table that was kept before.
 """
 
 from __future__ import annotations
@@ -12,43 +13,72 @@ import subprocess
 import sys
 import tempfile
 
-from .measure import keep, show
+from .measure import keep, kept, show
 
 PODIUM = """
-import rockjax as rj
+import jax, numpy as np, rockjax as rj
 podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Elastic(eta=100.0, T_s=0.5, zeta=0.05))
 pulse = rj.Ricker(a_p=2.0, T_p=1.0)
+peak = lambda podium, motion: rj.peak_response(podium, motion).peak_rotation
+least_a_p = lambda podium, T_p: rj.overturning_acceleration(podium, rj.Ricker, T_p)
+least_scale = lambda podium, motion: rj.overturning_scale(podium, motion)
+slope = lambda answer, *given: jax.grad(lambda alpha: answer(podium.replace(alpha=alpha), *given))(0.15)
+now = lambda value: value.block_until_ready()
 """
-RECORDS = """
-import numpy as np
+RECORDS = (
+    PODIUM
+    + """
 noise = np.random.default_rng(1).normal(size=(8, 1200))
-record = lambda k, n: rj.Record(2 * np.convolve(noise[k, :n], np.hanning(12) / 6, "same"), 0.01)
+samples = lambda k, count: 3 * np.convolve(noise[k, :count], np.hanning(12) / 6, "same")
+record = lambda k, count: rj.Record(samples(k, count), 0.01)
 """
-GRADIENT = "jax.block_until_ready(jax.grad(lambda alpha: {}(podium.replace(alpha=alpha), {}))(0.15))"
-PEAK = "(lambda p, e: rj.peak_response(p, e).peak_rotation)"
-BOUNDARY = "(lambda p, T_p: rj.overturning_acceleration(p, rj.Ricker, T_p))"
+)
+DESIGN = (
+    PODIUM
+    + """
+import optimise
+column = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+pulses = [rj.Ricker(4.0, 0.6), rj.Ricker(3.25, 1.0), rj.Ricker(2.5, 1.4)]
+targets = [optimise.PeakRotation(0.4, pulses), optimise.NoOverturning([pulse.scaled(1.5) for pulse in pulses])]
+"""
+)
+ALL_SAMPLES = "now(jax.grad(lambda samples: peak(podium, rj.Record(samples, 0.01)))(jax.numpy.asarray(samples({}))))"
+ANALYSIS = "rj.incremental_dynamic_analysis(podium, [record(k, 1000) for k in range(8)], np.linspace(0.5, 12, 12))"
 
 # What is there before, and what is timed.
 ROWS = {
     "import jax": ("", "import jax"),
     "import rockjax": ("", "import rockjax"),
-    "peak_response": (PODIUM, "rj.peak_response(podium, pulse).peak_rotation.block_until_ready()"),
-    "its gradient": ("import jax\n" + PODIUM, GRADIENT.format(PEAK, "pulse")),
-    "simulate": (PODIUM, "rj.simulate(podium, pulse).times.block_until_ready()"),
+    "peak_response": (PODIUM, "now(peak(podium, pulse))"),
+    "its gradient": (PODIUM, "now(slope(peak, pulse))"),
+    "simulate": (PODIUM, "now(rj.simulate(podium, pulse).times)"),
     "rocking_spectrum": (
-        PODIUM + "import numpy as np",
+        PODIUM,
         "rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, 20), np.linspace(1, 12, 20))",
     ),
-    "overturning_acceleration": (PODIUM, "float(rj.overturning_acceleration(podium, rj.Ricker, 1.0))"),
-    "gradient of it": ("import jax\n" + PODIUM, GRADIENT.format(BOUNDARY, "1.0")),
-    "overturning_spectrum": (
-        PODIUM + "import numpy as np",
-        "rj.overturning_spectrum(podium, rj.Ricker, np.linspace(1, 8, 29))",
+    "overturning_acceleration": (PODIUM, "now(least_a_p(podium, 1.0))"),
+    "gradient of it": (PODIUM, "now(slope(least_a_p, 1.0))"),
+    "overturning_spectrum": (PODIUM, "rj.overturning_spectrum(podium, rj.Ricker, np.linspace(1, 8, 29))"),
+    "design": (
+        DESIGN,
+        "optimise.design(column, {'width': (0.2, 1.5)}, lambda podium: podium.alpha, targets, starts=4)",
     ),
-    "peak_response to a record": (PODIUM + RECORDS, "rj.peak_response(podium, record(0, 1000)).peak_rotation"),
-    "… to another of another length": (
-        PODIUM + RECORDS + "rj.peak_response(podium, record(0, 1000))",
-        "rj.peak_response(podium, record(1, 1100)).peak_rotation",
+    "analysis of 8 records": (RECORDS, ANALYSIS),
+    "gradient by all samples": (RECORDS, ALL_SAMPLES.format("0, 1000")),
+    "peak of a record": (RECORDS, "now(peak(podium, record(0, 1000)))"),
+    "… of a second": (
+        RECORDS + "now(peak(podium, record(0, 1000)))",
+        "now(peak(podium, record(1, 1100)))",
+    ),
+    "gradient of a record's peak": (RECORDS, "now(slope(peak, record(0, 1000)))"),
+    "… of a second's": (
+        RECORDS + "now(slope(peak, record(0, 1000)))",
+        "now(slope(peak, record(1, 1100)))",
+    ),
+    "boundary of a record": (RECORDS, "now(least_scale(podium, record(0, 1000)))"),
+    "… of another": (
+        RECORDS + "now(least_scale(podium, record(0, 1000)))",
+        "now(least_scale(podium, record(1, 1100)))",
     ),
 }
 COMMANDS = {
@@ -82,19 +112,18 @@ def run(name: str, folder: str) -> tuple[float, float]:
 
 
 def main(names: list[str], again: int = 3) -> None:
-    rows = []
-    unit = min(run("import jax", "") for _ in range(again + 1))
+    rows = {} if not names else {row["what"]: row for row in kept("startup")}
+    unit = [min(times) for times in zip(*(run("import jax", "") for _ in range(again + 1)), strict=True)]
     for name in names or [*ROWS, *COMMANDS]:
         with tempfile.TemporaryDirectory() as folder:
             first = run(name, folder)
             later = [run(name, folder) for _ in range(again)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
         row = {"what": name, "first CPU [s]": first[1], "later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
-        rows.append(row | {"first [J]": first[0] / unit[0], "later [J]": wall / unit[0]})
-        print(rows[-1], flush=True)
-    keep("startup", rows)
-    digits = {name: ".2f" for name in rows[0] if name != "what"}
-    show(rows, {"what": "", **digits})
+        rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
+        print(rows[name], flush=True)
+        keep("startup", list(rows.values()))
+    show(list(rows.values()), {"what": "", **{name: ".2f" for name in next(iter(rows.values())) if name != "what"}})
 
 
 if __name__ == "__main__":

@@ -61,6 +61,11 @@ def concrete(x) -> np.ndarray | None:
         return None
 
 
+def array_module(*values) -> Any:
+    """NumPy where all values are known, else `jax.numpy`: of JAX every operation on its own is a program to compile."""
+    return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
+
+
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
     """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
     if isinstance(x, str | bytes):

@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
+
+TABLES = "xarray", "dask.array"  # xarray imports the latter for its first Dataset, where it is installed
+
+
+def import_meanwhile(*modules: str) -> None:
+    """Import what is needed at the end (to make tables, to draw) while the scenes are worked out."""
+
+    def load() -> None:
+        with contextlib.suppress(ImportError, RuntimeError):  # said where it is needed; the process has ended meanwhile
+            for name in modules:
+                importlib.import_module(name)
+
+    threading.Thread(target=load).start()
 
 
 class Pool(ThreadPoolExecutor):

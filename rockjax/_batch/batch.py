@@ -148,6 +148,8 @@ def run_batch(
     Without it Ctrl-C raises.
     """
     who = executor("run_batch") if who is None else who
+    # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same program.
+    options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
     lane_layout = layout(scenes, who)
     idle, advance = who.program(scenes, options, lane_layout)
     floats: dict[str, np.ndarray] = {}

@@ -24,7 +24,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
-from rockjax._checks import as_float, require
+from rockjax._checks import array_module, as_float, require
 from rockjax._engine.derivatives import known
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
@@ -160,9 +160,8 @@ def overturning_boundary(
             f"rockjax.overturning_spectrum for all frequencies of a pulse"
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be
-    return _boundary(
-        podium, excitation, as_float(max_scale), options, jnp.minimum(width, 1 / resolution), has_margin(options, podium)
-    )
+    spacing = as_float(array_module(width).minimum(width, 1 / resolution))
+    return _boundary(podium, excitation, as_float(max_scale), options, spacing, has_margin(options, podium))
 
 
 def check_search(owner: str, width, resolution) -> None:
@@ -196,8 +195,9 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
     found = jax.custom_jvp(search)
     found.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
     first = found(*leaves)
-    low = first.dip < ONE_SIDED_BELOW
-    return Boundary(first.scale, jnp.isfinite(first.scale), first.impacts, first.dip, low, first.certain)
+    numpy = array_module(first)
+    exists, low = numpy.isfinite(first.scale), numpy.less(first.dip, ONE_SIDED_BELOW)
+    return Boundary(first.scale, jnp.asarray(exists), first.impacts, first.dip, jnp.asarray(low), first.certain)
 
 
 def _searched(structure, margin: bool) -> Callable[..., First]:
@@ -212,8 +212,9 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
         # How the search is made is the same for all.
         common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if common and not _traced(leaves):
-            rows = [y if own else jnp.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)]
-            return _on_host(rows, count, structure, margin), First(True, True, True, True)
+            rows = [np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)]
+            first = jax.tree.map(jnp.asarray, _on_host(rows, count, structure, margin))
+            return first, First(True, True, True, True)
         axes = [0 if own else None for own in mapped]
         first = jax.vmap(lambda *leaves: _in_program(leaves, structure, margin), axes)(*leaves)
         return first, First(True, True, True, True)
@@ -221,8 +222,8 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
     def search(*leaves):
         if _traced(leaves):
             return program(*leaves)
-        first = _on_host([jnp.asarray(y)[None] for y in leaves], 1, structure, margin)
-        return jax.tree.map(lambda y: y[0], first)
+        first = _on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
+        return jax.tree.map(lambda y: jnp.asarray(y[0]), first)
 
     return search
 
@@ -231,9 +232,8 @@ def _traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _on_host(rows: list, count: int, structure, margin: bool) -> First:
+def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> First:
     """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each search."""
-    rows = [np.asarray(y) for y in rows]
     podium, excitation, limit, how = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
@@ -247,8 +247,8 @@ def _on_host(rows: list, count: int, structure, margin: bool) -> First:
     first, impacts = (y[:, 0] for y in found.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
     kind = jnp.result_type(float)
-    scale, dip, certain = (jnp.asarray(y, kind) for y in (scale, found.dip, found.certain * limits))
-    return First(scale, dip, certain, jnp.maximum(impacts, 0))
+    scale, dip, certain = (np.asarray(y, kind) for y in (scale, found.dip, found.certain * limits))
+    return First(scale, dip, certain, np.maximum(impacts, 0))
 
 
 def _picked(excitation, line: np.ndarray, of_each) -> Any:
@@ -282,10 +282,11 @@ def _in_program(leaves, structure, margin: bool) -> First:
 
 def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
     """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
-    found = jnp.isfinite(scale)
+    numpy = array_module(leaves, scale)
+    found = numpy.isfinite(scale)
     places = [k for k, moves in enumerate(live) if moves]
     limit = jax.tree.unflatten(structure, leaves)[2]
-    past = jnp.where(found, scale * (1 + PAST), limit)
+    past = numpy.where(found, numpy.multiply(scale, 1 + PAST), limit)
 
     def residual(scale, *values):
         numbers = list(leaves)
@@ -298,10 +299,10 @@ def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: 
 
     point = tuple(leaves[k] for k in places)
     _, along = jax.linearize(residual, past, *point)
-    slope = along(jnp.ones_like(past), *(jnp.zeros_like(y) for y in point))
-    change = along(jnp.zeros_like(past), *moving)
-    usable = found & (slope != 0) & jnp.isfinite(slope)
-    weight = jnp.where(usable, -1 / jnp.where(usable, slope, 1.0), 0.0)
+    slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
+    change = along(numpy.zeros_like(past), *moving)
+    usable = found & (slope != 0) & numpy.isfinite(slope)
+    weight = numpy.where(usable, -1 / numpy.where(usable, slope, 1.0), 0.0)
     return weight * jnp.where(usable, change, 0.0)
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
-import importlib
 import inspect
 import logging
 import shlex
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable
@@ -224,12 +221,9 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
 
 def prepare_pictures() -> None:
     """What draws and writes is loaded while the scenes are worked out."""
+    from rockjax._threads import import_meanwhile
 
-    def load() -> None:
-        with contextlib.suppress(RuntimeError):  # where the command has ended meanwhile
-            importlib.import_module("rockjax.plots")
-
-    threading.Thread(target=load).start()
+    import_meanwhile("rockjax.plots")
 
 
 _MADE: dict[str, float] = {"programs": 0, "seconds": 0.0, "kept": 0}

@@ -27,8 +27,11 @@ def known(leaf: Any) -> bool:
 
 
 @functools.cache
-def differentiable(program: KeptProgram, structure: Any, history: int | None):
-    """The answers of a scene from its leaves, with the derivative rule of this module."""
+def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any, history: int | None):
+    """The answers of a scene from its leaves, with the derivative rule of this module.
+
+    `slopes_of` gives the answers and the derivatives of their floats with respect to the leaves `numbers`, in rows.
+    """
 
     @jax.custom_jvp
     def evaluate(*leaves):
@@ -39,7 +42,7 @@ def differentiable(program: KeptProgram, structure: Any, history: int | None):
         numbers = _numbers(structure, primals)
         if not set(live) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
             return _traced(program, structure, history, primals, tangents, live)
-        answer, slopes = _slopes(program)(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
+        answer, slopes = slopes_of(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
         directions = {numbers.index(i): tangents[i] for i in live}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: _along(np.asarray(slope), directions), slopes)
@@ -54,31 +57,6 @@ def _numbers(structure: Any, leaves) -> tuple[int, ...]:
     podium, excitation, *_ = structure.children()
     own = range(podium.num_leaves + excitation.num_leaves)
     return tuple(i for i in own if np.ndim(leaves[i]) == 0 and jnp.issubdtype(jnp.result_type(leaves[i]), jnp.floating))
-
-
-@functools.cache
-def _slopes(program: KeptProgram) -> KeptProgram:
-    """The answers, and the derivatives of their floats with respect to the numbers, in rows."""
-
-    def slopes(podium, excitation, initial, t_end, options, numbers: tuple[int, ...], history: int | None):
-        leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-
-        def of_numbers(*values):
-            changed = list(leaves)
-            for i, value in zip(numbers, values, strict=True):
-                changed[i] = value
-            return program.traced(*jax.tree.unflatten(structure, changed), history=history)
-
-        point = [leaves[i] for i in numbers]
-        units = [jnp.eye(len(numbers), dtype=y.dtype)[k] for k, y in enumerate(point)]
-
-        def along(*unit):
-            answer, (floats_dot, _) = jax.jvp(of_numbers, point, list(unit))
-            return answer, floats_dot
-
-        return jax.vmap(along, out_axes=(None, 0))(*units)
-
-    return KeptProgram(slopes, name=f"derivatives of {program.name}")
 
 
 def _along(slope: np.ndarray, directions: dict[int, Any]):

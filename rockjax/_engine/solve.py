@@ -49,7 +49,7 @@ def solve(
     arguments = podium, excitation.common_form(), initial, t_end, options
     if any(isinstance(y, Tracer) for y in leaves):
         leaves, structure = jax.tree.flatten(arguments)
-        return differentiable(PROGRAM, structure, history)(*leaves)
+        return differentiable(PROGRAM, SLOPES, structure, history)(*leaves)
     return PROGRAM(*arguments, history=history)
 
 
@@ -61,8 +61,29 @@ def _solve(
     options: Options,
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
-    plan = plan_for(podium, options, history is not None)
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
+    function, rehearsed = _functions(structure, plan_for(podium, options, history is not None), options, history)
+    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
+
+
+def _solve_with_slopes(
+    podium: Podium,
+    excitation: AbstractExcitation,
+    initial: State,
+    t_end: Array | None,
+    options: Options,
+    numbers: tuple[int, ...],
+    history: int | None = None,
+):
+    """The answers, and the derivatives of their floats with respect to some of the leaves, in rows."""
+    leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
+    function, _ = _functions(structure, plan_for(podium, options, history is not None), options, history)
+    floats, jacobian, integers = _with_jacobian(function, leaves, numbers)
+    return (floats, integers), jacobian
+
+
+def _functions(structure: Any, plan: Plan, options: Options, history: int | None):
+    """The answers from the leaves of the arguments; and the same for derivatives with respect to arrays."""
 
     def scene(leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
@@ -90,10 +111,11 @@ def _solve(
         _, integers = answers(ready, plan, last)
         return _with_nodes((floats, integers), nodes)
 
-    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
+    return function, rehearsed
 
 
 PROGRAM = KeptProgram(_solve)
+SLOPES = KeptProgram(_solve_with_slopes)
 
 
 def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -143,23 +165,12 @@ def _differentiable(function, for_arrays, provided: bool):
         if not provided:
             raise NotImplementedError("rockjax: derivatives need Options(engine='flat')")
         live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
-        point = tuple(_first_order_only(primals[i]) for i in live)
         directions = tuple(tangents[i] for i in live)
-        arrays = any(jnp.ndim(y) for y in point)
-
-        def of_live(*values):
-            leaves = list(primals)
-            for i, value in zip(live, values, strict=True):
-                leaves[i] = value
-            return for_arrays(*leaves) if arrays else function(*leaves)
-
-        if arrays:
+        if any(jnp.ndim(primals[i]) for i in live):
+            point, of_live = _of_some(for_arrays, primals, live)
             floats, floats_dot, integers = jax.jvp(of_live, point, directions, has_aux=True)
         else:
-            units = tuple(jnp.eye(len(live), dtype=y.dtype)[k] for k, y in enumerate(point))
-            floats, jacobian, integers = jax.vmap(
-                lambda *unit: jax.jvp(of_live, point, unit, has_aux=True), out_axes=(None, 0, None)
-            )(*units)
+            floats, jacobian, integers = _with_jacobian(function, primals, live)
             direction = jnp.stack(directions)
             floats_dot = jax.tree.map(lambda J: jnp.tensordot(direction, J, axes=1), jacobian)
         no_tangent = jax.tree.map(lambda y: np.zeros(jnp.shape(y), jax.dtypes.float0), integers)
@@ -167,6 +178,26 @@ def _differentiable(function, for_arrays, provided: bool):
 
     evaluate.defjvp(rule, symbolic_zeros=True)
     return evaluate
+
+
+def _of_some(function, leaves, live):
+    """Some of the leaves, and the function of these alone."""
+
+    def of_live(*values):
+        changed = list(leaves)
+        for i, value in zip(live, values, strict=True):
+            changed[i] = value
+        return function(*changed)
+
+    return tuple(_first_order_only(leaves[i]) for i in live), of_live
+
+
+def _with_jacobian(function, leaves, live):
+    """(floats, their derivatives with respect to some of the leaves in rows, integers), in one pass."""
+    point, of_live = _of_some(function, leaves, live)
+    units = tuple(jnp.eye(len(live), dtype=y.dtype)[k] for k, y in enumerate(point))
+    along = lambda *unit: jax.jvp(of_live, point, unit, has_aux=True)
+    return jax.vmap(along, out_axes=(None, 0, None))(*units)
 
 
 @jax.custom_jvp

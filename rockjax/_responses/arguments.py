@@ -64,10 +64,15 @@ IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly
 
 
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Of a pulse that cannot lift the columns, and would if its amplitude were in g."""
+    """Of a pulse that cannot lift the columns, and would if its amplitude were in g.
+
+    Only where it has two digits, as amplitudes do that are typed: what was worked out is taken at its word.
+    """
     size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     alpha, g = concrete(podium.alpha), concrete(podium.g)
     if size is None or alpha is None or g is None or not IN_G[0] <= abs(size) < IN_G[1]:
+        return
+    if float(f"{float(size):.2g}") != float(size):
         return
     uplift = float(np.tan(alpha))  # in g
     if abs(size) / g < uplift <= abs(size):

@@ -7,8 +7,10 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
@@ -126,14 +128,18 @@ def _impacts(floats, integers, options: Options, history: bool):
     In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a history goes
     on to rest, or where the columns never lift: they cannot any more without a change of rotation and margin.
     """
-    code, count = integers["code"], integers["impacts"]
+    told = integers["code"], integers["impacts"], integers["uplifted"]
+    traced, of_jax = any(isinstance(y, Tracer) for y in told), isinstance(told[1], jax.Array)
+    # Every operation of JAX on its own is a program to compile.
+    code, count, uplifted = told if traced else map(np.asarray, told)
     stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
         stands |= code == results.SETTLED
     elif {"peak_rotation", "margin"} & set(options.outputs):
-        stands |= (code == results.SETTLED) & ~integers["uplifted"]
-    numpy = np if isinstance(count, np.ndarray) else jnp
-    return numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
+        stands |= (code == results.SETTLED) & ~uplifted
+    numpy = jnp if traced else np
+    found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
+    return jnp.asarray(found) if of_jax else found
 
 
 def raise_without_answer(code: Array) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 from rockjax import _results as results
 from rockjax._checks import concrete, require
+from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._options import Options
@@ -68,12 +70,7 @@ def simulate(
             break
         capacity = min(4 * capacity, options.max_steps + 1)
     assert nodes is not None
-    impact_times = jnp.sort(nodes.impact_time)  # NaN last
-    count = concrete(nodes.used)
-    if count is not None and count.ndim == 0:
-        used = int(count)
-        nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
-        impact_times = impact_times[: int(integers["impacts"])]
+    nodes, impact_times = _used(nodes, integers["impacts"])
     return Response(
         **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
@@ -83,6 +80,20 @@ def simulate(
         nodes=nodes,
         options=options,
     )
+
+
+def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
+    """The nodes that are used, and the times of impact in ascending order; all of them, filled up with NaN, where traced."""
+    count = concrete(nodes.used)
+    if count is None or count.ndim:
+        return nodes, jnp.sort(nodes.impact_time)  # NaN last
+    used = int(count)
+    if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)):
+        nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
+        return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
+    # Known numbers: every operation of JAX on its own, for every length, would be a program to compile.
+    nodes = jax.tree.map(lambda y: jnp.asarray(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
+    return nodes, jnp.asarray(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
 def _solved(podium, excitation, initial, t_end, options, history):

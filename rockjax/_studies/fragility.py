@@ -27,6 +27,7 @@ from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import peak_variables
 from rockjax._results import REST
 from rockjax._structures import Podium
+from rockjax._threads import TABLES, import_meanwhile
 
 from .lognormal import Lognormal, fit_capacities
 from .sensitivities import along_boundary, check_parameters, varied
@@ -96,8 +97,6 @@ def incremental_dynamic_analysis(
     the capacity rocking through many impacts makes windows of survival within windows without end: there all that
     `resolution` shows are listed. Raises `ValueError` for inputs that make no sense.
     """
-    import xarray
-
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
     records, known = as_records(owner, records)
@@ -119,12 +118,15 @@ def incremental_dynamic_analysis(
         # In NumPy: every shape would be another program otherwise.
         return podium, dataclasses.replace(records, which=which, scale=y / unit[which])
 
+    import_meanwhile(*TABLES)
     peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
     top = float(levels[-1])
     found = scan(plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
+    import xarray
+
     data = xarray.Dataset(
         {name: (("record", "intensity"), y, attributes) for name, y, attributes in peak_variables(peaks, options.outputs)}
         | {

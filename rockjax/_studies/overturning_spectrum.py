@@ -25,6 +25,7 @@ from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
 from rockjax._structures import Podium
+from rockjax._threads import TABLES, import_meanwhile
 
 from .sensitivities import along_boundary, check_parameters, varied
 from .spectra import check_resumes
@@ -97,6 +98,7 @@ def overturning_spectrum(
         return podium, pulse(y * unit, pulse_period(p, x))
 
     top = float(max_acceleration_ratio)
+    import_meanwhile(*TABLES)
     found = boundaries(plane, x, (0.0, top), method, scans, resolution, options, progress, width)
     data = _dataset(podium, pulse, x, found, derived, options)
     data.attrs |= {"method_of_search": method, "max_acceleration_ratio": top, **found.cost}

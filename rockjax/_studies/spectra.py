@@ -25,7 +25,7 @@ from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._responses.peak import Peak, peak_variables
 from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
-from rockjax._threads import Pool
+from rockjax._threads import TABLES, Pool, import_meanwhile
 
 if TYPE_CHECKING:
     import xarray
@@ -92,6 +92,7 @@ def rocking_spectra(
         raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
     require_memory("rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size)
     kinds = _kinds(podiums)
+    import_meanwhile(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
 
     known = _known(owner, resume, podiums, pulse, axes, options)

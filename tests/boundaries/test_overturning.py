@@ -193,13 +193,12 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
         podium, T_p = jax.tree.unflatten(structure, list(table[np.asarray(line, int)].T))
         return podium, pulse(y * podium.g * jnp.tan(podium.alpha), T_p)
 
-    found = scan(plane, np.arange(len(table)), (0.0, 10.0), 128, BOUNDARY).crossings
+    found = scan(plane, np.arange(len(table)), (0.0, 10.0), 128, BOUNDARY, look_closer="first").crossings
     least = np.full(len(table), np.inf)
     np.minimum.at(least, found.line, found.y)
     podium = jax.tree.unflatten(structure, list(table.T))[0]
     least = (least * np.asarray(podium.g * jnp.tan(podium.alpha))).reshape(count, 4, numbers)
 
-    @jax.jit
     def exact(podium, T_p):
         ask = lambda podium, T_p: rj.overturning_acceleration(podium, pulse, T_p, max_acceleration_ratio=10.0)
         return jax.value_and_grad(ask, (0, 1))(podium, T_p)

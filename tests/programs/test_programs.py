@@ -311,13 +311,28 @@ def test_records_of_other_lengths_share_programs():
     assert int(traced.impacts) == int(short.impacts)
 
 
+def broken(*passed):
+    raise jax.errors.JaxRuntimeError("NOT_FOUND: Function add_fusion not found (type id: 1)")
+
+
+def test_a_broken_program_of_the_users_own_classes_is_taken_away(kept, monkeypatch):
+    """XLA notices only when such a program is run."""
+    made = KeptProgram(lambda law, x: law(x))
+    try:
+        assert float(made(lambda x: 5 * x, 3.0)) == 15
+        assert len(folder.entries(kept.place)) == 1
+        made.forget()
+        with monkeypatch.context() as patch:
+            patch.setattr(program, "_load", lambda place, text: broken)
+            assert float(made(lambda x: 5 * x, 3.0)) == 15
+        assert not folder.entries(kept.place)
+    finally:
+        program._ALL.remove(made)
+
+
 def test_a_program_without_its_code_is_compiled_again(kept, monkeypatch):
     """XLA notices only when such a program is run."""
     assert kept.call()
-
-    def broken(*passed):
-        raise jax.errors.JaxRuntimeError("NOT_FOUND: Function add_fusion not found (type id: 1)")
-
     with monkeypatch.context() as patch:
         patch.setattr(program, "_load", lambda place, text: broken)
         assert kept.call()  # traced anew, with the right answer
