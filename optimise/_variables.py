@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -29,8 +30,9 @@ class Dimensions(eqx.Module):
       number N
     - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
-    - `tendon_force` P₀ [N], `tendon_stiffness` K [N/m], `damper_coefficient` C [N(s/m)^ν], `damper_exponent`
-      ν, `inertance` b [kg]: restrainers of each column
+    - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
+    - `damper_coefficient`: C of the damper of each column [N(s/m)^ν]; `damper_exponent`: its ν [–]
+    - `inertance`: b of the inerter of each column [kg]
 
     Raises `ValueError` for numbers that are no podium.
     """
@@ -49,7 +51,9 @@ class Dimensions(eqx.Module):
     tendon_force: Any = 0.0
     tendon_stiffness: Any = 0.0
     damper_coefficient: Any = 0.0
-    damper_exponent: Any = eqx.field(converter=as_exponent, default=1.0)
+    damper_exponent: Any = eqx.field(
+        converter=functools.partial(as_exponent, what="Dimensions: damper_exponent"), default=1.0
+    )
     inertance: Any = 0.0
 
     def __check_init__(self):

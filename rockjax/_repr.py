@@ -41,18 +41,21 @@ def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
     return _tables.html(rows, caption=cls.__name__, heads="column")
 
 
-def _fields(module: eqx.Module) -> list[tuple[str, Any]]:
+def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
+    """Names and values, with or without empty tuples."""
     fields = [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
-    return [(name, value) for name, value in fields if not (isinstance(value, tuple) and not value)]
+    return [(name, value) for name, value in fields if empty or not (isinstance(value, tuple) and not value)]
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
     """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`:
     meaning`."""
     meanings = _meanings(type(module))
-    for name, value in _fields(module):
+    for name, value in _fields(module, empty=True):
         known = meanings.get(name, "")
-        if isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
+        if isinstance(value, tuple) and not value:
+            yield f"{prefix}{name}", "none", known
+        elif isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
             for k, part in enumerate(value):
                 yield f"{prefix}{name}[{k}]", type(part).__name__, known
                 yield from _rows(part, f"{prefix}{name}[{k}].")

@@ -28,11 +28,11 @@ class Linear(float):
 jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Linear())
 
 
-def as_exponent(value) -> Any:
+def as_exponent(value, what: str = "Damper: exponent") -> Any:
     """The converter of an exponent."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
         return Linear()
-    return as_float(value, "exponent of a damper")
+    return as_float(value, what)
 
 
 class Damper(AbstractRestrainer):
