@@ -86,7 +86,7 @@ answer = optimise.design(
 print(answer)
 
 # %% [markdown]
-# A margin of 0 is a target that binds. Its price says by how much the objective would fall if the limit
+# A margin of 0 is a target that binds. Its shadow price says by how much the objective would fall if the limit
 # were relaxed. Filled dots are designs that keep the targets, and each line is a start.
 
 # %%

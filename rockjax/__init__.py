@@ -11,7 +11,7 @@ from ._version import __version__ as __version__
 if TYPE_CHECKING:
     from ._batch.batch import peak_responses
     from ._boundaries.boundary import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
-    from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
+    from ._excitations.base import AbstractExcitation, AbstractLookahead, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
     from ._motions.accelerogram import RecordWarning
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 __all__ = [
     "RESULTS",
     "AbstractExcitation",
-    "AbstractOutlook",
+    "AbstractLookahead",
     "AbstractPulse",
     "AnnualFrequency",
     "AntisymmetricRicker",
@@ -131,7 +131,7 @@ _MODULES = {
     ),
     "_excitations.base": (
         "AbstractExcitation",
-        "AbstractOutlook",
+        "AbstractLookahead",
         "Rest",
     ),
     "_excitations.pulses": (
@@ -232,7 +232,16 @@ _MODULES = {
 _WHERE = {name: module for module, names in _MODULES.items() for name in names}
 
 
+_RENAMED = {"AbstractOutlook": "AbstractLookahead"}
+
+
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        import warnings
+
+        new = _RENAMED[name]
+        warnings.warn(f"rockjax.{name} is called rockjax.{new} now", DeprecationWarning, stacklevel=2)
+        return __getattr__(new)
     if name not in _WHERE:
         raise AttributeError(f"module 'rockjax' has no attribute {name!r}")
     value = getattr(_import_module(f".{_WHERE[name]}", __name__), name)

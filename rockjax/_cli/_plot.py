@@ -31,8 +31,8 @@ def plot(
     """Draw a file again: spectra, overturning spectra, responses, fragilities, design charts.
 
     Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum: boundaries,
-    sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait, moment-rotation, energy, and film,
-    a GIF.
+    sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait, moment-rotation, energy, and
+    animation, a GIF.
 
     \b
     Examples:

@@ -136,7 +136,7 @@ def replay(
     """The state at its end through known decisions, in a loop that reverse mode can walk with bounded memory.
 
     Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to another, and
-    a step rejected the second time only would leave states and cotangents at different times: hence the rehearsal.
+    a step rejected the second time only would leave states and cotangents at different times: hence the recording beforehand.
     """
 
     def body(carry):
