@@ -1,1 +1,2 @@
-"""Measurements, run by hand: `python -m benchmarks.work_precision`, `.compare`, `.skips`, `.scaling`, `.startup`, …"""
+"""Measurements, run by hand: `python -m benchmarks.work_precision`, `.compare`, `.skips`, `.scaling`,
+`.startup`, …"""

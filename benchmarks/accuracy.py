@@ -66,7 +66,8 @@ def tolerances() -> None:
 
 def derivatives() -> None:
     print(
-        "\nLargest relative error of d(peak rotation) with respect to every number, rtol = 1e-10, and of reverse − forward"
+        "\nLargest relative error of d(peak rotation) with respect to every number, rtol = 1e-10, and of "
+        "reverse − forward"
     )
     print("\n| scene | Tsit5 | Dopri8 | reverse − forward |\n|---|---|---|---|")
     for name, (podium, motion) in SCENES.items():

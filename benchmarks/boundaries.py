@@ -2,11 +2,12 @@
 
 `python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER]`
 
-For each structure and each motion the boundary is searched as users do, certain to `WIDTH` of the range. Then every scale
-from the last that lifts nothing up to it is tried at a quarter of that width, by plain responses; each window of overturning
-that this shows is measured. None may be wider than what the search is certain to. Half of the synthetic motions have a
-velocity pulse; some are pulses alone. With a folder, its records (text with times and accelerations, in any unit: the range
-is in terms of PGA) are the motions, cut to 1000 samples from 400 before their peak.
+For each structure and each motion the boundary is searched as users do, certain to `WIDTH` of the range. Then
+every scale from the last that lifts nothing up to it is tried at a quarter of that width, by plain responses;
+each window of overturning that this shows is measured. None may be wider than what the search is certain to.
+Half of the synthetic motions have a velocity pulse; some are pulses alone. With a folder, its records (text
+with times and accelerations, in any unit: the range is in terms of PGA) are the motions, cut to 1000 samples
+from 400 before their peak.
 """
 
 from __future__ import annotations
@@ -42,11 +43,14 @@ STRUCTURES = {
     "podium, T_s = 0.2 s": rj.Podium(SLENDER, 1.5, 10.0, rj.Elastic(50.0, 0.2, 0.05)),
     "podium, T_s = 0.8 s": rj.Podium(0.2, 2.0, 10.0, rj.Elastic(100.0, 0.8, 0.05)),
 }
-SHAPES = [(f_p, gamma, nu) for f_p in (0.5, 1.0, 1.6) for gamma, nu in ((1.2, 0.0), (2.0, math.pi / 2), (3.0, 1.0))]
+SHAPES = [
+    (f_p, gamma, nu) for f_p in (0.5, 1.0, 1.6) for gamma, nu in ((1.2, 0.0), (2.0, math.pi / 2), (3.0, 1.0))
+]
 
 
 def motions(count: int) -> rj.Records:
-    """Noise, noise with a pulse, and a pulse alone in every fifth place; 10 s at 0.02 s, PGA 1 m/s² of the noise."""
+    """Noise, noise with a pulse, and a pulse alone in every fifth place; 10 s at 0.02 s, PGA 1 m/s² of the
+    noise."""
     pulses = [rj.MavroeidisPapageorgiou(0.15, *SHAPES[k % len(SHAPES)]) for k in range(count)]
     plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0).records()
     mixed = rj.synthetic_motions(count, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulses).records()
@@ -79,7 +83,8 @@ def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray
 
 
 def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, options: rj.Options) -> rj.Peak:
-    """Of one record at some scales, filled up with scenes at rest: a small batch would be a program of its own."""
+    """Of one record at some scales, filled up with scenes at rest: a small batch would be a program of its
+    own."""
     scales = np.append(scales, np.zeros(max(0, LEAST - scales.size)))
     motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
     return rj.peak_responses(podium, motion, options=options)
@@ -136,10 +141,14 @@ def measured(name: str, source: str, records: rj.Records) -> dict:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("motions", nargs="?", type=int, default=40)
     arguments.add_argument("structures", nargs="*", help=", ".join(STRUCTURES))
-    arguments.add_argument("--records", type=Path, help="a folder of records, *.dat, to take instead of synthetic ones")
+    arguments.add_argument(
+        "--records", type=Path, help="a folder of records, *.dat, to take instead of synthetic ones"
+    )
     given = arguments.parse_args()
     source = "synthetic" if given.records is None else "recorded"
     records = motions(given.motions) if given.records is None else recorded(given.records, given.motions)
@@ -151,7 +160,15 @@ def main() -> None:
         keep("boundaries", rows)
     columns = {"structure": "", "source": "", "motions": "d", "overturned": "d", "certain_to": ".1e"}
     show(
-        rows, columns | {"scenes_tried": ",d", "narrower": "d", "missed": "d", "cpu_s_search": ".1f", "cpu_s_trials": ".0f"}
+        rows,
+        columns
+        | {
+            "scenes_tried": ",d",
+            "narrower": "d",
+            "missed": "d",
+            "cpu_s_search": ".1f",
+            "cpu_s_trials": ".0f",
+        },
     )
 
 

@@ -1,9 +1,11 @@
-"""True errors on records against their estimates: `python -m benchmarks.calibration [scenes] [--records FOLDER]`.
+"""True errors on records against their estimates: `python -m benchmarks.calibration [scenes] [--records
+FOLDER]`.
 
-Random structures of ordinary proportions under synthetic records, and under those in a folder (`benchmarks/boundaries.py`
-says which), at amplitudes from just above what lifts the columns to eight times that. Each scene is solved as asked for
-with its error estimate and again at `TRUTH`, which stands for the truth. Scenes whose class differs from that of the truth
-are counted by themselves: a peak is then no longer a number with an error.
+Random structures of ordinary proportions under synthetic records, and under those in a folder
+(`benchmarks/boundaries.py` says which), at amplitudes from just above what lifts the columns to eight times
+that. Each scene is solved as asked for with its error estimate and again at `TRUTH`, which stands for the
+truth. Scenes whose class differs from that of the truth are counted by themselves: a peak is then no longer a
+number with an error.
 """
 
 from __future__ import annotations
@@ -28,7 +30,11 @@ ROUNDING = 1e-12  # of a rotation over α: errors as small are those of the trut
 
 def podiums(kind: str, n: int, rng: np.random.Generator) -> rj.Podium:
     eta = rng.uniform(1.0, 100.0, n)
-    top = rj.Rigid(eta) if kind == "rigid" else rj.Elastic(eta, rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n))
+    top = (
+        rj.Rigid(eta)
+        if kind == "rigid"
+        else rj.Elastic(eta, rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n))
+    )
     return rj.Podium(rng.uniform(0.08, 0.35, n), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), top)
 
 
@@ -58,16 +64,31 @@ def compared(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
         other = np.asarray(peak.overturned) != np.asarray(truth.overturned)
         undecided = np.asarray(peak.errors.undecided)
         stands = answered & lifted & ~other & ~np.asarray(truth.overturned)
-        row = {"records": source, "structure": kind, "rtol": rtol, "scenes": n, "no answer": int((~answered).sum())}
-        row |= {"flips": int((answered & other).sum()), "unflagged": int((answered & other & ~undecided).sum())}
+        row = {
+            "records": source,
+            "structure": kind,
+            "rtol": rtol,
+            "scenes": n,
+            "no answer": int((~answered).sum()),
+        }
+        row |= {
+            "flips": int((answered & other).sum()),
+            "unflagged": int((answered & other & ~undecided).sum()),
+        }
         row |= {"undecided": float(np.mean(undecided)), "compared": int(stands.sum())}
         for name in QUANTITIES:
             error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(truth, name)))[stands]
             estimate = np.asarray(getattr(peak.errors, name))[stands]
             ratio = np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300)
-            row |= {f"{name}: over 1 x": float(np.mean(ratio > 1)), f"{name}: over 10 x": float(np.mean(ratio > 10))}
+            row |= {
+                f"{name}: over 1 x": float(np.mean(ratio > 1)),
+                f"{name}: over 10 x": float(np.mean(ratio > 10)),
+            }
             row |= {f"{name}: over 100 x": float(np.mean(ratio > 100)), f"{name}: most": float(np.max(ratio))}
-            row |= {f"{name}: median error": float(np.median(error)), f"{name}: largest error": float(np.max(error))}
+            row |= {
+                f"{name}: median error": float(np.median(error)),
+                f"{name}: largest error": float(np.max(error)),
+            }
             # What stands out: how large an error is that an estimate misses.
             row |= {f"{name}: largest beyond 10 x": float(np.max(np.where(ratio > 10, error, 0.0)))}
         rows.append(row)
@@ -75,8 +96,12 @@ def compared(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("scenes", nargs="?", type=int, default=2000, help="of each kind of structure and of record")
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    arguments.add_argument(
+        "scenes", nargs="?", type=int, default=2000, help="of each kind of structure and of record"
+    )
     arguments.add_argument("--records", type=Path, help="a folder of records, *.dat")
     given = arguments.parse_args()
     suites = {"synthetic": motions(40)}
@@ -87,7 +112,13 @@ def main() -> None:
         for kind in ("rigid", "elastic"):
             rows += compared(source, kind, records, given.scenes)
             keep("calibration", rows)
-    show(rows, {key: "" if isinstance(y, str) else "d" if isinstance(y, int) else ".3g" for key, y in rows[0].items()})
+    show(
+        rows,
+        {
+            key: "" if isinstance(y, str) else "d" if isinstance(y, int) else ".3g"
+            for key, y in rows[0].items()
+        },
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """What a stress campaign keeps, so that it can be stopped at any moment and gone on with.
 
-Every batch of scenes is a `rockjax.sweep` into a store of its own name: scenes come from a seed, so the same call finds
-the same store, verifies what is in it and solves what is missing. What is worked out besides is a JSON file each, written
-when it is whole. A report is made from the folder alone.
+Every batch of scenes is a `rockjax.sweep` into a store of its own name: scenes come from a seed, so the same
+call finds the same store, verifies what is in it and solves what is missing. What is worked out besides is a
+JSON file each, written when it is whole. A report is made from the folder alone.
 """
 
 from __future__ import annotations
@@ -72,7 +72,9 @@ def scan(kept: Kept, name: str, podium: rj.Podium, record: rj.Record) -> dict[st
     top = np.where(np.isfinite(found), found * (1 - 1e-6), HIGHEST)
     scales = np.linspace(0.0, 1.0, SCALES + 1)[1:]
     across = lambda y: y[:, None] if np.ndim(y) else y
-    motion = rj.Record(record.acceleration, np.asarray(record.dt)[:, None], np.asarray(record.scale * top)[:, None] * scales)
+    motion = rj.Record(
+        record.acceleration, np.asarray(record.dt)[:, None], np.asarray(record.scale * top)[:, None] * scales
+    )
     answers = kept.solve(
         f"{name}-scan", (jax.tree.map(across, podium), motion), options=rj.Options(outputs=("peak_rotation",))
     )

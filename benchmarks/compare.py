@@ -1,8 +1,9 @@
-"""This project beside what a user would pick instead, in one run on the same scenes: `python -m benchmarks.compare`.
+"""This project beside what a user would pick instead, in one run on the same scenes: `python -m
+benchmarks.compare`.
 
-For each target of the 99th percentile of the error, everyone runs at the loosest tolerance that reaches it. SciPy, heyoka
-and the literal Diffrax form run a spread of some scenes (and a target is judged by their largest error); times are per
-scene, of the shortest run. Peers: `pip install -e ".[bench]"`.
+For each target of the 99th percentile of the error, everyone runs at the loosest tolerance that reaches it.
+SciPy, heyoka and the literal Diffrax form run a spread of some scenes (and a target is judged by their
+largest error); times are per scene, of the shortest run. Peers: `pip install -e ".[bench]"`.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
 
 @jax.jit
 def _segments(structure: rj.Podium, motions: rj.Ricker, how: rj.Options) -> rj.Peak:
-    return jax.vmap(lambda a_p, T_p: rj.peak_response(structure, rj.Ricker(a_p, T_p), options=how))(motions.a_p, motions.T_p)
+    return jax.vmap(lambda a_p, T_p: rj.peak_response(structure, rj.Ricker(a_p, T_p), options=how))(
+        motions.a_p, motions.T_p
+    )
 
 
 def peers() -> dict[str, tuple[Solve, int, int]]:
@@ -71,7 +74,16 @@ def families(points: int, names: list[str]) -> list[dict]:
             if ours is None:
                 continue
             own = shortest(lambda s=whole, r=ours: rockjax_peaks(s, r)) / len(whole)
-            rows.append({"family": name, "error": target, "peer": "rockjax", "rtol": ours, "us": own * 1e6, "ratio": 1.0})
+            rows.append(
+                {
+                    "family": name,
+                    "error": target,
+                    "peer": "rockjax",
+                    "rtol": ours,
+                    "us": own * 1e6,
+                    "ratio": 1.0,
+                }
+            )
             for peer in names:
                 solve, count, runs = peers()[peer]
                 if target < 1e-8 and count:
@@ -91,7 +103,9 @@ def job() -> list[dict]:
     """The whole of Fig. 6: 12 panels of 10 000 scenes, against the numba loop on both cores."""
     from .peers import numba_loop
 
-    panels = [dataclasses.replace(family(name, 100), eta=eta) for eta in (10.0, 50.0, 100.0) for name in PERIODS]
+    panels = [
+        dataclasses.replace(family(name, 100), eta=eta) for eta in (10.0, 50.0, 100.0) for name in PERIODS
+    ]
     frequency, acceleration = np.linspace(1, 8, 100), np.linspace(1, 12, 100)
     structures = [podium(panel) for panel in panels]
     rows = []
@@ -116,8 +130,19 @@ def job() -> list[dict]:
             }
         )
         print(rows[-1], flush=True)
-    default = shortest(lambda: rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(1e-8)))
-    rows.append({"error": None, "rtol": 1e-8, "rockjax [s]": default, "rtol numba": None, "numba [s]": None, "ratio": None})
+    default = shortest(
+        lambda: rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(1e-8))
+    )
+    rows.append(
+        {
+            "error": None,
+            "rtol": 1e-8,
+            "rockjax [s]": default,
+            "rtol numba": None,
+            "numba [s]": None,
+            "ratio": None,
+        }
+    )
     return rows
 
 
@@ -136,7 +161,15 @@ def main(points: int = 40, *names: str) -> None:
     whole = job()
     keep("fig6", whole)
     show(
-        whole, {"error": ".0e", "rtol": ".1e", "rockjax [s]": ".2f", "rtol numba": ".1e", "numba [s]": ".2f", "ratio": ".2f"}
+        whole,
+        {
+            "error": ".0e",
+            "rtol": ".1e",
+            "rockjax [s]": ".2f",
+            "rtol numba": ".1e",
+            "numba [s]": ".2f",
+            "ratio": ".2f",
+        },
     )
     print(f"{time.perf_counter() - began:.0f} s")
 

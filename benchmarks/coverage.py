@@ -1,8 +1,9 @@
 """How often intervals of fragility curves hold the truth: `python -m benchmarks.coverage [trials]`.
 
-Capacities are drawn from a lognormal distribution, some of them censored; a fit and its 90 % intervals are found for each
-sample, with the functions of `rockjax.fragility`. For stripes each record survives again at levels above its capacity, by
-chance. Samples without a fit, with fewer than two capacities that differ, are drawn but do not count.
+Capacities are drawn from a lognormal distribution, some of them censored; a fit and its 90 % intervals are
+found for each sample, with the functions of `rockjax.fragility`. For stripes each record survives again at
+levels above its capacity, by chance. Samples without a fit, with fewer than two capacities that differ, are
+drawn but do not count.
 """
 
 from __future__ import annotations
@@ -46,7 +47,11 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
         good = np.isfinite(median)
         z = ndtri(FRACTILES)[:, None]
         found = of_capacities(
-            Capacities.of(drawn[good], limit), median[good], dispersion[good], np.exp(DISPERSION * z), CONFIDENCE
+            Capacities.of(drawn[good], limit),
+            median[good],
+            dispersion[good],
+            np.exp(DISPERSION * z),
+            CONFIDENCE,
         )
         truth = zip((found.log_median, found.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
         held.append(np.stack([*(_held(y, value) for y, value in truth), *_held(found.probit, z)]))
@@ -71,7 +76,9 @@ def stripes(count: int, levels: int, again: float, trials: int, seed: int = 0) -
     held = []
     for _ in range(trials):
         try:
-            curve = rj.fragility(_analysis(x, overturned(count)), method="stripes", at=median * np.exp(dispersion * z))
+            curve = rj.fragility(
+                _analysis(x, overturned(count)), method="stripes", at=median * np.exp(dispersion * z)
+            )
         except ValueError:
             continue
         (a, b), (c, d) = curve["interval"].values

@@ -1,8 +1,9 @@
-"""Design by exact gradients beside what SciPy does with finite differences and without: `python -m benchmarks.design`.
+"""Design by exact gradients beside what SciPy does with finite differences and without: `python -m
+benchmarks.design`.
 
-The same problems, motions and simulator; SciPy's optimisers see values only. Counted are the scenes they simulate (ours:
-with their derivatives, which cost two to four values each) and the runs, from random starts, that end in a design that
-breaks a limit, or that is more than 1 % worse than the best one known.
+The same problems, motions and simulator; SciPy's optimisers see values only. Counted are the scenes they
+simulate (ours: with their derivatives, which cost two to four values each) and the runs, from random starts,
+that end in a design that breaks a limit, or that is more than 1 % worse than the best one known.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class Problem(NamedTuple):
         return optimise.Dimensions(column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5, **given)
 
     def target(self) -> optimise.AbstractTarget:
-        return optimise.NoOverturning(MOTIONS) if self.limit == 1 else optimise.PeakRotation(self.limit, MOTIONS)
+        return (
+            optimise.NoOverturning(MOTIONS) if self.limit == 1 else optimise.PeakRotation(self.limit, MOTIONS)
+        )
 
 
 MOTIONS = pulses(6)
@@ -116,7 +119,10 @@ def verdict(problem: Problem, values: np.ndarray) -> tuple[bool, float]:
     fine = OPTIONS.replace(rtol=1e-11, atol=1e-13)
     podium = problem.structure(values).podium()
     peaks = [rj.peak_response(podium, motion, options=fine) for motion in MOTIONS]
-    kept = all(not bool(peak.overturned) and float(peak.peak_rotation) <= problem.limit * (1 + 1e-6) for peak in peaks)
+    kept = all(
+        not bool(peak.overturned) and float(peak.peak_rotation) <= problem.limit * (1 + 1e-6)
+        for peak in peaks
+    )
     return kept, float(podium.alpha)
 
 
@@ -139,7 +145,9 @@ def compare(runs: int = RUNS) -> list[dict]:
                 began = time.perf_counter()
                 values, scenes = solve(problem, start, seed)
                 answers[method].append((*verdict(problem, values), scenes, time.perf_counter() - began))
-        best = min((alpha for found in answers.values() for kept, alpha, *_ in found if kept), default=math.nan)
+        best = min(
+            (alpha for found in answers.values() for kept, alpha, *_ in found if kept), default=math.nan
+        )
         for method, found in answers.items():
             broken = sum(not kept for kept, *_ in found)
             worse = sum(kept and alpha > 1.01 * best for kept, alpha, *_ in found)

@@ -1,9 +1,11 @@
-"""Accelerators, or the devices that JAX has, against the cores of this machine: `python -m benchmarks.devices`.
+"""Accelerators, or the devices that JAX has, against the cores of this machine: `python -m
+benchmarks.devices`.
 
-The same scenes by the threads of a process that JAX runs on the CPU, and by all devices of one where it chooses itself:
-scenes a second over the size of the batch, and how far the answers are apart, in float64.
+The same scenes by the threads of a process that JAX runs on the CPU, and by all devices of one where it
+chooses itself: scenes a second over the size of the batch, and how far the answers are apart, in float64.
 
-Without an accelerator `--host-devices 2` takes so many parts of the CPU instead, which shows that it runs and no more.
+Without an accelerator `--host-devices 2` takes so many parts of the CPU instead, which shows that it runs and
+no more.
 """
 
 from __future__ import annotations
@@ -49,7 +51,14 @@ def measure(path: Path, devices: bool) -> None:
 
 def run(folder: Path, devices: bool, environment: dict[str, str]) -> Any:
     path = folder / f"{'devices' if devices else 'threads'}.npz"
-    command = [sys.executable, "-m", "benchmarks.devices", "--into", str(path), "devices" if devices else "threads"]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.devices",
+        "--into",
+        str(path),
+        "devices" if devices else "threads",
+    ]
     subprocess.run(command, check=True, env=os.environ | environment)
     return np.load(path)
 

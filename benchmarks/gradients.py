@@ -25,8 +25,17 @@ def main() -> None:
         many = y * (1 + 0.2 * jax.random.uniform(jax.random.key(0), (256, 1)))
         for kind, value, point in (("one scene", peak, y), ("256 scenes", jax.vmap(peak), many)):
             both = jax.value_and_grad(peak) if kind == "one scene" else jax.vmap(jax.value_and_grad(peak))
-            times = [shortest(lambda f=jax.jit(f), p=point: jax.block_until_ready(f(p))) for f in (value, both)]
-            rows.append({"family": name, "kind": kind, "value [ms]": times[0] * 1e3, "with gradient [ms]": times[1] * 1e3})
+            times = [
+                shortest(lambda f=jax.jit(f), p=point: jax.block_until_ready(f(p))) for f in (value, both)
+            ]
+            rows.append(
+                {
+                    "family": name,
+                    "kind": kind,
+                    "value [ms]": times[0] * 1e3,
+                    "with gradient [ms]": times[1] * 1e3,
+                }
+            )
             rows[-1]["ratio"] = times[1] / times[0]
     keep("gradients", rows)
     show(rows, {"family": "", "kind": "", "value [ms]": ".2f", "with gradient [ms]": ".2f", "ratio": ".2f"})

@@ -1,7 +1,9 @@
-"""What XLA makes of the batch program for a GPU that is not there: `JAX_PLATFORMS=cpu python -m benchmarks.kernels`.
+"""What XLA makes of the batch program for a GPU that is not there: `JAX_PLATFORMS=cpu python -m
+benchmarks.kernels`.
 
-Compiles ahead of time for the GPU described below: kernels and arithmetic of one trial, and memory of a device. It needs
-`pip install "jax[cuda13]"`, and neither a GPU nor its driver. What it cannot tell is how long anything takes.
+Compiles ahead of time for the GPU described below: kernels and arithmetic of one trial, and memory of a
+device. It needs `pip install "jax[cuda13]"`, and neither a GPU nor its driver. What it cannot tell is how
+long anything takes.
 """
 
 from __future__ import annotations
@@ -42,7 +44,17 @@ device_description_str: "NVIDIA H200"
 FAMILIES = ("rigid", "T_s = 0.5 s")
 POINTS = 1000
 TRIAL = '"jit(advance_all)/while/body/while"'  # the loop whose body is a trial of all lanes
-NO_ARITHMETIC = {"parameter", "get-tuple-element", "tuple", "constant", "bitcast", "broadcast", "copy", "reshape", "slice"}
+NO_ARITHMETIC = {
+    "parameter",
+    "get-tuple-element",
+    "tuple",
+    "constant",
+    "bitcast",
+    "broadcast",
+    "copy",
+    "reshape",
+    "slice",
+}
 CALLS = {"fusion", "call", "opt-barrier"}
 
 
@@ -55,7 +67,9 @@ def program(name: str, device: jax.Device):
     dealt, common = (NamedSharding(who.mesh, place) for place in (P("scenes"), P()))
 
     def shape(y, place):
-        return jax.ShapeDtypeStruct(np.shape(y), jax.dtypes.canonicalize_dtype(np.asarray(y).dtype), sharding=place)
+        return jax.ShapeDtypeStruct(
+            np.shape(y), jax.dtypes.canonicalize_dtype(np.asarray(y).dtype), sharding=place
+        )
 
     leaves = scenes.part(0, plan.size, plan.size)
     places = [common if rows is None else dealt for rows in scenes.rows]
@@ -69,7 +83,8 @@ def program(name: str, device: jax.Device):
 
 
 def trial(text: str) -> tuple[int, int]:
-    """Kernels of the body of the innermost loop, and its instructions that compute, from the text of an HLO module."""
+    """Kernels of the body of the innermost loop, and its instructions that compute, from the text of an HLO
+    module."""
     computations: dict[str, list[str]] = collections.defaultdict(list)
     name = ""
     for line in text.splitlines():
@@ -115,7 +130,15 @@ def main() -> None:
     print(f"for one {device.device_kind}")
     show(
         rows,
-        {"family": "", "lanes": "d", "kernels": "d", "written": "d", "computed": "d", "MiB": ".0f", "compile [s]": ".0f"},
+        {
+            "family": "",
+            "lanes": "d",
+            "kernels": "d",
+            "written": "d",
+            "computed": "d",
+            "MiB": ".0f",
+            "compile [s]": ".0f",
+        },
     )
     keep("kernels", rows)
 

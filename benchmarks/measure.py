@@ -1,4 +1,5 @@
-"""What all measurements share: the shortest of several runs, errors against a reference, tables that are kept."""
+"""What all measurements share: the shortest of several runs, errors against a reference, tables that are
+kept."""
 
 from __future__ import annotations
 
@@ -40,8 +41,12 @@ def options(rtol: float, method: str = "dopri8", **more) -> rj.Options:
     return rj.Options(**({"rtol": rtol, "atol": 0.01 * rtol, "method": method, "outputs": ROTATION} | more))
 
 
-def rockjax_peaks(family: Family, rtol: float, method: str = "dopri8", **more) -> tuple[np.ndarray, np.ndarray]:
-    peaks = rj.peak_responses(podium(family), rj.Ricker(family.a_p, family.T_p), options=options(rtol, method, **more))
+def rockjax_peaks(
+    family: Family, rtol: float, method: str = "dopri8", **more
+) -> tuple[np.ndarray, np.ndarray]:
+    peaks = rj.peak_responses(
+        podium(family), rj.Ricker(family.a_p, family.T_p), options=options(rtol, method, **more)
+    )
     return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
 
 
@@ -59,7 +64,8 @@ def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
-    """Quantiles of |error of max|θ|/α| over the scenes, and how many changed between standing and overturned."""
+    """Quantiles of |error of max|θ|/α| over the scenes, and how many changed between standing and
+    overturned."""
     peak, overturned = reference(family)
     same = found[1] == overturned
     error = np.abs(found[0] - peak)[same]
@@ -99,6 +105,8 @@ def show(rows: list[dict], columns: dict[str, str]) -> None:
     for row in rows:
         print(
             "| "
-            + " | ".join(format(row[key], form) if row.get(key) is not None else "" for key, form in columns.items())
+            + " | ".join(
+                format(row[key], form) if row.get(key) is not None else "" for key, form in columns.items()
+            )
             + " |"
         )

@@ -40,7 +40,9 @@ def numbers(n: int, elastic: bool) -> np.ndarray:
     alpha = rng.uniform(0.08, 0.35, n)
     y = [alpha, rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), rng.uniform(1.0, 100.0, n)]
     y += [rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n)] if elastic else []
-    return np.stack([*y, 9.80665 * np.tan(alpha) * rng.uniform(1.0, 9.0, n), rng.uniform(0.3, 3.0, n)], axis=1)
+    return np.stack(
+        [*y, 9.80665 * np.tan(alpha) * rng.uniform(1.0, 9.0, n), rng.uniform(0.3, 3.0, n)], axis=1
+    )
 
 
 def compared(name: str, function, y: np.ndarray) -> dict:

@@ -1,8 +1,9 @@
-"""Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations [words]`.
+"""Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations
+[words]`.
 
-One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the impact map and
-the formulas of the structures is changed in a copy of the project, and the tests are run on it until one fails: first
-those of the equations themselves, then those of what follows from them.
+One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the
+impact map and the formulas of the structures is changed in a copy of the project, and the tests are run on it
+until one fails: first those of the equations themselves, then those of what follows from them.
 """
 
 from __future__ import annotations
@@ -27,27 +28,56 @@ from .measure import keep, show
 ROOT = Path(__file__).parent.parent
 FUNCTIONS = {
     "_engine/model.py": (
-        "coefficients", "beam", "beam_acceleration", "acceleration", "uplift_demand", "impact", "potential", "energy",
-        "energy_after", "shear", "power", "restoring_moment",
+        "coefficients",
+        "beam",
+        "beam_acceleration",
+        "acceleration",
+        "uplift_demand",
+        "impact",
+        "potential",
+        "energy",
+        "energy_after",
+        "shear",
+        "power",
+        "restoring_moment",
     ),
-    "_structures.py": ("factor", "omega_s", "p", "width", "height", "uplift_acceleration", "restitution_factor",
-                       "uplifted_frequency", "equivalent_block", "from_dimensions"),
+    "_structures.py": (
+        "factor",
+        "omega_s",
+        "p",
+        "width",
+        "height",
+        "uplift_acceleration",
+        "restitution_factor",
+        "uplifted_frequency",
+        "equivalent_block",
+        "from_dimensions",
+    ),
     "_engine/scene.py": ("default_end",),
     "_engine/transitions.py": ("contact_mode", "after_impact"),
     "_engine/guard.py": ("broken", "_margin", "_paths"),
-}  # fmt: skip
-# Changes that change nothing, or nothing that can be held against them: (file, part of the line, change) and why.
+}
+# Changes that change nothing, or nothing that can be held against them: (file, part of the line, change) and
+# why.
 HARMLESS: dict[tuple[str, str, str], str] = {
     ("_engine/model.py", "finfo", "64 → 70.4"): "rounding that is allowed to the threshold",
 }
 STAGES = (
     ("engine/test_model.py", "test_structures.py"),
-    ("engine/test_closed_forms.py", "engine/test_edges.py", "engine/test_accuracy.py", "engine/test_hard_cases.py"),
+    (
+        "engine/test_closed_forms.py",
+        "engine/test_edges.py",
+        "engine/test_accuracy.py",
+        "engine/test_hard_cases.py",
+    ),
 )
 OPERATORS = {ast.Add: (ast.Sub, "+ → -"), ast.Sub: (ast.Add, "- → +")}
 COMPARISONS = {
-    ast.Gt: (ast.Lt, "> → <"), ast.Lt: (ast.Gt, "< → >"), ast.GtE: (ast.Lt, ">= → <"), ast.Eq: (ast.NotEq, "== → !="),
-}  # fmt: skip
+    ast.Gt: (ast.Lt, "> → <"),
+    ast.Lt: (ast.Gt, "< → >"),
+    ast.GtE: (ast.Lt, ">= → <"),
+    ast.Eq: (ast.NotEq, "== → !="),
+}
 
 
 class Mutant(NamedTuple):
@@ -69,16 +99,25 @@ def mutants() -> Iterator[Mutant]:
 
 
 def _of_function(file: str, text: str, tree: ast.Module, function: ast.FunctionDef) -> Iterator[Mutant]:
-    skip = {id(n) for part in (function.args, function.returns, *function.decorator_list) if part for n in ast.walk(part)}
+    skip = {
+        id(n)
+        for part in (function.args, function.returns, *function.decorator_list)
+        if part
+        for n in ast.walk(part)
+    }
     skip |= {id(n) for call in ast.walk(function) if isinstance(call, ast.JoinedStr) for n in ast.walk(call)}
-    powers = {id(n.right) for n in ast.walk(function) if isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow)}
+    powers = {
+        id(n.right) for n in ast.walk(function) if isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow)
+    }
     lines = text.splitlines()
     for number, node in enumerate(ast.walk(function)):
         if id(node) in skip:
             continue
         for change, apply in _changes(node, id(node) in powers):
             clone = copy.deepcopy(tree)
-            twin = next(n for n in ast.walk(clone) if isinstance(n, ast.FunctionDef) and n.lineno == function.lineno)
+            twin = next(
+                n for n in ast.walk(clone) if isinstance(n, ast.FunctionDef) and n.lineno == function.lineno
+            )
             apply(list(ast.walk(twin))[number])
             ast.fix_missing_locations(clone)
             line = getattr(node, "lineno", function.lineno)
@@ -104,7 +143,11 @@ def _changes(node: ast.AST, power: bool) -> Iterator[tuple[str, Any]]:
             n.ops = [new()]
 
         yield words, compare
-    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+    elif (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and not isinstance(node.value, bool)
+    ):
         other = node.value + 1 if power else (round(1.1 * node.value, 12) if node.value else 0.1)
 
         def constant(n):
@@ -121,7 +164,19 @@ def verdict(mutant: Mutant, copy_of: Path) -> str:
         target.write_text(mutant.source)
         for stage in STAGES:
             files = [f"tests/{name}" for name in stage]
-            command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-m", "not slow", "-p", "no:cacheprovider"]
+            command = [
+                sys.executable,
+                "-m",
+                "pytest",
+                "-x",
+                "-q",
+                "-n",
+                "0",
+                "-m",
+                "not slow",
+                "-p",
+                "no:cacheprovider",
+            ]
             environment = os.environ | {"PYTHONPATH": str(copy_of), "MPLBACKEND": "Agg"}
             done = subprocess.run(
                 [*command, *files], cwd=copy_of, env=environment, capture_output=True, text=True, timeout=1200
@@ -164,7 +219,9 @@ def main() -> None:
     survivors = []
     for mutant, test in zip(chosen, found, strict=True):
         place = {"file": mutant.file, "function": mutant.function}
-        row = rows.setdefault((mutant.file, mutant.function), place | {"changes": 0, "noticed": 0, "harmless": 0})
+        row = rows.setdefault(
+            (mutant.file, mutant.function), place | {"changes": 0, "noticed": 0, "harmless": 0}
+        )
         row["changes"] += 1
         row["noticed"] += bool(test)
         if not test:
@@ -179,7 +236,11 @@ def main() -> None:
             survivors.append({"where": where, "change": mutant.change, "line": mutant.text, "why": why})
     table = list(rows.values())
     table.append(
-        {"file": "all", "function": "", **{k: sum(r[k] for r in table) for k in ("changes", "noticed", "harmless")}}
+        {
+            "file": "all",
+            "function": "",
+            **{k: sum(r[k] for r in table) for k in ("changes", "noticed", "harmless")},
+        }
     )
     show(table, {"file": "", "function": "", "changes": "d", "noticed": "d", "harmless": "d"})
     print("\nnot noticed:" if survivors else "\nevery change is noticed")

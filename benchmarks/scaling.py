@@ -38,7 +38,9 @@ def main() -> None:
                 _, _, tally = run_batch(batch, how, False)
                 best = min(best, time.perf_counter() - began)
             row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
-            rows.append(row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": resident() - before})
+            rows.append(
+                row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": resident() - before}
+            )
             print(rows[-1], flush=True)
     keep("scaling", rows)
     show(rows, {"family": "", "scenes": "d", "us": ".2f", "occupancy": ".3f", "growth [MiB]": ".0f"})

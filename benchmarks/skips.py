@@ -47,7 +47,9 @@ SKIPS = {
     "full contact crossed in panels": lambda: mock.patch.object(
         _lanes, "cross_full_contact", lambda scene, plan, lane: lane
     ),
-    "certificate before the end of the pulse": lambda: mock.patch.object(_PulseLookahead, "impulse", unknown_before_the_end),
+    "certificate before the end of the pulse": lambda: mock.patch.object(
+        _PulseOutlook, "impulse", unknown_before_the_end
+    ),
     "certificate at all": lambda: mock.patch.object(_step, "certificate", never),
     "lanes refilled": lambda: mock.patch.object(_lanes, "PATIENCE", 2.0),
     "only the wanted outputs": contextlib.nullcontext,
@@ -65,7 +67,11 @@ def weak(points: int) -> dict:
     scenes = dataclasses.replace(scenes, a_p=0.1 * scenes.a_p)
     found = peaks(scenes)
     quick = shortest(lambda: peaks(scenes))
-    with anew(), mock.patch.object(_contact, "certificate", never), mock.patch.object(_step, "certificate", never):
+    with (
+        anew(),
+        mock.patch.object(_contact, "certificate", never),
+        mock.patch.object(_step, "certificate", never),
+    ):
         slow = shortest(lambda: peaks(scenes), 3)
         difference = float(np.abs(found - peaks(scenes)).max())
     row = {"family": "T_s = 0.5 s, a tenth of it", "skip": "scenes that provably never lift"}
@@ -85,22 +91,35 @@ def main(points: int = 60) -> None:
             with anew(), patched():
                 found = peaks(scenes, **WITHOUT.get(skip, {}))
                 slow = shortest(lambda s=scenes, skip=skip: peaks(s, **WITHOUT.get(skip, {})), 3)
-            row = {"family": name, "skip": skip, "with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6}
+            row = {
+                "family": name,
+                "skip": skip,
+                "with": quick / len(scenes) * 1e6,
+                "without": slow / len(scenes) * 1e6,
+            }
             row |= {"saves": slow / quick, "difference": float(np.abs(found - with_all).max())}
             rows.append(row)
             print(row, flush=True)
         if name == "rigid":
             # The same frame as a four-state scene whose top mass weighs nothing.
             light = rj.Podium(scenes.alpha, scenes.R, scenes.gamma + scenes.eta, rj.Elastic(0.0, 0.5))
-            run = lambda s=scenes, p=light: rj.peak_responses(p, rj.Ricker(s.a_p, s.T_p), options=options(RTOL))
+            run = lambda s=scenes, p=light: rj.peak_responses(
+                p, rj.Ricker(s.a_p, s.T_p), options=options(RTOL)
+            )
             found = np.asarray(run().peak_rotation)
             slow = shortest(run)
             row = {"family": name, "skip": "two states, and uplift as a root of the pulse"}
-            row |= {"with": quick / len(scenes) * 1e6, "without": slow / len(scenes) * 1e6, "saves": slow / quick}
+            row |= {
+                "with": quick / len(scenes) * 1e6,
+                "without": slow / len(scenes) * 1e6,
+                "saves": slow / quick,
+            }
             rows.append(row | {"difference": float(np.abs(found - with_all).max())})
     rows.append(weak(points))
     keep("skips", rows)
-    show(rows, {"family": "", "skip": "", "with": ".2f", "without": ".2f", "saves": ".2f", "difference": ".0e"})
+    show(
+        rows, {"family": "", "skip": "", "with": ".2f", "without": ".2f", "saves": ".2f", "difference": ".0e"}
+    )
 
 
 if __name__ == "__main__":

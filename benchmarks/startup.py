@@ -1,8 +1,8 @@
 """How long the first answer of a process takes: `python -m benchmarks.startup`, or with names of rows.
 
-"First" has nothing kept, "later" is a further process of the same user. CPU seconds of the process and all its threads,
-which say the same on a busy machine, and wall time, the shortest of several; also in units of J, the time of `import jax`.
-Rows that are named replace those of the table that was kept before.
+"First" has nothing kept, "later" is a further process of the same user. CPU seconds of the process and all
+its threads, which say the same on a busy machine, and wall time, the shortest of several; also in units of J,
+the time of `import jax`. Rows that are named replace those of the table that was kept before.
 """
 
 from __future__ import annotations
@@ -37,13 +37,20 @@ DESIGN = (
     PODIUM
     + """
 import optimise
-column = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+column = optimise.Dimensions(
+    width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+)
 pulses = [rj.Ricker(4.0, 0.6), rj.Ricker(3.25, 1.0), rj.Ricker(2.5, 1.4)]
-targets = [optimise.PeakRotation(0.4, pulses), optimise.NoOverturning([pulse.scaled(1.5) for pulse in pulses])]
+stronger = [pulse.scaled(1.5) for pulse in pulses]
+targets = [optimise.PeakRotation(0.4, pulses), optimise.NoOverturning(stronger)]
 """
 )
-ALL_SAMPLES = "now(jax.grad(lambda samples: peak(podium, rj.Record(samples, 0.01)))(jax.numpy.asarray(samples({}))))"
-ANALYSIS = "rj.incremental_dynamic_analysis(podium, [record(k, 1000) for k in range(8)], np.linspace(0.5, 12, 12))"
+ALL_SAMPLES = (
+    "now(jax.grad(lambda samples: peak(podium, rj.Record(samples, 0.01)))(jax.numpy.asarray(samples({}))))"
+)
+ANALYSIS = (
+    "rj.incremental_dynamic_analysis(podium, [record(k, 1000) for k in range(8)], np.linspace(0.5, 12, 12))"
+)
 
 # What is there before, and what is timed.
 ROWS = {
@@ -103,10 +110,15 @@ def run(name: str, folder: str) -> tuple[float, float]:
         script = SCRIPT.format(before=before, timed=timed)
     else:
         command = [part.format(folder=folder) for part in COMMANDS[name]]
-        timed = f"subprocess.run({[sys.executable, '-m', 'rockjax', *command]!r}, check=True, stdout=subprocess.DEVNULL)"
+        timed = (
+            f"subprocess.run({[sys.executable, '-m', 'rockjax', *command]!r}, check=True, "
+            f"stdout=subprocess.DEVNULL)"
+        )
         timed += "\nused = resource.getrusage(resource.RUSAGE_CHILDREN)\ncpu -= used.ru_utime + used.ru_stime"
         script = SCRIPT.format(before="import resource, subprocess", timed=timed)
-    done = subprocess.run([sys.executable, "-c", script], check=True, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], check=True, env=environment, capture_output=True, text=True
+    )
     wall, cpu = json.loads(done.stdout.splitlines()[-1])
     return wall, cpu
 
@@ -119,11 +131,19 @@ def main(names: list[str], again: int = 3) -> None:
             first = run(name, folder)
             later = [run(name, folder) for _ in range(again)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
-        row = {"what": name, "first CPU [s]": first[1], "later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
+        row = {
+            "what": name,
+            "first CPU [s]": first[1],
+            "later CPU [s]": cpu,
+            "later [J of CPU]": cpu / unit[1],
+        }
         rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
         print(rows[name], flush=True)
         keep("startup", list(rows.values()))
-    show(list(rows.values()), {"what": "", **{name: ".2f" for name in next(iter(rows.values())) if name != "what"}})
+    show(
+        list(rows.values()),
+        {"what": "", **{name: ".2f" for name in next(iter(rows.values())) if name != "what"}},
+    )
 
 
 if __name__ == "__main__":

@@ -1,15 +1,19 @@
-"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--store FOLDER] [--every K]`.
+"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--store FOLDER] [--every
+K]`.
 
-With a store every batch is a sweep of its own in that folder: stopped at any moment, the same command goes on, and with
-everything solved it makes the report anew. Boundaries on records come with it (`benchmarks/campaign.py`).
+With a store every batch is a sweep of its own in that folder: stopped at any moment, the same command goes
+on, and with everything solved it makes the report anew. Boundaries on records come with it
+(`benchmarks/campaign.py`).
 
-Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every scene is
-solved three times: as asked for with its error estimate (a second solve), and at a far tighter tolerance, which stands for
-the truth. Some of the scenes that run out of steps get twenty times as many, the default; a sample of the scenes, and of
-those that even the default leaves without an answer, goes to an implementation that shares nothing with the project.
+Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every
+scene is solved three times: as asked for with its error estimate (a second solve), and at a far tighter
+tolerance, which stands for the truth. Some of the scenes that run out of steps get twenty times as many, the
+default; a sample of the scenes, and of those that even the default leaves without an answer, goes to an
+implementation that shares nothing with the project.
 
-What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that change
-unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python that repeats them.
+What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that
+change unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python
+that repeats them.
 """
 
 from __future__ import annotations
@@ -45,7 +49,9 @@ OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
 PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
-MAX_STEPS = 50_000  # a twentieth of the default: what needs more is told by cause, and some of it tried again …
+MAX_STEPS = (
+    50_000  # a twentieth of the default: what needs more is told by cause, and some of it tried again …
+)
 AGAIN = 3  # … so many of a batch
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -75,16 +81,20 @@ class Group:
 def groups() -> Iterator[Group]:
     for top, law, motion in itertools.product(SUPERSTRUCTURES, LAWS, MOTIONS):
         yield Group(top, law, motion)
-    for method, top, motion in itertools.product(OTHERS, ("rigid", "elastic"), ("Ricker", "OneCosine", "record")):
+    for method, top, motion in itertools.product(
+        OTHERS, ("rigid", "elastic"), ("Ricker", "OneCosine", "record")
+    ):
         yield Group(top, "paper", motion, method)
 
 
-# ------------------------------------------------------------------------------------------------------------ scenes
+# ----------------------------------------------------------------------------------------------------- scenes
 def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np.ndarray:
     return np.exp(rng.uniform(math.log(low), math.log(high), n))
 
 
-def some(rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15) -> np.ndarray:
+def some(
+    rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15
+) -> np.ndarray:
     """The values, a share of them replaced by special ones."""
     chosen = rng.choice(special, len(values))
     return np.where(rng.random(len(values)) < share, chosen, values)
@@ -153,7 +163,9 @@ def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -
     if group.motion == "Gabor":
         return rj.Gabor(a, T, rng.uniform(1.0, 4.0, n), rng.uniform(0, 2 * math.pi, n))
     if group.motion == "MavroeidisPapageorgiou":
-        return rj.MavroeidisPapageorgiou(a * T / (2 * math.pi), 1 / T, rng.uniform(1.01, 4.0, n), rng.uniform(0, 6.28, n))
+        return rj.MavroeidisPapageorgiou(
+            a * T / (2 * math.pi), 1 / T, rng.uniform(1.01, 4.0, n), rng.uniform(0, 6.28, n)
+        )
     if group.motion == "Rest":
         return rj.Rest()
     record = samples(group.motion)
@@ -173,7 +185,12 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     speed = sway * p
     initial = rj.State(*(np.where(moves, y, 0.0) for y in (theta, theta_dot, sway, speed)))
     options = rj.Options(
-        rtol=rtol, atol=0.01 * rtol, method=group.method, outputs=OUTPUTS, overturn_ratio=ratio, max_steps=MAX_STEPS
+        rtol=rtol,
+        atol=0.01 * rtol,
+        method=group.method,
+        outputs=OUTPUTS,
+        overturn_ratio=ratio,
+        max_steps=MAX_STEPS,
     )
     return Batch(podium, motion, initial, options)
 
@@ -199,7 +216,7 @@ def repeat(group: Group, rtol: float, n: int, seed: int, k: int) -> str:
     return f"s.scene(s.batch(s.Group({arguments}), {rtol:g}, {n}, {seed}), {k})"
 
 
-# ----------------------------------------------------------------------------------------------------------- verdicts
+# --------------------------------------------------------------------------------------------------- verdicts
 Job = tuple[Group, float, int, int, int]  # the arguments of `repeat`
 
 
@@ -211,7 +228,9 @@ class Findings:
     results: dict[str, int] = dataclasses.field(default_factory=dict)
     failures: dict[str, int] = dataclasses.field(default_factory=dict)
     examples: list[tuple[str, str]] = dataclasses.field(default_factory=list)
-    ratios: list[np.ndarray] = dataclasses.field(default_factory=list)  # true error over estimate, of the rotation
+    ratios: list[np.ndarray] = dataclasses.field(
+        default_factory=list
+    )  # true error over estimate, of the rotation
     flips: int = 0  # classes that change between the asked-for tolerance and the truth …
     unflagged: int = 0  # … without having been flagged as undecided
     undecided: int = 0
@@ -229,8 +248,10 @@ class Findings:
             self.examples.append((cause, line(int(k))))
 
 
-# ------------------------------------------------------------------------------------- an implementation of its own kind
-def by_reference(podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float) -> reference.Answer:
+# -------------------------------------------------------------------------- an implementation of its own kind
+def by_reference(
+    podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float
+) -> reference.Answer:
     """The scene by SciPy's DOP853 at 1e-12, through every event."""
     state = tuple(float(y) for y in (initial.theta, initial.theta_dot, initial.u_t, initial.u_t_dot))
     if isinstance(motion, rj.Rest):
@@ -250,7 +271,9 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     podium, motion, initial = scene(of, k)
     peak = rj.peak_response(podium, motion, initial=initial, options=of.options.replace(throw=False))
     # To the end of the scene and some more: the certificate is looked at as well.
-    end = min(float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p))
+    end = min(
+        float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
+    )
     truth = by_reference(podium, motion, initial, end)
     errors = peak.errors
     assert errors is not None
@@ -273,9 +296,15 @@ def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))
         fit = np.asarray(peak.stats.steps) < 1000
-        fit &= ~(np.asarray(peak.impacts) >= 100)  # NaN where they were not counted to their end, which the steps bound
-        fit &= np.asarray(peak.peak_rotation) > 1e-6  # SciPy looks for events at its steps, and misses shorter lifts
-        stand, fall = (rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True))
+        fit &= ~(
+            np.asarray(peak.impacts) >= 100
+        )  # NaN where they were not counted to their end, which the steps bound
+        fit &= (
+            np.asarray(peak.peak_rotation) > 1e-6
+        )  # SciPy looks for events at its steps, and misses shorter lifts
+        stand, fall = (
+            rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True)
+        )
         jobs += [(group, rtol, n, seed + 1, int(k)) for k in (*stand[:3], *fall[:1])]
     return jobs[:number]
 
@@ -287,7 +316,8 @@ OUT_OF_STEPS = [NAMES.index(name) for name in ("out_of_steps", "chattering", "to
 
 
 def exhausted(of: Batch, peak: Answers) -> tuple[int, list[int]]:
-    """How many of the scenes out of steps were tried with the default number, and which have no answer there either."""
+    """How many of the scenes out of steps were tried with the default number, and which have no answer there
+    either."""
     out = np.flatnonzero(np.isin(peak["result"], OUT_OF_STEPS))
     out = np.sort(np.random.default_rng(out.size).permutation(out)[:AGAIN])
     # One by one: a batch would keep all its lanes waiting for the longest.
@@ -340,7 +370,9 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
     found.fail("rotation beyond overturning", answered & (rotation > ratio * (1 + 1e-12)), line)
     found.fail("overturned below the limit", answered & overturned & (rotation < ratio * (1 - 1e-12)), line)
     found.fail("overturned is not the result", answered & (overturned != (code == 2)), line)
-    found.fail("overturned without a time", answered & (overturned != np.isfinite(peak["overturn_time"])), line)
+    found.fail(
+        "overturned without a time", answered & (overturned != np.isfinite(peak["overturn_time"])), line
+    )
     found.fail("uplifted without a time", answered & (uplifted != np.isfinite(peak["uplift_time"])), line)
     found.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
     found.trials.append(peak["steps"][answered])
@@ -364,7 +396,9 @@ def run(number: int, group: Group, per_group: int, seed: int, kept: Kept | None 
     possible = [rtol for rtol in TOLERANCES if rtol >= OTHERS.get(group.method, 0.0) * 0.99]
     # Spread over the range, all of them as often over the groups.
     first = number % len(possible)
-    tolerances = sorted({possible[(first + k * len(possible) // PER_GROUP) % len(possible)] for k in range(PER_GROUP)})
+    tolerances = sorted(
+        {possible[(first + k * len(possible) // PER_GROUP) % len(possible)] for k in range(PER_GROUP)}
+    )
     n = -(-per_group // len(tolerances))
     for rtol in tolerances:
         of = batch(group, rtol, n, seed)
@@ -394,8 +428,14 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
             {
                 "scenes": name,
                 "number": total,
-                **{kind: sum(f.results.get(kind, 0) for f in some) for kind in ("settled", "end_of_time", "overturned")},
-                **{NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in some) for k in OUT_OF_STEPS},
+                **{
+                    kind: sum(f.results.get(kind, 0) for f in some)
+                    for kind in ("settled", "end_of_time", "overturned")
+                },
+                **{
+                    NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in some)
+                    for k in OUT_OF_STEPS
+                },
                 "tried again": sum(f.again for f in some),
                 "of a million": sum(len(f.exhausted) for f in some),
                 "not finite": sum(f.results.get("not_finite", 0) for f in some),
@@ -443,12 +483,16 @@ def compared_with_reference(seed: int, number: int) -> dict[str, Any]:
 
 
 def of_exhausted(jobs: list[Job], seed: int, number: int) -> dict[str, Any]:
-    """Whether the independent implementation solves scenes that the default number of steps left without an answer."""
+    """Whether the independent implementation solves scenes that the default number of steps left without an
+    answer."""
     fit = [job for job in jobs if job[0].motion in (*PULSES, "Rest")]
     chosen = [fit[k] for k in np.random.default_rng(seed).permutation(len(fit))[:number]]
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         solved = list(tqdm(pool.map(solved_by_reference, chosen), total=len(chosen), unit=" exhausted"))
-    print(f"\nout of the default steps: {len(jobs)}; {len(chosen)} tried in {PATIENCE} s each, {sum(solved)} solved")
+    print(
+        f"\nout of the default steps: "
+        f"{len(jobs)}; {len(chosen)} tried in {PATIENCE} s each, {sum(solved)} solved"
+    )
     for k in np.flatnonzero(solved):
         print(f"    solved: {repeat(*chosen[k])}")
     return {"exhausted": len(jobs), "tried": len(chosen), "solved by the reference": sum(solved)}
@@ -471,17 +515,25 @@ def boundaries(kept: Kept, seed: int, structures: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("scenes", nargs="?", type=float, default=200_000)
     arguments.add_argument("seed", nargs="?", type=int, default=0)
     arguments.add_argument("words", nargs="*", help="of groups: those that have all of them")
-    arguments.add_argument("--every", type=int, default=1, help="one of so many groups: fewer programs to compile")
-    arguments.add_argument("--references", type=int, default=120, help="scenes for the independent implementation")
+    arguments.add_argument(
+        "--every", type=int, default=1, help="one of so many groups: fewer programs to compile"
+    )
+    arguments.add_argument(
+        "--references", type=int, default=120, help="scenes for the independent implementation"
+    )
     arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
     given = arguments.parse_args()
     scenes, seed, words = int(given.scenes), given.seed, given.words
     kept = None if given.store is None else Kept(given.store)
-    chosen = [group for group in groups() if all(word in group.name.replace(",", "").split() for word in words)]
+    chosen = [
+        group for group in groups() if all(word in group.name.replace(",", "").split() for word in words)
+    ]
     chosen = chosen[:: given.every]
     per_group = -(-scenes // len(chosen))
     began = time.perf_counter()

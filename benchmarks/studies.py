@@ -1,5 +1,5 @@
-"""Design studies, each from ten random starts: `python -m benchmarks.studies [adam] [names]`, with Adam instead of the
-sequential quadratic programming.
+"""Design studies, each from ten random starts: `python -m benchmarks.studies [adam] [names]`, with Adam
+instead of the sequential quadratic programming.
 
 (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability, (e) a fit.
 """
@@ -22,11 +22,14 @@ G = 9.80665
 
 
 def shaking(seed: int, peak: float = 3.0, n: int = 350, dt: float = 0.02) -> rj.Record:
-    """A synthetic near-fault record of 7 s: a velocity pulse in enveloped noise, `peak` the largest |ü_g| [m/s²]."""
+    """A synthetic near-fault record of 7 s: a velocity pulse in enveloped noise, `peak` the largest |ü_g|
+    [m/s²]."""
     rng = np.random.default_rng([7, seed])
     t = dt * np.arange(n)
     period, centre = rng.uniform(0.7, 1.4), rng.uniform(2.0, 3.0)
-    pulse = np.exp(-(((t - centre) / (0.8 * period)) ** 2)) * np.sin(2 * np.pi * (t - centre) / period + rng.uniform(0, 6))
+    pulse = np.exp(-(((t - centre) / (0.8 * period)) ** 2)) * np.sin(
+        2 * np.pi * (t - centre) / period + rng.uniform(0, 6)
+    )
     noise = np.convolve(rng.normal(size=n), np.hanning(9), mode="same")
     noise *= np.exp(-(((t - 2.8) / 1.6) ** 2)) / np.abs(noise).max()
     a = (pulse + 0.5 * noise) * np.minimum(1, np.minimum(t, t[::-1]) / 0.5)
@@ -65,12 +68,16 @@ def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **how) -> optimise.
         **_random(np.random.default_rng(seed), vary),
     )
     target = optimise.PeakRotation(0.4, pulses(count))
-    return optimise.design(start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how)
+    return optimise.design(
+        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how
+    )
 
 
-def lightest(seed: int = 0, frequencies: int = 13, ratio: float = 3.2, starts: int = 1, **how) -> optimise.Design:
-    """(b) The least γ with which no symmetric Ricker pulse with 3.5 ≤ ω_p/p ≤ 5 overturns a rigid frame below a
-    multiple of g tan α. Of 3.5 there is no design."""
+def lightest(
+    seed: int = 0, frequencies: int = 13, ratio: float = 3.2, starts: int = 1, **how
+) -> optimise.Design:
+    """(b) The least γ with which no symmetric Ricker pulse with 3.5 ≤ ω_p/p ≤ 5 overturns a rigid frame below
+    a multiple of g tan α. Of 3.5 there is no design."""
     vary = {"gamma": (0.0, 100.0)}
     frame = rj.Podium(alpha=math.atan(0.15), R=1.5, **_random(np.random.default_rng(seed), vary))
     T_p = 2 * math.pi / (float(frame.p) * np.linspace(3.5, 5.0, frequencies))
@@ -84,11 +91,16 @@ def unreachable(seed: int = 0, **how) -> optimise.Design:
 
 
 def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> optimise.Design:
-    """(c) The least worst shear with a factor of 1.5 to overturning on every record, over slenderness and beam mass."""
+    """(c) The least worst shear with a factor of 1.5 to overturning on every record, over slenderness and
+    beam mass."""
     motions = [shaking(k) for k in range(records)]
     vary = {"width": (0.3, 0.9), "beam_mass": (5e3, 100e3)}
     start = optimise.Dimensions(
-        height=3.0, column_mass=1.5e3, top_mass=100e3, period=0.5, **_random(np.random.default_rng(seed), vary)
+        height=3.0,
+        column_mass=1.5e3,
+        top_mass=100e3,
+        period=0.5,
+        **_random(np.random.default_rng(seed), vary),
     )
     target = optimise.OverturningScale(1.5, motions, max_scale=3.0)
     return optimise.design(
@@ -97,16 +109,24 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> opti
 
 
 def rarely(seed: int = 0, records: int = 50, starts: int = 1, **how) -> tuple[optimise.Design, float, float]:
-    """(d) The slimmest column of which under 5 % of a suite overturn; and the smoothed and the counted probability."""
-    target = optimise.OverturningProbability(0.05, [shaking(k) for k in range(records)], intensity=1.3, smoothing=0.05)
+    """(d) The slimmest column of which under 5 % of a suite overturn; and the smoothed and the counted
+    probability."""
+    target = optimise.OverturningProbability(
+        0.05, [shaking(k) for k in range(records)], intensity=1.3, smoothing=0.05
+    )
     vary = {"width": (0.25, 1.2)}
-    start = optimise.Dimensions(height=3.0, column_mass=1.5e3, beam_mass=30e3, **_random(np.random.default_rng(seed), vary))
-    answer = optimise.design(start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how)
+    start = optimise.Dimensions(
+        height=3.0, column_mass=1.5e3, beam_mass=30e3, **_random(np.random.default_rng(seed), vary)
+    )
+    answer = optimise.design(
+        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how
+    )
     return answer, target.smoothed(answer.podium), target.exact(answer.podium)
 
 
 def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, np.ndarray, np.ndarray]:
-    """A podium, a motion and the rotation of the one under the other, with noise of a part of its largest value."""
+    """A podium, a motion and the rotation of the one under the other, with noise of a part of its largest
+    value."""
     truth = rj.Podium(alpha=0.2, R=1.8, gamma=2.0, restitution=0.93)
     motion = rj.Ricker(4.5, 1.1)
     times = np.arange(-1.5, 7.0, 0.02)
@@ -145,12 +165,17 @@ def main(chosen: list[str], runs: int = 10) -> None:
         for seed in range(runs):
             began = time.perf_counter()
             # A fit is by least squares.
-            answer = studies[name](seed) if name == "measured_fit" else studies[name](seed, method=METHODS[method])
+            answer = (
+                studies[name](seed) if name == "measured_fit" else studies[name](seed, method=METHODS[method])
+            )
             seconds = time.perf_counter() - began
             if isinstance(answer, optimise.Fit):
                 near = all(
                     abs(answer.variables[key] - value) <= 5 * answer.errors[key]
-                    for key, value in (("alpha", float(truth.alpha)), ("restitution", float(truth.restitution_factor)))
+                    for key, value in (
+                        ("alpha", float(truth.alpha)),
+                        ("restitution", float(truth.restitution_factor)),
+                    )
                 )
                 rows.append((not near, 0, 0, seconds))
                 remarks.append(answer.rms)
@@ -165,8 +190,10 @@ def main(chosen: list[str], runs: int = 10) -> None:
         numbers = np.array(rows, float)
         later = numbers[1:] if runs > 1 else numbers
         print(
-            f"{name:14}{int(numbers[:, 0].sum()):6d}/{runs:<2d}{numbers[:, 1].mean():12.1f}{numbers[:, 2].mean():8.0f}"
-            f"{numbers[0, 3]:8.1f}{later[:, 3].mean():8.2f}  {np.array2string(np.array(remarks), precision=5)}",
+            f"{name:14}{int(numbers[:, 0].sum()):6d}/{runs:<2d}{numbers[:, 1].mean():12.1f}"
+            f"{numbers[:, 2].mean():8.0f}"
+            f"{numbers[0, 3]:8.1f}{later[:, 3].mean():8.2f}  "
+            f"{np.array2string(np.array(remarks), precision=5)}",
             flush=True,
         )
 

@@ -1,7 +1,8 @@
 """Sweeps: throughput over local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
 
-Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several. And one large sweep,
-in fact: `python -m benchmarks.sweeps large SCENES STORE`; stopped at any moment, the same command goes on.
+Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several. And
+one large sweep, in fact: `python -m benchmarks.sweeps large SCENES STORE`; stopped at any moment, the same
+command goes on.
 """
 
 from __future__ import annotations
@@ -91,7 +92,12 @@ def overhead(folder: Path) -> list[dict]:
         each = scenes.size // number[chunk]
         label = f"{each} (default)" if chunk is None else str(each)
         rows.append(
-            {"scenes a chunk": label, "chunks": number[chunk], "s": best[chunk], "over the batch": best[chunk] / batch - 1}
+            {
+                "scenes a chunk": label,
+                "chunks": number[chunk],
+                "s": best[chunk],
+                "over the batch": best[chunk] / batch - 1,
+            }
         )
     slope = (best[sizes[0]] - best[None]) / (number[sizes[0]] - number[None])
     print(f"{slope * 1e3:.0f} ms a chunk")
@@ -168,7 +174,10 @@ def memory(folder: Path) -> list[dict]:
         place = folder / f"memory-{alphas}"
         place.mkdir()
         done = subprocess.run(
-            [sys.executable, "-c", MEMORY, str(alphas), str(place)], capture_output=True, text=True, check=True
+            [sys.executable, "-c", MEMORY, str(alphas), str(place)],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         rows.append(json.loads(done.stdout.splitlines()[-1]))
         print(rows[-1], flush=True)
@@ -221,7 +230,10 @@ def main() -> None:
         if "memory" in wanted:
             rows = memory(folder)
             keep("sweeps-memory", rows)
-            show(rows, {"scenes": "d", "first tenth [MiB]": ".0f", "last tenth [MiB]": ".0f", "most [MiB]": ".0f"})
+            show(
+                rows,
+                {"scenes": "d", "first tenth [MiB]": ".0f", "last tenth [MiB]": ".0f", "most [MiB]": ".0f"},
+            )
 
 
 if __name__ == "__main__":

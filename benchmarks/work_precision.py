@@ -1,6 +1,7 @@
 """Run time against error, per method and family: `python -m benchmarks.work_precision [points]`.
 
-Writes the table to `benchmarks/results/work_precision.json` and the picture to `docs/images/work-precision.png`.
+Writes the table to `benchmarks/results/work_precision.json` and the picture to
+`docs/images/work-precision.png`.
 """
 
 from __future__ import annotations
@@ -25,10 +26,17 @@ def measure(points: int) -> list[dict]:
                 # Methods of low order at tight tolerances would take hours and say nothing.
                 if (method == "bosh3" and rtol < 1e-7) or (method == "dopri5" and rtol < 1e-11):
                     continue
-                solve = numba_loop.solve if method == "numba DOP853" else lambda s, r, m=method: rockjax_peaks(s, r, m)
+                solve = (
+                    numba_loop.solve
+                    if method == "numba DOP853"
+                    else lambda s, r, m=method: rockjax_peaks(s, r, m)
+                )
                 error = errors(solve(scenes, rtol), scenes)
                 seconds = shortest(functools.partial(solve, scenes, rtol), 3)
-                rows.append({"family": name, "method": method, "rtol": rtol, "us": seconds / len(scenes) * 1e6} | error)
+                rows.append(
+                    {"family": name, "method": method, "rtol": rtol, "us": seconds / len(scenes) * 1e6}
+                    | error
+                )
                 print(rows[-1], flush=True)
     return rows
 
@@ -46,9 +54,15 @@ def draw(rows: list[dict]) -> None:
         for k, method in enumerate((*METHODS, "numba DOP853")):
             chosen = [row for row in rows if row["family"] == name and row["method"] == method]
             peer = method == "numba DOP853"
-            look = {"color": COLOURS[k], "linestyle": ":" if peer else STYLES[k % 3], "marker": "s" if peer else "o"}
+            look = {
+                "color": COLOURS[k],
+                "linestyle": ":" if peer else STYLES[k % 3],
+                "marker": "s" if peer else "o",
+            }
             label = "scalar numba loop, DOP853" if peer else f"rockjax, {method}"
-            ax.loglog([row["p99"] for row in chosen], [row["us"] for row in chosen], ms=4, label=label, **look)
+            ax.loglog(
+                [row["p99"] for row in chosen], [row["us"] for row in chosen], ms=4, label=label, **look
+            )
         ax.set(title=name, xlabel=r"99th percentile of the error of $\max|\theta|/\alpha$")
         ax.invert_xaxis()
         ax.grid(alpha=0.3)

@@ -31,7 +31,14 @@ def state(ax, name: str, colour: str) -> None:
 
 
 def transition(ax, start, end, label: str, at, curve: float = 0.0, **text) -> None:
-    arrow = {"arrowstyle": "-|>", "mutation_scale": 14, "lw": 1.3, "shrinkA": 0, "shrinkB": 0, "color": "black"}
+    arrow = {
+        "arrowstyle": "-|>",
+        "mutation_scale": 14,
+        "lw": 1.3,
+        "shrinkA": 0,
+        "shrinkB": 0,
+        "color": "black",
+    }
     ax.add_patch(FancyArrowPatch(start, end, connectionstyle=f"arc3,rad={curve}", **arrow))
     ax.text(*at, label, fontsize=9.5, **({"ha": "center", "va": "center"} | text))
 
@@ -42,7 +49,11 @@ def draw() -> plt.Figure:
         state(ax, name, colour)
     edge = WIDTH / 2 + 0.05
     transition(
-        ax, (edge, 0.2), (6.1 - edge, 0.2), r"uplift: $|q|$ exceeds $q_{up}$, $\sigma = -\mathrm{sign}\,q$", (3.05, 0.42)
+        ax,
+        (edge, 0.2),
+        (6.1 - edge, 0.2),
+        r"uplift: $|q|$ exceeds $q_{up}$, $\sigma = -\mathrm{sign}\,q$",
+        (3.05, 0.42),
     )
     transition(
         ax,

@@ -47,7 +47,12 @@ def main() -> None:
         if top < float(theta[-1]):
             left.plot(top / 0.15, float(held(jnp.asarray(top))) / depth, "X", color=look["color"], ms=7)
             right.plot(top / 0.15, 0, "X", color=look["color"], ms=7)
-    left.set(xlabel=r"$|\theta|\,/\,\alpha$", ylabel=r"$V\,/\,V_\mathrm{gravity}(\alpha)$", ylim=(-1.0, 6.0), xlim=(0, 4))
+    left.set(
+        xlabel=r"$|\theta|\,/\,\alpha$",
+        ylabel=r"$V\,/\,V_\mathrm{gravity}(\alpha)$",
+        ylim=(-1.0, 6.0),
+        xlim=(0, 4),
+    )
     right.set(xlabel=r"$|\theta|\,/\,\alpha$", ylabel=r"$V'\,/\,V'_\mathrm{gravity}(0)$", ylim=(-1.0, 2.0))
     for ax in (left, right):
         ax.axhline(0, color="0.7", lw=0.6, zorder=0)

@@ -24,7 +24,9 @@ def slenderness(podium: rj.Podium):
 
 def main() -> None:
     """The example of the page."""
-    column = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+    column = optimise.Dimensions(
+        width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+    )
     pulses = [rj.Ricker(4.0, 0.6), rj.Ricker(3.25, 1.0), rj.Ricker(2.5, 1.4)]
     stronger = [pulse.scaled(1.5) for pulse in pulses]
     targets = [optimise.PeakRotation(0.4, pulses), optimise.NoOverturning(stronger)]

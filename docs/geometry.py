@@ -17,7 +17,12 @@ B, H = 0.55, 1.15  # half a column, stockier than a real one so that angles can 
 ALPHA, R = np.arctan2(B, H), np.hypot(B, H)
 THETA = 0.45 * ALPHA
 PSI = ALPHA - THETA
-SPAN, BEAM, STOREY, TOP = 4.2, 0.34, 1.7, 0.5  # between pivots, thickness of the beam, superstructure, its mass
+SPAN, BEAM, STOREY, TOP = (
+    4.2,
+    0.34,
+    1.7,
+    0.5,
+)  # between pivots, thickness of the beam, superstructure, its mass
 SWAY = 0.42  # deformation of the superstructure
 BLACK, VERMILION, BLUE, GREEN = COLOURS[:4]
 GREY = "0.62"
@@ -38,17 +43,33 @@ def podium(ax, theta: float, across: float, up: float, sway: float, **style) -> 
         ax.add_patch(Polygon(column(pivot, theta), closed=True, **style))
     left, base = -2 * B - 0.25 + across, 2 * H + up
     width = SPAN + 2 * B + 0.5
-    ax.add_patch(Polygon([[left, base], [left + width, base], [left + width, base + BEAM], [left, base + BEAM]], **style))
+    ax.add_patch(
+        Polygon(
+            [[left, base], [left + width, base], [left + width, base + BEAM], [left, base + BEAM]], **style
+        )
+    )
     middle = left + width / 2
     s = np.linspace(0, 1, 50)
     bend = sway * (1.5 * s**2 - 0.5 * s**3)
-    ax.plot(middle + bend, base + BEAM + STOREY * s, color=style["edgecolor"], lw=style["lw"], ls=style["ls"], zorder=2)
+    ax.plot(
+        middle + bend,
+        base + BEAM + STOREY * s,
+        color=style["edgecolor"],
+        lw=style["lw"],
+        ls=style["ls"],
+        zorder=2,
+    )
     x, y = middle + sway, base + BEAM + STOREY
     ax.add_patch(plt.Circle((x, y + TOP / 2), TOP / 2, **style))
 
 
 def arrow(ax, start, end, label, at, colour=BLACK) -> None:
-    ax.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0})
+    ax.annotate(
+        "",
+        end,
+        start,
+        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0},
+    )
     ax.text(*at, label, color=colour, ha="center", va="center", fontsize=13)
 
 
@@ -67,7 +88,12 @@ def draw() -> plt.Figure:
     podium(ax, THETA, u_b, v_b, SWAY, facecolor="0.93", edgecolor=BLACK, lw=1.6, ls="-", zorder=2)
     ax.plot([-2.3, SPAN + 1.9], [0, 0], color=BLACK, lw=2)
     ax.add_patch(
-        Polygon([[-2.3, 0], [SPAN + 1.9, 0], [SPAN + 1.9, -0.16], [-2.3, -0.16]], facecolor="none", hatch="////", lw=0)
+        Polygon(
+            [[-2.3, 0], [SPAN + 1.9, 0], [SPAN + 1.9, -0.16], [-2.3, -0.16]],
+            facecolor="none",
+            hatch="////",
+            lw=0,
+        )
     )
 
     # The right column has the angles: its diagonal from the pivot, its side, the vertical.
@@ -77,8 +103,22 @@ def draw() -> plt.Figure:
     ax.plot(SPAN * np.ones(2), [0, 3.05], color=BLACK, lw=0.9, ls=":", zorder=3)
     ax.plot(*pivot, "o", color=BLACK, ms=5, zorder=5)
     ax.plot(*(pivot + corner) / 2, "+", color=BLUE, ms=11, mew=1.8, zorder=5)
-    ax.text(*(pivot + 0.78 * (corner - pivot) + [0.16, 0.03]), "$R$", color=BLUE, fontsize=13, ha="center", va="center")
-    ax.text(*(pivot + 0.40 * (corner - pivot) + [-0.16, -0.03]), "$R$", color=BLUE, fontsize=13, ha="center", va="center")
+    ax.text(
+        *(pivot + 0.78 * (corner - pivot) + [0.16, 0.03]),
+        "$R$",
+        color=BLUE,
+        fontsize=13,
+        ha="center",
+        va="center",
+    )
+    ax.text(
+        *(pivot + 0.40 * (corner - pivot) + [-0.16, -0.03]),
+        "$R$",
+        color=BLUE,
+        fontsize=13,
+        ha="center",
+        va="center",
+    )
     angle(ax, pivot, 1.30, 0.0, PSI, r"$\psi$", VERMILION)
     angle(ax, pivot, 1.85, -THETA, 0.0, r"$\theta$", VERMILION)
     angle(ax, pivot, 0.72, -THETA, PSI, r"$\alpha$", GREEN)
@@ -105,8 +145,21 @@ def draw() -> plt.Figure:
     height = base + BEAM + STOREY + TOP + 0.55
     ax.plot([centre] * 2, [base + BEAM + STOREY + TOP, height + 0.1], color=GREY, lw=0.9)
     ax.plot([centre + u_b + SWAY] * 2, [base + v_b + BEAM + STOREY + TOP, height + 0.1], color=BLACK, lw=0.9)
-    arrow(ax, (centre, height), (centre + u_b + SWAY, height), "$u_t$", (centre + (u_b + SWAY) / 2, height + 0.2))
-    ax.text(centre + u_b + SWAY + 0.62, base + v_b + BEAM + STOREY + TOP / 2, "$m_t$", ha="center", va="center", fontsize=13)
+    arrow(
+        ax,
+        (centre, height),
+        (centre + u_b + SWAY, height),
+        "$u_t$",
+        (centre + (u_b + SWAY) / 2, height + 0.2),
+    )
+    ax.text(
+        centre + u_b + SWAY + 0.62,
+        base + v_b + BEAM + STOREY + TOP / 2,
+        "$m_t$",
+        ha="center",
+        va="center",
+        fontsize=13,
+    )
     ax.text(centre + u_b + 0.9, base + v_b + BEAM / 2, "$m_b$", ha="center", va="center", fontsize=13)
     ax.text(*(left.mean(axis=0) + 0.1), "$m_c,\\ I_c$", ha="center", va="center", fontsize=13)
     arrow(ax, (-2.2, -0.42), (-1.2, -0.42), r"$\ddot u_g$", (-1.0, -0.42))

@@ -22,7 +22,9 @@ RIGID = rj.Podium(ALPHA, 1.5, 10.0, rj.Rigid(100.0))
 ELASTIC = rj.Podium(ALPHA, 1.5, 10.0, rj.Elastic(100.0, 0.5))
 FRAME = rj.Podium(ALPHA, 1.5, 110.0)
 UNIT = float(FRAME.g) * 0.15
-COLUMN = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+COLUMN = optimise.Dimensions(
+    width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+)
 
 
 def save(figure, name: str) -> None:
@@ -42,9 +44,14 @@ def margins() -> None:
         look = {"color": plots.COLOURS[k], "ls": plots.STYLES[k], "label": f"{label}, $T_p = {T_p:g}$ s"}
         axes[0].plot(ratio, peaks.peak_rotation, **look)
         axes[1].plot(ratio, peaks.margin, **look)
-    axes[0].set(xlabel=plots.ACCELERATION_RATIO, ylabel=r"$\max|\theta|\,/\,\alpha$", xlim=(ratio[0], ratio[-1]))
+    axes[0].set(
+        xlabel=plots.ACCELERATION_RATIO, ylabel=r"$\max|\theta|\,/\,\alpha$", xlim=(ratio[0], ratio[-1])
+    )
     axes[1].set(
-        xlabel=plots.ACCELERATION_RATIO, ylabel="overturning margin $M$", ylim=(-2.2, 1.05), xlim=(ratio[0], ratio[-1])
+        xlabel=plots.ACCELERATION_RATIO,
+        ylabel="overturning margin $M$",
+        ylim=(-2.2, 1.05),
+        xlim=(ratio[0], ratio[-1]),
     )
     for ax in axes:
         ax.axhline(0, color="0.7", lw=0.6, zorder=0)
@@ -54,15 +61,32 @@ def margins() -> None:
 
 
 def windows() -> None:
-    """The windows of survival of the frame near its fold, from scans, with the branches that continuation follows."""
+    """The windows of survival of the frame near its fold, from scans, with the branches that continuation
+    follows."""
     x = np.linspace(1.45, 2.1, 261)
     scanned = rj.overturning_spectrum(FRAME, rj.Ricker, x, max_acceleration_ratio=3.0)
-    traced = rj.overturning_spectrum(FRAME, rj.Ricker, np.linspace(1.0, 2.1, 23), max_acceleration_ratio=3.0, method="trace")
+    traced = rj.overturning_spectrum(
+        FRAME, rj.Ricker, np.linspace(1.0, 2.1, 23), max_acceleration_ratio=3.0, method="trace"
+    )
     figure = plt.figure(figsize=(8, 4.6), layout="constrained")
-    ax = plots.overturning_spectrum(scanned, figure.add_subplot(), color=plots.COLOURS[2], lw=1.6, label="minimum")
+    ax = plots.overturning_spectrum(
+        scanned, figure.add_subplot(), color=plots.COLOURS[2], lw=1.6, label="minimum"
+    )
     for k, (bx, by) in enumerate(zip(traced["branch_x"].values, traced["branch_y"].values, strict=True)):
-        ax.plot(bx, by, color=plots.COLOURS[0], lw=0.7, marker=".", ms=2.5, label="branches, traced" if k == 0 else None)
-    ax.set(xlim=(x[0], x[-1]), ylim=(1.4, 2.7), title="windows of survival (shaded) above the minimum, frame of Section 4")
+        ax.plot(
+            bx,
+            by,
+            color=plots.COLOURS[0],
+            lw=0.7,
+            marker=".",
+            ms=2.5,
+            label="branches, traced" if k == 0 else None,
+        )
+    ax.set(
+        xlim=(x[0], x[-1]),
+        ylim=(1.4, 2.7),
+        title="windows of survival (shaded) above the minimum, frame of Section 4",
+    )
     ax.grid(alpha=0.3)
     ax.legend(loc="upper left")
     save(figure, "survival-windows")
@@ -98,7 +122,10 @@ def cost() -> None:
             seconds = time.perf_counter() - began
             attrs = found[method].attrs
             slopes = attrs.get("scenes_with_derivatives", 0)
-            print(f"{name:8} {method:6} {attrs['scenes']:6d} scenes, {slopes:5d} with derivatives, {seconds:.1f} s")
+            print(
+                f"{name:8} {method:6} {attrs['scenes']:6d} scenes, {slopes:5d} with derivatives, "
+                f"{seconds:.1f} s"
+            )
         a, b = (found[method]["minimum"].values for method in ("scan", "trace"))
         both = np.isfinite(a) & np.isfinite(b)
         print(f"{'':8} largest difference of the minimum {np.max(np.abs(a[both] / b[both] - 1)):.1e}")

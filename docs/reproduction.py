@@ -1,4 +1,5 @@
-"""Computes every number of `reproduction.md` with rockjax and writes that page: `python docs/reproduction.py`.
+"""Computes every number of `reproduction.md` with rockjax and writes that page: `python
+docs/reproduction.py`.
 
 Roots are found by a scan of the amplitude and a refinement of every change between survival and overturning.
 """
@@ -25,14 +26,21 @@ Pulse = Callable[..., rj.AbstractExcitation]
 
 
 class Changes(NamedTuple):
-    """Amplitudes [m/s²] at which survival and overturning change places, and whether the upper side overturns."""
+    """Amplitudes [m/s²] at which survival and overturning change places, and whether the upper side
+    overturns."""
 
     amplitude: np.ndarray
     overturns: np.ndarray
 
 
 def changes(
-    podium: rj.Podium, pulse: Pulse, T_p: float, low: float, high: float, rtol: float = 1e-11, ratio: float = 1.0
+    podium: rj.Podium,
+    pulse: Pulse,
+    T_p: float,
+    low: float,
+    high: float,
+    rtol: float = 1e-11,
+    ratio: float = 1.0,
 ) -> Changes:
     """Every change between survival and overturning that a scan of [low, high] sees, refined to `rtol`."""
 
@@ -112,7 +120,9 @@ def uplift() -> dict[str, str]:
         ground = q + feedback * (omega2 * u_t + damping * u_t_dot)
         zero = np.zeros(())
         x, v = (zero, np.asarray(u_t)), (zero, np.asarray(u_t_dot))
-        return float(model.acceleration(c, np.asarray(-1.0), np.asarray(ground), x, v)[0]) / float(podium.p) ** 2
+        return (
+            float(model.acceleration(c, np.asarray(-1.0), np.asarray(ground), x, v)[0]) / float(podium.p) ** 2
+        )
 
     printed, corrected = root(1.0), root(2 * eta)
     exact = float(podium.uplift_acceleration)
@@ -139,7 +149,9 @@ def ring_down() -> dict[str, str]:
     rigid = float(frame.replace(superstructure=rj.Rigid(eta=eta)).restitution_factor)
 
     def effective(podium: rj.Podium) -> float:
-        response = rj.simulate(podium, rj.Rest(), initial=rj.State(theta, 0.0, u_b, 0.0), t_end=2.5, options=OPTIONS)
+        response = rj.simulate(
+            podium, rj.Rest(), initial=rj.State(theta, 0.0, u_b, 0.0), t_end=2.5, options=OPTIONS
+        )
         first, second = (float(t) for t in response.impact_times[:2])
         before, after = (float(E) for E in response.energy(np.array([0.99 * first, 0.5 * (first + second)])))
         return math.sqrt(after / before)
@@ -177,13 +189,18 @@ def section_four() -> dict[str, str]:
     ):
         readings.append((name, f"{least(frame, T_p):.4f}", f"{rotation(frame, T_p):.4f}"))
     ratios = (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0)
-    spectrum = [(f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, twice))) for w in ratios]
+    spectrum = [
+        (f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, twice)))
+        for w in ratios
+    ]
     return {
         "p": f"{p:.4f}",
         "frequency": f"{2 * math.pi / p:.3f}",
         "least": readings[1][1],
         "rotation": readings[1][2],
-        "readings": table(("reading", "least overturning $a_p/(g\\tan\\alpha)$", "$\\theta/\\alpha$ at 2.5"), readings),
+        "readings": table(
+            ("reading", "least overturning $a_p/(g\\tan\\alpha)$", "$\\theta/\\alpha$ at 2.5"), readings
+        ),
         "spectrum": table(("$\\omega_p/p$", "the paper's equations", "factor twice"), spectrum),
     }
 
@@ -203,7 +220,9 @@ def roots() -> dict[str, str]:
     def add(name: str, reference: str, values: list[float], digits: int) -> None:
         rows.append((name, reference, ", ".join(number(value, digits) for value in values)))
 
-    def linear(podium: rj.Podium, pulse: Pulse, T_p: float, ratio: float = 1.0, high: float = 8.0) -> np.ndarray:
+    def linear(
+        podium: rj.Podium, pulse: Pulse, T_p: float, ratio: float = 1.0, high: float = 8.0
+    ) -> np.ndarray:
         """Changes of a_p/(α g) of the linearised equations."""
         found = changes(slender(podium), pulse, T_p, 1.01 * G * SMALL, high * G * SMALL, ratio=ratio)
         return found.amplitude / (G * SMALL)
@@ -219,7 +238,12 @@ def roots() -> dict[str, str]:
     zm = rj.Podium(alpha=0.25, R=0.75 * G / 2.14**2, restitution=0.9, g=G)
     of_g, of_alpha = "$a_p/g$", "$a_p/(\\alpha g)$"
     value = linear(small, rj.HalfSine, 1.0)[0] * float(small.alpha)
-    add(f"half-sine, $B=0.2$, $H=0.6$ m, linearised, {of_g}", "0.5535/0.5545 printed, 0.554586 exact", [value], 6)
+    add(
+        f"half-sine, $B=0.2$, $H=0.6$ m, linearised, {of_g}",
+        "0.5535/0.5545 printed, 0.554586 exact",
+        [value],
+        6,
+    )
     add(f"the same, nonlinear, {of_g}", "0.574724", [first(small, rj.HalfSine, 1.0)], 6)
     value = first(large, rj.OneCosine, 1.0)
     add(f"one-cosine, $B=0.5$, $H=1.5$ m, {of_g}", "0.6245/0.6255 printed, 0.625845 exact", [value], 6)
@@ -281,7 +305,9 @@ def free_rocking() -> str:
     response = rj.simulate(podium, rj.Rest(), initial=initial, t_end=3.5, options=OPTIONS)
     rows = [
         (str(k + 1), f"{reference:.9f}", f"{float(time):.9f}")
-        for k, (reference, time) in enumerate(zip(exact_impacts(podium, 5), response.impact_times, strict=True))
+        for k, (reference, time) in enumerate(
+            zip(exact_impacts(podium, 5), response.impact_times, strict=True)
+        )
     ]
     return table(("impact", "exact [s]", "rockjax [s]"), rows)
 
@@ -432,12 +458,22 @@ def summary(values: dict[str, str]) -> str:
         ),
         ("$\\ddot\\theta/p^2$ of Eq. (24) at rest, at the demand of (6) as printed", "0", "–", at_printed),
         ("the same, at the demand of (9)", "0", "0", at_exact),
-        ("velocity factor once a stiff superstructure is at rest again", "0.956 (27)", "0.995", values["paper_limit"]),
+        (
+            "velocity factor once a stiff superstructure is at rest again",
+            "0.956 (27)",
+            "0.995",
+            values["paper_limit"],
+        ),
         ("the same, compatible restitution", "–", "0.956", values["compatible_limit"]),
         ("$p$ for $R=1.5$ m, Eq. (25), rad/s", "2.214", "2.2143", values["p"]),
         ("$\\beta$ of Eq. (32)", "not given", "1.380119 at $z=\\sqrt{3-\\sqrt6}$", values["beta"]),
         ("Section 4: least overturning $a_p/(g\\tan\\alpha)$", "3.5", "2.89", values["least"]),
-        ("Section 4: $\\theta/\\alpha$ at 2.5 times the uplift acceleration", "0.29", "0.458", values["rotation"]),
+        (
+            "Section 4: $\\theta/\\alpha$ at 2.5 times the uplift acceleration",
+            "0.29",
+            "0.458",
+            values["rotation"],
+        ),
     ]
     return table(("quantity", "paper", "exact or independent", "rockjax"), rows)
 

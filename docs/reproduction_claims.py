@@ -59,16 +59,21 @@ def verdict(holds: bool, otherwise: str = "does not hold") -> str:
 def spectra_claims() -> list[tuple[str, str, str, str]]:
     """What Sections 4 and 5 say of Figs. 6 and 7."""
     least = {
-        (ratio, T_s): boundary(COLUMN.replace(superstructure=building(ratio, T_s))) for ratio in RATIOS for T_s in PERIODS
+        (ratio, T_s): boundary(COLUMN.replace(superstructure=building(ratio, T_s)))
+        for ratio in RATIOS
+        for T_s in PERIODS
     }
     stiff = {
-        ratio: boundary(COLUMN.replace(superstructure=building(ratio, 0.1), restitution="compatible")) for ratio in RATIOS
+        ratio: boundary(COLUMN.replace(superstructure=building(ratio, 0.1), restitution="compatible"))
+        for ratio in RATIOS
     }
     bare = boundary(COLUMN)
     every = np.stack(list(least.values()))
     band = every[:, at(3.0) : at(4.0) + 1]
     last = np.array([X[np.isfinite(curve)].max() for curve in every])
-    over_rigid = {(ratio, T_s): least[ratio, T_s] / least[ratio, 0.0] for ratio in RATIOS for T_s in PERIODS[1:]}
+    over_rigid = {
+        (ratio, T_s): least[ratio, T_s] / least[ratio, 0.0] for ratio in RATIOS for T_s in PERIODS[1:]
+    }
     long = {T_s: np.array([over_rigid[ratio, T_s][at(2.0)] for ratio in RATIOS]) for T_s in PERIODS[1:]}
     short = {T_s: np.array([over_rigid[ratio, T_s][at(4.5)] for ratio in RATIOS]) for T_s in PERIODS[1:]}
     usual = np.s_[at(2.5) : at(5.0) + 1]
@@ -82,7 +87,8 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4",
             "overturning only for long pulses with moderate to high acceleration",
-            f"least $a_p/(g\\tan\\alpha)$ over all pulses: {span([curve.min() for curve in every])}; none beyond "
+            f"least $a_p/(g\\tan\\alpha)$ over all pulses: "
+            f"{span([curve.min() for curve in every])}; none beyond "
             f"$\\omega_p/p$ = {span(last)}, searched up to {TOP:g}",
             verdict(bool(np.all(last < 6.1))),
         ),
@@ -95,14 +101,18 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4",
             "for $\\omega_p/p>5$ it is essentially impossible to overturn",
-            f"up to {TOP:g} $g\\tan\\alpha$ overturning is found to $\\omega_p/p$ = {span(last)}; at 5 it takes "
+            f"up to {TOP:g} $g\\tan\\alpha$ overturning is found to $\\omega_p/p$ = "
+            f"{span(last)}; at 5 it takes "
             f"{span(every[:, at(5.0)][np.isfinite(every[:, at(5.0)])])} $g\\tan\\alpha$",
-            verdict(bool(np.all(last <= 5.0)), f"not to the letter: {int(np.sum(last > 5.0))} of 12 structures"),
+            verdict(
+                bool(np.all(last <= 5.0)), f"not to the letter: {int(np.sum(last > 5.0))} of 12 structures"
+            ),
         ),
         (
             "4",
             "$T_s=0.1$ s behaves essentially as its rigid counterpart",
-            f"boundary over that of the rigid one, $2.5\\leq\\omega_p/p\\leq5$: {percent(paper_stiff)} with the paper's "
+            f"boundary over that of the rigid one, $2.5\\leq\\omega_p/p\\leq5$: "
+            f"{percent(paper_stiff)} with the paper's "
             f"restitution, {percent(compatible_stiff)} with the compatible one",
             verdict(like_rigid, "only with the compatible restitution, see below"),
         ),
@@ -111,18 +121,24 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "$T_s\\geq0.5$ s is beneficial for short pulses",
             f"boundary over that of the rigid one at $\\omega_p/p=4.5$: $T_s=0.5$ s {percent(short[0.5])}, "
             f"$T_s=1$ s {percent(short[1.0])}",
-            verdict(bool(np.all(short[0.5] > 1) and np.all(short[1.0] > 1)), "for $T_s=1$ s; not for every mass at 0.5 s"),
+            verdict(
+                bool(np.all(short[0.5] > 1) and np.all(short[1.0] > 1)),
+                "for $T_s=1$ s; not for every mass at 0.5 s",
+            ),
         ),
         (
             "4",
             "and detrimental for long ones",
             f"at $\\omega_p/p=2$: $T_s=0.5$ s {percent(long[0.5])}, $T_s=1$ s {percent(long[1.0])}",
-            verdict(bool(np.all(long[0.5] < 1) and np.all(long[1.0] < 1)), "not at every frequency of that range"),
+            verdict(
+                bool(np.all(long[0.5] < 1) and np.all(long[1.0] < 1)), "not at every frequency of that range"
+            ),
         ),
         (
             "5",
             "only marginally so",
-            f"over $1\\leq\\omega_p/p\\leq3$: {percent(np.concatenate([v[: at(3.0) + 1] for v in over_rigid.values()]))}",
+            f"over $1\\leq\\omega_p/p\\leq3$: "
+            f"{percent(np.concatenate([v[: at(3.0) + 1] for v in over_rigid.values()]))}",
             verdict(
                 min(float(np.nanmin(v[: at(3.0) + 1])) for v in over_rigid.values()) > 0.95,
                 "not for long periods of the building",
@@ -131,7 +147,8 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4, 5",
             "the weight of the superstructure has a smaller effect than its period",
-            f"$\\eta/\\gamma=10$ over 1, $2.5\\leq\\omega_p/p\\leq5$: {percent(by_weight)} for $T_s\\leq0.1$ s, "
+            f"$\\eta/\\gamma=10$ over 1, $2.5\\leq\\omega_p/p\\leq5$: "
+            f"{percent(by_weight)} for $T_s\\leq0.1$ s, "
             f"{percent(heavy[1.0][usual])} for $T_s=1$ s; at $\\omega_p/p=2$ and $T_s=1$ s "
             f"{100 * (heavy[1.0][at(2.0)] - 1):+.1f} %",
             verdict(abs(heavy[1.0][at(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"),
@@ -139,15 +156,20 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4",
             "heavier structures are marginally better",
-            f"the same ratios: better at {int(np.sum(by_weight > 1))} of {by_weight.size} places for $T_s\\leq0.1$ s",
+            f"the same ratios: better at "
+            f"{int(np.sum(by_weight > 1))} of {by_weight.size} places for $T_s\\leq0.1$ s",
             verdict(bool(np.all(by_weight >= 1)), "not everywhere: within the span above, to either side"),
         ),
         (
             "4",
             "$\\gamma$ from 10 to 20 only slightly improves",
-            f"boundary of $\\eta/\\gamma=1$, rigid, over that without a superstructure, $1\\leq\\omega_p/p\\leq5$: "
+            f"boundary of $\\eta/\\gamma=1$, rigid, over that without a superstructure, "
+            f"$1\\leq\\omega_p/p\\leq5$: "
             f"{percent(doubled)}",
-            verdict(bool(np.all(doubled > 0.999)) and float(np.max(doubled)) < 1.05, "small, and not always better"),
+            verdict(
+                bool(np.all(doubled > 0.999)) and float(np.max(doubled)) < 1.05,
+                "small, and not always better",
+            ),
         ),
     ]
 
@@ -157,7 +179,9 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
     unit = float(COLUMN.g) * TAN
     frame = COLUMN.replace(superstructure=rj.Rigid(100.0))
     ratios = np.array([2.5, 2.7, 2.85, 2.88])
-    grown = rj.peak_responses(frame, rj.Ricker(ratios * unit, 1.0), options=rj.Options(outputs=("peak_rotation",)))
+    grown = rj.peak_responses(
+        frame, rj.Ricker(ratios * unit, 1.0), options=rj.Options(outputs=("peak_rotation",))
+    )
     rotation = np.asarray(grown.peak_rotation)
     slopes = np.diff(rotation) / np.diff(ratios)
     periods = [2 * math.pi / (w * P) for w in (4.0, 3.0, 5.0)]
@@ -178,14 +202,24 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             f"$\\sqrt6\\cdot0.30$ s = {math.sqrt(SCALE) * 0.30:.3f} s",
             "it is the period of the pulse, not of the SDOF system",
         ),
-        ("4", "$\\omega_s/p$ of 28.4, 5.7, 2.8 for $T_s$ = 0.1, 0.5, 1 s", omegas, verdict(omegas == "28.4, 5.7, 2.8")),
+        (
+            "4",
+            "$\\omega_s/p$ of 28.4, 5.7, 2.8 for $T_s$ = 0.1, 0.5, 1 s",
+            omegas,
+            verdict(omegas == "28.4, 5.7, 2.8"),
+        ),
         (
             "4",
             "$T_p$ of 0.7 to 0.95 s for $3<\\omega_p/p<4$; 0.6 s at 5",
             f"{periods[0]:.3f} to {periods[1]:.3f} s; {periods[2]:.3f} s",
             "holds, 0.6 s being rounded",
         ),
-        ("4", "$\\eta/\\gamma=10$ and $T_s=0$ is a frame of $\\gamma=110$", "the same equations (tests)", "holds"),
+        (
+            "4",
+            "$\\eta/\\gamma=10$ and $T_s=0$ is a frame of $\\gamma=110$",
+            "the same equations (tests)",
+            "holds",
+        ),
         (
             "4",
             "close to overturning the rotation grows fast with $a_p$",
@@ -197,7 +231,8 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
 
 
 def specimen() -> list[tuple[str, str, str, str]]:
-    """Fig. 5 as far as it is known: the pulse and the scale of length. The rest is that of Section 4, as an assumption."""
+    """Fig. 5 as far as it is known: the pulse and the scale of length. The rest is that of Section 4, as an
+    assumption."""
     options = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation",))
     rows = []
     for T_s in PERIODS:
@@ -219,7 +254,9 @@ def draw_pulses(path: Path) -> None:
     axes = figure.subplots(1, 2, sharey=True)
     t = np.linspace(-1.6, 1.6, 801)
     names = ("symmetric Ricker pulse", "antisymmetric Ricker pulse")
-    for ax, pulse, name in zip(axes, (rj.Ricker(1.0, 1.0), rj.AntisymmetricRicker(1.0, 1.0)), names, strict=True):
+    for ax, pulse, name in zip(
+        axes, (rj.Ricker(1.0, 1.0), rj.AntisymmetricRicker(1.0, 1.0)), names, strict=True
+    ):
         ax.plot(t, np.asarray(pulse(t)), color=plots.COLOURS[0])
         ax.set(xlabel=r"$t\,/\,T_p$", title=name, xlim=(t[0], t[-1]))
         ax.axhline(0, color="0.7", lw=0.6, zorder=0)
@@ -229,7 +266,8 @@ def draw_pulses(path: Path) -> None:
 
 
 def other_group() -> list[tuple[str, str, str]]:
-    """The frame of Zhou, Du & Han (2019): scene, printed a_p/g, rockjax. Their restitution is Eq. (27) with η = 0."""
+    """The frame of Zhou, Du & Han (2019): scene, printed a_p/g, rockjax. Their restitution is Eq. (27) with η
+    = 0."""
     frame = rj.Podium(alpha=math.atan(1.5 / 7), R=3.58, gamma=13.23)
     sine, double = math.sin(float(frame.alpha)) ** 2, math.cos(2 * float(frame.alpha))
     theirs = (1 - 1.5 * sine + 3 * 13.23 * double) / (1 + 3 * 13.23)
@@ -242,6 +280,8 @@ def other_group() -> list[tuple[str, str, str]]:
         ("antisymmetric Ricker, $\\omega_p=2.60$ rad/s", rj.AntisymmetricRicker, 2 * math.pi / 2.60, "0.285"),
     ):
         ratio = 2 * math.pi / T_p / float(frame.p)
-        found = rj.overturning_spectrum(frame, pulse, [ratio], max_acceleration_ratio=3.0)["minimum"].values[0]
+        found = rj.overturning_spectrum(frame, pulse, [ratio], max_acceleration_ratio=3.0)["minimum"].values[
+            0
+        ]
         rows.append((name, printed, f"{found * unit:.4f}"))
     return rows

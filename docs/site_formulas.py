@@ -1,6 +1,7 @@
 """Formulas as MathML, which browsers set by themselves, and the font for them: no script, no network.
 
-A hook of `mkdocs.yml`. The Markdown extension `pymdownx.arithmatex` marks the formulas, here they are translated.
+A hook of `mkdocs.yml`. The Markdown extension `pymdownx.arithmatex` marks the formulas, here they are
+translated.
 """
 
 from __future__ import annotations
@@ -22,14 +23,23 @@ TAG = re.compile(r"\\tag\{([^}]*)\}")
 FONT = "stylesheets/formulas.woff"  # named in stylesheets/site.css
 # ASCII, accents, Greek, punctuation, arrows, operators, brackets, italic letters.
 CHARACTERS = (
-    *((0x20, 0xFF), (0x2B0, 0x36F), (0x391, 0x3F6), (0x2000, 0x206F), (0x2100, 0x214F), (0x2190, 0x2194), (0x2200, 0x22FF)),
+    *(
+        (0x20, 0xFF),
+        (0x2B0, 0x36F),
+        (0x391, 0x3F6),
+        (0x2000, 0x206F),
+        (0x2100, 0x214F),
+        (0x2190, 0x2194),
+        (0x2200, 0x22FF),
+    ),
     *((0x27E8, 0x27E9), (0x1D434, 0x1D467), (0x1D6E2, 0x1D71B)),
 )
 translate = LatexToMathML(annotation=True, fancy_error=False).convert_with_local_state
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Without a font for mathematics on the reader's machine, browsers would put subscripts beside their letters."""
+    """Without a font for mathematics on the reader's machine, browsers would put subscripts beside their
+    letters."""
     options = subset.Options(flavor="woff", layout_features=["ssty"], hinting=False)
     source = package_files("ziamath").joinpath("fonts/STIXTwoMath-Regular.ttf").read_bytes()
     with subset.load_font(io.BytesIO(source), options) as font:
@@ -52,7 +62,9 @@ def on_page_content(content: str, *, page: Page, **_) -> str:
         try:
             made = translate(TAG.sub("", latex), displaystyle=element == "div")
         except LatexError as error:
-            raise PluginError(f"{page.file.src_uri}: the formula {latex!r} cannot be translated: {error}") from error
+            raise PluginError(
+                f"{page.file.src_uri}: the formula {latex!r} cannot be translated: {error}"
+            ) from error
         if number:
             made += f'<span class="number">({html.escape(number[1])})</span>'
         return f'<{element} class="formula">{made}</{element}>'

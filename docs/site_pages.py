@@ -31,7 +31,10 @@ def parameters_table() -> str:
     """The parameters of structures, their dimensions and ground motions, as the package knows them."""
     lines = ["| name | symbol | unit | range | meaning |", "|---|---|---|---|---|"]
     of_structure = table.STRUCTURE | table.DIMENSIONS
-    for name, y in [*of_structure.items(), *(pair for pair in table.MOTION.items() if pair[0] not in of_structure)]:
+    for name, y in [
+        *of_structure.items(),
+        *(pair for pair in table.MOTION.items() if pair[0] not in of_structure),
+    ]:
         lines.append(f"| `{name}` | {y.symbol} | {table.written(y.unit)} | {y.range.words} | {y.meaning} |")
     return "\n".join(lines)
 

@@ -56,7 +56,11 @@ def _fields(cls: griffe.Class) -> dict[str, griffe.Attribute]:
     found: dict[str, griffe.Attribute] = {}
     for parent in (*reversed(cls.mro()), cls):
         for name, member in parent.members.items():
-            if isinstance(member, griffe.Attribute) and member.annotation is not None and "property" not in member.labels:
+            if (
+                isinstance(member, griffe.Attribute)
+                and member.annotation is not None
+                and "property" not in member.labels
+            ):
                 constant = "class-attribute" in member.labels and "instance-attribute" not in member.labels
                 if not constant and not name.startswith("_"):
                     found[name] = member
@@ -71,7 +75,8 @@ def _field_arguments(field: griffe.Attribute) -> dict[str, Any]:
 
 
 class Signatures(griffe.Extension):
-    """Equinox modules are dataclasses: their fields are their signature. Members of enumerations explain themselves."""
+    """Equinox modules are dataclasses: their fields are their signature. Members of enumerations explain
+    themselves."""
 
     def on_package(self, *, pkg: griffe.Module, **kwargs: Any) -> None:
         del kwargs
@@ -108,6 +113,8 @@ class Signatures(griffe.Extension):
         parameters = [griffe.Parameter("self", kind=positional)]
         for name, field in _fields(cls).items():
             default = arguments[name].get("default")
-            parameters.append(griffe.Parameter(name, annotation=field.annotation, kind=positional, default=default))
+            parameters.append(
+                griffe.Parameter(name, annotation=field.annotation, kind=positional, default=default)
+            )
         made = griffe.Function("__init__", parameters=griffe.Parameters(*parameters), parent=cls)
         cls.set_member("__init__", made)

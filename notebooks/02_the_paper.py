@@ -64,7 +64,9 @@ figure = plt.figure(figsize=(2.6 * len(periods), 2.3 * len(ratios)), layout="con
 axes = figure.subplots(len(ratios), len(periods), sharex=True, sharey=True, squeeze=False)
 for panel, ax, podium in zip(spectra, axes.flat, podiums, strict=True):
     plots.rocking_spectrum(panel, ax)
-    ax.set_title(rf"$\eta/\gamma = {podium.superstructure.eta / 10:g}$, $T_s = {panel.attrs['T_s_s']:g}$ s", fontsize=9)
+    ax.set_title(
+        rf"$\eta/\gamma = {podium.superstructure.eta / 10:g}$, $T_s = {panel.attrs['T_s_s']:g}$ s", fontsize=9
+    )
     ax.label_outer()
 bar = plots.rotation_bar(axes)
 
@@ -132,7 +134,9 @@ def effective_factor(podium):
 stiff = [0.05, 0.02] if REDUCED else [0.2, 0.1, 0.05, 0.02, 0.01, 0.005]
 factors = {}
 for law in ("paper", "compatible"):
-    e = podium.replace(restitution=law).restitution_factor  # given as a number, so that one program serves both laws
+    e = podium.replace(
+        restitution=law
+    ).restitution_factor  # given as a number, so that one program serves both laws
     stiffer = [column.replace(superstructure=rj.Elastic(eta, T_s), restitution=e) for T_s in stiff]
     factors[law] = [effective_factor(each) for each in stiffer]
 rigid = column.replace(superstructure=rj.Rigid(eta)).restitution_factor
@@ -140,7 +144,14 @@ rigid = column.replace(superstructure=rj.Rigid(eta)).restitution_factor
 # %%
 ax = plt.figure(figsize=(6, 3), layout="constrained").add_subplot()
 for k, (law, values) in enumerate(factors.items()):
-    ax.semilogx(stiff, values, "os"[k], color=plots.COLOURS[k + 1], linestyle=plots.STYLES[k], label=f"{law} restitution")
+    ax.semilogx(
+        stiff,
+        values,
+        "os"[k],
+        color=plots.COLOURS[k + 1],
+        linestyle=plots.STYLES[k],
+        label=f"{law} restitution",
+    )
 ax.axhline(rigid, color=plots.COLOURS[0], linestyle=":", label="rigid building")
 ax.set(xlabel=r"period of the building $T_s$ [s]", ylabel="effective velocity factor")
 ax.grid(alpha=0.3)
@@ -190,14 +201,13 @@ changes = amplitude[1:][np.diff(overturned)]
 
 ax = plt.figure(figsize=(8, 2.8), layout="constrained").add_subplot()
 ax.fill_between(amplitude, 0, 1, where=overturned, step="mid", color="0.85", label="overturns")
-ax.plot(amplitude, line.peak_rotation.where(~line.overturned), ".", ms=3, color=plots.COLOURS[2], label="survives")
+ax.plot(
+    amplitude, line.peak_rotation.where(~line.overturned), ".", ms=3, color=plots.COLOURS[2], label="survives"
+)
 ax.set(xlabel=plots.ACCELERATION_RATIO, ylabel="peak " + plots.ROTATION, xlim=(2.0, 2.6), ylim=(0, 1.05))
 ax.legend(loc="lower right")
 print(f"{len(changes)} changes on this grid, the first at {changes[0]:.4f}, the last at {changes[-1]:.4f}")
 
-# %% [markdown]
-# ## Next
-#
-# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands without a fine grid.
-# - [Reproduction](../docs/reproduction.md) has published overturning accelerations and free rocking beside those of rockjax.
-# - [The model](../docs/model.md) settles what the paper leaves open.
+# %% [markdown] ## Next  - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands
+# without a fine grid. - [Reproduction](../docs/reproduction.md) has published overturning accelerations and
+# free rocking beside those of rockjax. - [The model](../docs/model.md) settles what the paper leaves open.

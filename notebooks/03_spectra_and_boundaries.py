@@ -41,7 +41,9 @@ unit = podium.g * math.tan(podium.alpha)  # g tan α
 # %%
 n = 16 if REDUCED else 120
 options = rj.Options(outputs=("peak_rotation", "margin", "errors"))
-spectrum = rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, n), np.linspace(1, 12, n), options=options)
+spectrum = rj.rocking_spectrum(
+    podium, rj.Ricker, np.linspace(1, 8, n), np.linspace(1, 12, n), options=options
+)
 ax = plots.rocking_spectrum(spectrum)
 plots.dimensional_axes(spectrum, ax)
 bar = plots.rotation_bar(ax, pad=0.15)
@@ -73,11 +75,9 @@ ax.set(xlabel=plots.ACCELERATION_RATIO, ylabel="[–]", xlim=(ratio[0], ratio[-1
 ax.grid(alpha=0.3)
 legend = ax.legend()
 
-# %% [markdown]
-# ## The boundary
-#
-# `overturning_acceleration` is the least amplitude that overturns, from a scan and a refinement of its
-# lowest change. Under `jax.grad` it has derivatives, see [`07_gradients_explained`](07_gradients_explained.py).
+# %% [markdown] ## The boundary  `overturning_acceleration` is the least amplitude that overturns, from a scan
+# and a refinement of its lowest change. Under `jax.grad` it has derivatives, see
+# [`07_gradients_explained`](07_gradients_explained.py).
 
 # %%
 T_p = 2 * math.pi / (3 * podium.p)  # ω_p/p = 3

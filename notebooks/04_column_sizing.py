@@ -183,7 +183,10 @@ ax = plots.rocking_spectrum(spectrum)
 plots.dimensional_axes(spectrum, ax)
 unit = spectrum.attrs["g_m_s2"] * np.tan(spectrum.attrs["alpha_rad"])
 p = spectrum.attrs["p_rad_s"]
-x, y = ([float(v) for v in values] for values in zip(*((2 * np.pi / p / q.T_p, q.a_p / unit) for q in pulses), strict=True))
+x, y = (
+    [float(v) for v in values]
+    for values in zip(*((2 * np.pi / p / q.T_p, q.a_p / unit) for q in pulses), strict=True)
+)
 ax.plot(x, y, "o", color=plots.COLOURS[1], label="the pulses of the design")
 bar = plots.rotation_bar(ax, pad=0.15)
 legend = ax.legend()

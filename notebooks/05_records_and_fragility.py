@@ -42,7 +42,9 @@ podium = rj.Podium.from_dimensions(width=0.36, height=2.4, column_mass=1.5e3, be
 # %%
 pulse = rj.MavroeidisPapageorgiou(A=0.5, f_p=0.7, gamma=2.0, nu=0.5)
 count = 6 if REDUCED else 40
-for motion in rj.synthetic_motions(count, seed=1, duration=8.0 if REDUCED else 20.0, dt=0.02, pga=2.0, pulse=pulse):
+for motion in rj.synthetic_motions(
+    count, seed=1, duration=8.0 if REDUCED else 20.0, dt=0.02, pga=2.0, pulse=pulse
+):
     motion.save(f"suite/{motion.name}.AT2")
 
 # %%
@@ -87,9 +89,18 @@ levels = np.linspace(0.5, 6.0, 8 if REDUCED else 60)
 resolution = 32 if REDUCED else 128  # places of the first scan for boundaries
 options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("peak_rotation",))
 analysis = rj.incremental_dynamic_analysis(
-    podium, records, levels, names=suite.names, sensitivities=("alpha", "R"), resolution=resolution, options=options
+    podium,
+    records,
+    levels,
+    names=suite.names,
+    sensitivities=("alpha", "R"),
+    resolution=resolution,
+    options=options,
 )
-print(f"{analysis.attrs['scenes']} scenes; {int(np.isfinite(analysis.capacity).sum())} of {len(records)} records overturn")
+print(
+    f"{analysis.attrs['scenes']} scenes; "
+    f"{int(np.isfinite(analysis.capacity).sum())} of {len(records)} records overturn"
+)
 
 # %%
 ax = plots.incremental_dynamic_analysis(analysis)

@@ -60,7 +60,10 @@ def spectrum(rtol, *outputs):
 _, first = timed(lambda: spectrum(1e-8, "peak_rotation"), repeats=1)
 _, later = timed(lambda: spectrum(1e-8, "peak_rotation"))
 each = 1e6 * later / n**2
-print(f"first {first:.2f} s, later {later:.3f} s: {each:.1f} µs for each of {n**2} scenes, {os.cpu_count()} cores")
+print(
+    f"first {first:.2f} s, later "
+    f"{later:.3f} s: {each:.1f} µs for each of {n**2} scenes, {os.cpu_count()} cores"
+)
 
 # %% [markdown]
 # ## Run time against error
@@ -105,7 +108,9 @@ legend = ax.legend()
 
 # %%
 wanted = [("peak_rotation",), ("peak_rotation", "impacts")]
-wanted += [] if REDUCED else [("peak_rotation", "margin"), ("peak_rotation", "peak_deformation", "peak_shear")]
+wanted += (
+    [] if REDUCED else [("peak_rotation", "margin"), ("peak_rotation", "peak_deformation", "peak_shear")]
+)
 for outputs in wanted:
     spectrum(1e-8, *outputs)  # compiles
     answer, seconds = timed(lambda outputs=outputs: spectrum(1e-8, *outputs))
@@ -145,7 +150,9 @@ print(f"{int(checked.undecided.sum())} scenes undecided")
 pulse = rj.Ricker(a_p=3.0, T_p=1.0)
 only = rj.Options(outputs=("peak_rotation",))
 rj.peak_response(podium, pulse, options=only)  # compiles
-_, seconds = timed(lambda: rj.peak_response(podium, pulse, options=only).peak_rotation.block_until_ready(), repeats=20)
+_, seconds = timed(
+    lambda: rj.peak_response(podium, pulse, options=only).peak_rotation.block_until_ready(), repeats=20
+)
 print(f"{1e3 * seconds:.2f} ms for one scene")
 
 # %% [markdown]

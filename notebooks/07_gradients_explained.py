@@ -35,7 +35,9 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for t
 
 podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0, superstructure=rj.Rigid(eta=100.0))
 unit = podium.g * math.tan(podium.alpha)  # g tan α
-tight = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1024)  # for the sake of the differences
+tight = rj.Options(
+    rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1024
+)  # for the sake of the differences
 
 # %% [markdown]
 # ## The jump at an impact
@@ -132,10 +134,15 @@ shaken = rj.Ricker(2.35 * unit, 1.4187)
 value, exact, _ = rotation(podium.alpha, shaken)
 seen = rj.simulate(podium, shaken, options=tight)
 before = np.asarray(seen.impact_times) < float(seen.peak_rotation_time)
-print(f"peak rotation {value:.4f} α after {before.sum()} of {before.size} impacts; derivative {exact:.6f} per rad")
+print(
+    f"peak rotation "
+    f"{value:.4f} α after {before.sum()} of {before.size} impacts; derivative {exact:.6f} per rad"
+)
 
 steps = 10.0 ** -np.arange(3, 12, 1.0 if REDUCED else 0.25)
-estimates = [(rotation(podium.alpha + h, shaken)[0] - rotation(podium.alpha - h, shaken)[0]) / (2 * h) for h in steps]
+estimates = [
+    (rotation(podium.alpha + h, shaken)[0] - rotation(podium.alpha - h, shaken)[0]) / (2 * h) for h in steps
+]
 off = np.abs(np.array(estimates) / exact - 1)
 
 ax = plt.figure(figsize=(6, 3.2), layout="constrained").add_subplot()

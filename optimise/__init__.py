@@ -1,4 +1,5 @@
-"""Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is least."""
+"""Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is
+least."""
 
 from rockjax import __version__ as __version__
 

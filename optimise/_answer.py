@@ -31,8 +31,9 @@ class Outcome(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """What a design cost: `evaluations` of a design with its derivatives, `scenes` simulated for them (the search of an
-    overturning acceleration counts as one), `iterations` of all starts, `seconds` with compilation."""
+    """What a design cost: `evaluations` of a design with its derivatives, `scenes` simulated for them (the
+    search of an overturning acceleration counts as one), `iterations` of all starts, `seconds` with
+    compilation."""
 
     evaluations: int
     scenes: int
@@ -45,9 +46,11 @@ class Design(eqx.Module):
 
     - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)
     - `variables`: name → value in user units; `objective`: its largest value at the design
-    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11; `margins`: target → margins there [–]
-    - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per relative
-      loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not satisfied
+    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11; `margins`: target → margins there
+      [–]
+    - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per
+      relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not
+      satisfied
     - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
     - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
     """
@@ -72,7 +75,9 @@ class Design(eqx.Module):
     def failing(self) -> dict[str, float]:
         """Targets that are not satisfied, worst first: name → worst margin, negative [–]."""
         worst = {name: float(np.min(values)) for name, values in self.margins.items()}
-        return {name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0}
+        return {
+            name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0
+        }
 
     def __repr__(self):
         return table(self)
@@ -84,7 +89,9 @@ class Design(eqx.Module):
 def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     """Headline, rows of the variables, rows of the targets; the first row of each is its heading."""
     state = "satisfied" if design.satisfied else "not satisfied"
-    headline = f"{NAMES[int(design.result._value)]}, targets {state}; {design.minimised} = {design.objective:.6g}"
+    headline = (
+        f"{NAMES[int(design.result._value)]}, targets {state}; {design.minimised} = {design.objective:.6g}"
+    )
     variables = [["variable", "value", "unit", "bounds"]]
     for name, value in design.variables.items():
         low, high = design.bounds[name]
@@ -123,10 +130,13 @@ def _remarks(design: Design) -> list[str]:
     remarks += [f"not satisfied: {name}, short by {-value:.3g}" for name, value in design.failing.items()]
     good = sum(outcome.satisfied for outcome in design.starts)
     if len(design.starts) > 1:
-        remarks.append(f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}")
+        remarks.append(
+            f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}"
+        )
     cost = design.stats
     remarks.append(
-        f"{cost.iterations} iterations, {cost.evaluations} evaluations, {cost.scenes} scenes, {cost.seconds:.1f} s"
+        f"{cost.iterations} iterations, "
+        f"{cost.evaluations} evaluations, {cost.scenes} scenes, {cost.seconds:.1f} s"
     )
     return remarks
 
@@ -141,7 +151,8 @@ def _html(design: Design) -> str:
 
 
 class Found(NamedTuple):
-    """What a search leaves to tell of: where every start ended, what holds there in the accurate simulation, how it went.
+    """What a search leaves to tell of: where every start ended, what holds there in the accurate simulation,
+    how it went.
 
     `sizes`: name of a target → number of its margins; `scale`: of the objective in descents
     """
@@ -154,7 +165,9 @@ class Found(NamedTuple):
     effort: Effort
 
 
-def answer_of(given: Structure, varied: Variables, objective: AbstractObjective | None, found: Found) -> Design:
+def answer_of(
+    given: Structure, varied: Variables, objective: AbstractObjective | None, found: Found
+) -> Design:
     """The best of the starts, and the account of all."""
     pairs = zip(found.ends, found.evaluations, strict=True)
     outcomes = tuple(_outcome(varied, end, there) for end, there in pairs)

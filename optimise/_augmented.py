@@ -1,20 +1,22 @@
 """First-order methods: an augmented Lagrangian around a gradient transformation of Optax.
 
-With values f and margins c, multipliers λ (of the values, of sum 1) and μ (of the margins), the transformation is given the
-gradient of
+With values f and margins c, multipliers λ (of the values, of sum 1) and μ (of the margins), the
+transformation is given the gradient of
 
     max over w ≥ 0, Σ w = 1 of  w·f − |w − λ|²/2ρ   +   Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/2ρ_j,
 
-which is smooth where f and c are: Σ w_i ∇f_i − Σ max(0, μ_j − ρ_j c_j) ∇c_j with w = λ + ρ f projected on the simplex.
-ρ_j = ρ/|∇c_j|², so that steep margins count for no more than flat ones. Steps are projected on the bounds. Once steps lead
-no further, λ and μ move to w and max(0, μ_j − ρ_j c_j), and ρ grows where that has not halved what is missing. If it grows
-beyond all measure, only the largest violation is minimised, as a minimax problem of its own.
+which is smooth where f and c are: Σ w_i ∇f_i − Σ max(0, μ_j − ρ_j c_j) ∇c_j with w = λ + ρ f projected on the
+simplex. ρ_j = ρ/|∇c_j|², so that steep margins count for no more than flat ones. Steps are projected on the
+bounds. Once steps lead no further, λ and μ move to w and max(0, μ_j − ρ_j c_j), and ρ grows where that has
+not halved what is missing. If it grows beyond all measure, only the largest violation is minimised, as a
+minimax problem of its own.
 
-The step size of the transformation is where the search for one begins. A step is taken if it leads below the highest of the
-last few values of the Lagrangian; momentum needs that much freedom. Steps that are not taken halve all later ones, a second
-one in a row starts the transformation's memory anew, and steps that lead downhill three times in a row double the next. What
-was seen at steps not taken tells of kinks, as in the quadratic programming: of all gradients near by the transformation is
-given the combination of least norm. When a descent ends, and with what multipliers, is decided as for every method.
+The step size of the transformation is where the search for one begins. A step is taken if it leads below the
+highest of the last few values of the Lagrangian; momentum needs that much freedom. Steps that are not taken
+halve all later ones, a second one in a row starts the transformation's memory anew, and steps that lead
+downhill three times in a row double the next. What was seen at steps not taken tells of kinks, as in the
+quadratic programming: of all gradients near by the transformation is given the combination of least norm.
+When a descent ends, and with what multipliers, is decided as for every method.
 """
 
 from __future__ import annotations
@@ -46,8 +48,8 @@ IDLE = 12  # times that multipliers move before a step follows
 
 
 def descend_by_gradients(transformation: optax.GradientTransformation) -> Descend:
-    """Descents by a gradient transformation. Raises `ValueError` for one that has to evaluate by itself, as line searches
-    do."""
+    """Descents by a gradient transformation. Raises `ValueError` for one that has to evaluate by itself, as
+    line searches do."""
     steps = _steps(transformation)
 
     def once(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int) -> Descent:
@@ -86,14 +88,17 @@ def _steps(transformation: optax.GradientTransformation) -> _Steps:
         if "value_fn" not in str(error):
             raise
         raise ValueError(
-            "design: method has to evaluate the objective by itself (value_fn), as line searches do; give one that steps "
-            f"by gradients alone, such as optax.adam(0.02) or optax.lbfgs(0.1, linesearch=None); got {transformation!r}"
+            "design: method has to evaluate the objective by itself (value_fn), as line searches do; give "
+            "one that steps "
+            f"by gradients alone, such as optax.adam(0.02) or optax.lbfgs(0.1, linesearch=None); got "
+            f"{transformation!r}"
         ) from None
     return steps
 
 
 class _Weights(NamedTuple):
-    """Multipliers of the values and of the margins, and the ρ of each. What has no say has no entries in `values`."""
+    """Multipliers of the values and of the margins, and the ρ of each. What has no say has no entries in
+    `values`."""
 
     values: Vector
     margins: Vector
@@ -102,10 +107,18 @@ class _Weights(NamedTuple):
 
 
 class _Search:
-    """Where one descent is, and what it remembers. Its parts return a result code where they end it, None otherwise."""
+    """Where one descent is, and what it remembers. Its parts return a result code where they end it, None
+    otherwise."""
 
     def __init__(
-        self, steps: _Steps, x: Vector, here: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int
+        self,
+        steps: _Steps,
+        x: Vector,
+        here: Evaluation,
+        rules: Rules,
+        history: list[Iterate],
+        start: int,
+        first: int,
     ):
         self.steps, self.x, self.here, self.rules = steps, x, here, rules
         self.history, self.start, self.iteration = history, start, first
@@ -119,7 +132,9 @@ class _Search:
     def begin(self) -> None:
         """Multipliers of someone who knows nothing yet."""
         values, margins = len(self.terms(self.here).f), len(self.terms(self.here).c)
-        self.weights = self.scaled(_Weights(np.full(values, 1 / values), np.zeros(margins), FIRST_RHO, np.ones(margins)))
+        self.weights = self.scaled(
+            _Weights(np.full(values, 1 / values), np.zeros(margins), FIRST_RHO, np.ones(margins))
+        )
         self.missing, self.wanted, self.idle = np.inf, 0.1, 0
         self.forget()
 
@@ -172,7 +187,9 @@ class _Search:
         weight, penalty = (0.0, 1.0) if self.restoring else (1.0, EXACT)
         near = nearby(self.x, self.seen)
         tolerance = self.rules.tolerance
-        self.multipliers, self.residual, left = optimality(self.x, self.here, near, weight, penalty, tolerance)
+        self.multipliers, self.residual, left = optimality(
+            self.x, self.here, near, weight, penalty, tolerance
+        )
         if self.restoring and not self.violated:  # the objective has a say again
             self.restoring = False
             self.begin()

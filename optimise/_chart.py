@@ -41,18 +41,20 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """The slimmest safe α (or any other design variable) against the period of a pulse of given amplitude (host).
+    """The slimmest safe α (or any other design variable) against the period of a pulse of given amplitude
+    (host).
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; what is not varied stays
     - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
-    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`: periods, shape
-      (n,), > 0, ascending [s]
-    - `method`, `scans`, `resolution`: as in [`rockjax.overturning_spectrum`][]: full scans of the variable at every
-      period, or scans at some of them and continuation between them
+    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`:
+      periods, shape (n,), > 0, ascending [s]
+    - `method`, `scans`, `resolution`: as in [`rockjax.overturning_spectrum`][]: full scans of the variable at
+      every period, or scans at some of them and continuation between them
 
-    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value from which on every larger one up to the upper
-    bound survives (NaN where the upper bound overturns), and `boundaries` (further dim `boundary`, ascending, padded with
-    NaN): every change between survival and overturning. Raises `ValueError` for inputs that make no sense.
+    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value from which on every larger one up
+    to the upper bound survives (NaN where the upper bound overturns), and `boundaries` (further dim
+    `boundary`, ascending, padded with NaN): every change between survival and overturning. Raises
+    `ValueError` for inputs that make no sense.
     """
     import xarray
 
@@ -86,7 +88,9 @@ def design_chart(
             varied = replaced(podium, {name: y})
             return as_podium(varied), pulse(amplitude, x)
 
-        found = boundaries(plane, periods, (low, high), method, scans, resolution, options, progress, width=None)
+        found = boundaries(
+            plane, periods, (low, high), method, scans, resolution, options, progress, width=None
+        )
         crossings = found.crossings
         places, _ = crossings.table(periods.size)
         counts = np.sum(np.isfinite(places), axis=1)
@@ -97,12 +101,22 @@ def design_chart(
         least.append(np.where(at_last, last, np.nan))
         cost.append(found.cost["scenes"])
     width = max(part.shape[1] for part in rows)
-    whole = np.stack([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows])
+    whole = np.stack(
+        [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows]
+    )
     unit = {"units": parameter(podium, name).unit}
     data = xarray.Dataset(
         {
-            "least_safe": (("a_p", "T_p"), np.stack(least), unit | {"long_name": f"least {name} above which all survive"}),
-            "boundaries": (("a_p", "T_p", "boundary"), whole, unit | {"long_name": f"{name} where survival changes"}),
+            "least_safe": (
+                ("a_p", "T_p"),
+                np.stack(least),
+                unit | {"long_name": f"least {name} above which all survive"},
+            ),
+            "boundaries": (
+                ("a_p", "T_p", "boundary"),
+                whole,
+                unit | {"long_name": f"{name} where survival changes"},
+            ),
         },
         coords={
             "a_p": ("a_p", amplitudes, about("a_p")),
@@ -124,7 +138,8 @@ def design_chart(
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """The least safe value over the period of the pulse, one curve for each amplitude; other boundaries as dots."""
+    """The least safe value over the period of the pulse, one curve for each amplitude; other boundaries as
+    dots."""
     if "least_safe" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {shown(chart)}")
     import matplotlib.pyplot as plt

@@ -24,10 +24,12 @@ def design_command(
     quiet: bool = False,
     suffix: str = ".png",
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
-    """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions, OUTPUT-response.png.
+    """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions,
+    OUTPUT-response.png.
 
-    `starts` and `seed` replace those of the problem, `suffix` is the format of the pictures. Returns the design, the files,
-    and what stopped the search, if anything did: then the design is the best one until then.
+    `starts` and `seed` replace those of the problem, `suffix` is the format of the pictures. Returns the
+    design, the files, and what stopped the search, if anything did: then the design is the best one until
+    then.
     """
     import rockjax as rj
     from rockjax.internal import as_json, write_figure, write_whole
@@ -64,7 +66,10 @@ def account(design) -> dict[str, Any]:
 
     podium = design.podium
     top = podium.superstructure
-    ratios = {name: float(getattr(podium, name)) for name in ("alpha", "R", "gamma", "lam", "g", "restitution_factor")}
+    ratios = {
+        name: float(getattr(podium, name))
+        for name in ("alpha", "R", "gamma", "lam", "g", "restitution_factor")
+    }
     ratios |= {"width": float(podium.width), "height": float(podium.height)}
     if top is not None:
         ratios |= {f"superstructure.{name}": float(getattr(top, name)) for name in vars(top)}

@@ -1,6 +1,8 @@
-"""What every method of design shares: what it is told of a point, what it says of its way, how it looks around at its end.
+"""What every method of design shares: what it is told of a point, what it says of its way, how it looks
+around at its end.
 
-A descent is a coroutine: it yields points and is sent what holds there, so that many descents are evaluated as one batch.
+A descent is a coroutine: it yields points and is sent what holds there, so that many descents are evaluated
+as one batch.
 """
 
 from __future__ import annotations
@@ -54,8 +56,9 @@ class Rules(NamedTuple):
 class Iterate(NamedTuple):
     """One iteration of one start.
 
-    `x`: scaled variables before the step; `objective` and worst `margin` there; `residual`: of the optimality conditions;
-    `radius` of the trust region; `penalty` ν; `step`: largest entry of the step tried; whether it was `accepted`.
+    `x`: scaled variables before the step; `objective` and worst `margin` there; `residual`: of the optimality
+    conditions; `radius` of the trust region; `penalty` ν; `step`: largest entry of the step tried; whether it
+    was `accepted`.
     """
 
     start: int
@@ -71,8 +74,8 @@ class Iterate(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a descent ended: the point, its multipliers (m,) in units of the scaled objective, a result code, what holds
-    there."""
+    """Where a descent ended: the point, its multipliers (m,) in units of the scaled objective, a result code,
+    what holds there."""
 
     x: Vector
     multipliers: Vector
@@ -83,14 +86,14 @@ class End(NamedTuple):
 
 Descent = Generator[Vector, Evaluation, End]
 Descend = Callable[[Vector, Rules, list[Iterate], int, int], Descent]
-"""One descent of a method: from x, under rules, its iterates written down as those of a start, numbered from the last."""
+"""One descent of a method: from x, under rules; its iterates are kept as those of a start, numbered on."""
 
 
 def descend(once: Descend, x: Vector, rules: Rules, history: list[Iterate], start: int) -> Descent:
     """Minimise from x in [0, 1]ⁿ by a method; yields points, is sent `Evaluation`s there.
 
-    Responses have ripples, and what satisfies the targets may be in several pieces: a descent looks around at its end, and
-    goes on from a better point if it sees one.
+    Responses have ripples, and what satisfies the targets may be in several pieces: a descent looks around at
+    its end, and goes on from a better point if it sees one.
     """
     end = yield from once(x, rules, history, start, 0)
     for _ in range(LOOKS):

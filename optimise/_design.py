@@ -44,23 +44,25 @@ def design(
     """The structure that keeps all targets and minimises an objective (host).
 
     - `podium`: where to start from; what is not varied stays. An `optimise.Dimensions` lets masses vary
-    - `vary`: name → (lowest, highest) in user units. Parameters of a `Podium` (`alpha`, `tan_alpha`, `R`, `gamma`, `lam`,
-      `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height`, of which one keeps the other; of `Dimensions`
-      its numbers. A positive range wider than a factor of 10 is scaled logarithmically
-    - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts. None looks for
-      the nearest design that satisfies the targets
+    - `vary`: name → (lowest, highest) in user units. Parameters of a `Podium` (`alpha`, `tan_alpha`, `R`,
+      `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height`, of which one
+      keeps the other; of `Dimensions` its numbers. A positive range wider than a factor of 10 is scaled
+      logarithmically
+    - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts.
+      None looks for the nearest design that satisfies the targets
     - `targets`: what must hold. Those on the same motions share their simulations
-    - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as `optax.adam(0.02)`,
-      around which an augmented Lagrangian keeps the targets; in scaled variables. The first needs far fewer evaluations
+    - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as
+      `optax.adam(0.02)`, around which an augmented Lagrangian keeps the targets; in scaled variables. The
+      first needs far fewer evaluations
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins [–]
     - `max_iterations`: of every start; None gives 60 to `"sqp"` and 1000 to a gradient transformation
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
-    A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose worst violation
-    is least. Raises `ValueError` for inputs that make no sense. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
-    the best design seen until then, verified like any other.
+    A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose
+    worst violation is least. Raises `ValueError` for inputs that make no sense. Ctrl-C raises
+    [`rockjax.Interrupted`][], whose `partial` is the best design seen until then, verified like any other.
     """
     began = time.perf_counter()
     chosen = method_of(method)
@@ -68,12 +70,16 @@ def design(
     of_kind("design", "options", options, rj.Options, "rockjax.Options")
     targets = (targets,) if isinstance(targets, AbstractTarget) else targets
     if isinstance(targets, str) or not isinstance(targets, Iterable):
-        raise ValueError(f"design: targets must be targets such as optimise.PeakRotation, got {shown(targets)}")
+        raise ValueError(
+            f"design: targets must be targets such as optimise.PeakRotation, got {shown(targets)}"
+        )
     targets = tuple(targets)
     whole("design", "seed", seed, 0)
     _check(starts, tolerance, max_iterations, targets, minimise)
     varied = variables(podium, vary)
-    objective = minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
+    objective = (
+        minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
+    )
     options = options.replace(throw=False)
     problem = problem_of(varied, objective, targets)
     points = _points(varied, starts, seed)
@@ -93,7 +99,9 @@ def design(
 class _Search:
     """All starts of a design: first evaluation, descents side by side, verification."""
 
-    def __init__(self, method: Method, evaluate: Evaluator, points: np.ndarray, tolerance: float, max_iterations: int):
+    def __init__(
+        self, method: Method, evaluate: Evaluator, points: np.ndarray, tolerance: float, max_iterations: int
+    ):
         self.method, self.evaluate, self.points = method, evaluate, points
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.history: list[Iterate] = []
@@ -104,7 +112,9 @@ class _Search:
     def run(self, options: rj.Options) -> bool:
         """Whether it was interrupted: then starts on their way end at the best that they have seen."""
         evaluate, starts = self.evaluate, range(len(self.points))
-        accurate = options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
+        accurate = options.replace(
+            **{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()}
+        )
         try:
             first = evaluate(self.points)
         except KeyboardInterrupt:
@@ -125,7 +135,8 @@ class _Search:
         return False
 
     def verify(self) -> None:
-        """What holds at the ends in the accurate simulation; designs that stopped just outside there are moved inside.
+        """What holds at the ends in the accurate simulation; designs that stopped just outside there are
+        moved inside.
 
         By sequential quadratic programming, whatever found them: so close to the end it takes a step or two.
         """
@@ -136,7 +147,11 @@ class _Search:
             # Aim further inside by what is missing.
             again = {
                 k: descend(
-                    descend_by_sqp, self.ended[k].x, Rules(self.scale, tolerance + 2 * short, 1e-2, tolerance, 12), [], k
+                    descend_by_sqp,
+                    self.ended[k].x,
+                    Rules(self.scale, tolerance + 2 * short, 1e-2, tolerance, 12),
+                    [],
+                    k,
                 )
                 for k, short in missing.items()
                 if short
@@ -172,9 +187,13 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
     single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):
-            raise ValueError(f"design: targets[{k}] must be a target such as optimise.PeakRotation, got {target!r}")
+            raise ValueError(
+                f"design: targets[{k}] must be a target such as optimise.PeakRotation, got {target!r}"
+            )
     if minimise is not None and not isinstance(minimise, AbstractObjective) and not callable(minimise):
-        raise ValueError(f"design: minimise must be an objective or a function of the podium, got {minimise!r}")
+        raise ValueError(
+            f"design: minimise must be an objective or a function of the podium, got {minimise!r}"
+        )
     if minimise is None and not targets:
         raise ValueError("design: nothing to do: give minimise, targets or both")
 
@@ -183,7 +202,9 @@ def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:
     """The given structure, and a Latin hypercube."""
     rng = np.random.default_rng(seed)
     n = len(varied.names)
-    strata = np.stack([rng.permutation(starts - 1) for _ in range(n)], axis=1) if starts > 1 else np.zeros((0, n))
+    strata = (
+        np.stack([rng.permutation(starts - 1) for _ in range(n)], axis=1) if starts > 1 else np.zeros((0, n))
+    )
     sample = (strata + rng.uniform(size=strata.shape)) / max(starts - 1, 1)
     return np.concatenate([np.asarray(varied.start())[None], sample])
 

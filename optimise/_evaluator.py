@@ -1,4 +1,5 @@
-"""Evaluations of design points: objective and margins with their derivatives, a point of every start at once."""
+"""Evaluations of design points: objective and margins with their derivatives, a point of every start at
+once."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ from ._variables import Variables
 
 
 class DesignProblem(eqx.Module):
-    """What is differentiated. Suites are held once; `uses` says which one an item reads, −1 for those with none."""
+    """What is differentiated. Suites are held once; `uses` says which one an item reads, −1 for those with
+    none."""
 
     variables: Variables
     objective: AbstractObjective | None
@@ -35,7 +37,9 @@ class DesignProblem(eqx.Module):
     outputs: tuple[tuple[str, ...], ...] = eqx.field(static=True)  # of the suites
     scenes: int = eqx.field(static=True)
 
-    def __call__(self, x: Float[Array, " n"], options: rj.Options) -> tuple[Float[Array, " k"], list[Float[Array, " m"]]]:
+    def __call__(
+        self, x: Float[Array, " n"], options: rj.Options
+    ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]]]:
         """Values of the objective and margins of every target."""
         podium = self.variables.podium(x)
         peaks = [s.responses(podium, options, o) for s, o in zip(self.suites, self.outputs, strict=True)]
@@ -43,13 +47,17 @@ class DesignProblem(eqx.Module):
         def of(item, use: int, alone: Callable):
             return item.read(peaks[use], options) if use >= 0 else alone(podium, options)
 
-        margins = [jnp.atleast_1d(of(t, use, t.margins)) for t, use in zip(self.targets, self.uses, strict=False)]
+        margins = [
+            jnp.atleast_1d(of(t, use, t.margins)) for t, use in zip(self.targets, self.uses, strict=False)
+        ]
         if self.objective is None:
             return jnp.sum((x - self.variables.start()) ** 2)[None], margins
         return of(self.objective, self.uses[-1], self.objective.values), margins
 
 
-def problem_of(varied: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]) -> DesignProblem:
+def problem_of(
+    varied: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
+) -> DesignProblem:
     suites: list[Suite] = []
     outputs: list[set[str]] = []
     uses: list[int] = []
@@ -71,7 +79,9 @@ def problem_of(varied: Variables, objective: AbstractObjective | None, targets: 
         # Python numbers would each be compiled in.
         stripped.append(jax.tree.map(lambda y: jnp.asarray(y, float) if isinstance(y, float) else y, item))
     wanted = tuple(tuple(sorted(names)) for names in outputs)
-    return DesignProblem(varied, stripped[-1], tuple(stripped[:-1]), tuple(suites), tuple(uses), wanted, scenes)
+    return DesignProblem(
+        varied, stripped[-1], tuple(stripped[:-1]), tuple(suites), tuple(uses), wanted, scenes
+    )
 
 
 @functools.partial(KeptProgram, arrays_only=True)
@@ -94,15 +104,19 @@ def traced(options: rj.Options) -> rj.Options:
 
 
 class Evaluator:
-    """Evaluates a point of every start at once, so that one compilation serves; remembers the best, counts what it does.
+    """Evaluates a point of every start at once, so that one compilation serves; remembers the best, counts
+    what it does.
 
-    Better is what violates margins less, so far `inside`, and of two that satisfy them what has the lower objective.
+    Better is what violates margins less, so far `inside`, and of two that satisfy them what has the lower
+    objective.
     """
 
     def __init__(self, problem: DesignProblem, options: rj.Options, points: np.ndarray, inside: float, bar):
         self.width, self.inside, self.bar = len(points), inside, bar
         self.options, self.certain = traced(options), problem
-        self.problem = dataclasses.replace(problem, targets=tuple(target.while_searching() for target in problem.targets))
+        self.problem = dataclasses.replace(
+            problem, targets=tuple(target.while_searching() for target in problem.targets)
+        )
         self.evaluations, self.sizes = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
@@ -113,7 +127,9 @@ class Evaluator:
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
         none = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
-        c, c_slope = (np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True))
+        c, c_slope = (
+            np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True)
+        )
         found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, strict=True)]
         seen = list(zip(np.array(points), found, strict=True))
         self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
@@ -133,9 +149,14 @@ class Evaluator:
 
 
 def side_by_side(
-    descents: dict[int, Descent], evaluate: Evaluator, points: np.ndarray, first: list[Evaluation], ends: dict[int, End]
+    descents: dict[int, Descent],
+    evaluate: Evaluator,
+    points: np.ndarray,
+    first: list[Evaluation],
+    ends: dict[int, End],
 ) -> None:
-    """Drive descents side by side, whose first points are evaluated already; an end is put down as soon as it is there."""
+    """Drive descents side by side, whose first points are evaluated already; an end is put down as soon as it
+    is there."""
     points = np.array(points)
 
     def goes_on(k: int, evaluation: Evaluation | None) -> bool:

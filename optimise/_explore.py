@@ -1,6 +1,8 @@
-"""A study by hand: sliders for the numbers of a structure and a ground motion, and the response to them at once.
+"""A study by hand: sliders for the numbers of a structure and a ground motion, and the response to them at
+once.
 
-All numbers go through one compiled function, so that a slider costs a few milliseconds of simulation and a picture.
+All numbers go through one compiled function, so that a slider costs a few milliseconds of simulation and a
+picture.
 """
 
 from __future__ import annotations
@@ -19,7 +21,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax.internal import DIMENSIONS, STRUCTURE, AnyMotion, as_excitation, of_kind, of_motion, shown, written
+from rockjax.internal import (
+    DIMENSIONS,
+    STRUCTURE,
+    AnyMotion,
+    as_excitation,
+    of_kind,
+    of_motion,
+    shown,
+    written,
+)
 
 from ._variables import Structure, as_podium, numbers_as_arrays, parameter, replaced, value_of, variables
 
@@ -41,8 +52,8 @@ class Explorer:
     """Sliders on a structure and a ground motion, and the response to them.
 
     - `widget`: what a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units, as it was given until its slider is moved; `structure`, `podium`, `excitation`,
-      `peak`: those of these values
+    - `values`: name → value in user units, as it was given until its slider is moved; `structure`, `podium`,
+      `excitation`, `peak`: those of these values
     - `picture`: the picture, as PNG with two pixels for each of the screen's points
     """
 
@@ -58,9 +69,12 @@ class Explorer:
         self.sliders = {name: _slider(name, self._grids[name], *now[name]) for name in vary}
         self._text = ipywidgets.HTML()
         self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
-        left = ipywidgets.VBox([*self.sliders.values(), self._text], layout={"flex": "0 0 25em", "overflow": "hidden"})
+        left = ipywidgets.VBox(
+            [*self.sliders.values(), self._text], layout={"flex": "0 0 25em", "overflow": "hidden"}
+        )
         right = ipywidgets.Box(
-            [self._image], layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"}
+            [self._image],
+            layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"},
         )
         self.widget = ipywidgets.HBox([left, right], layout={"align_items": "flex-start"})
         self._first = self._solved()
@@ -123,21 +137,27 @@ def explore(
 ) -> Explorer:
     """Sliders for a notebook, and the response to them at once; needs ipywidgets, of the extra `notebook`.
 
-    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. What is not varied stays
-    - `vary`: name → (lowest, highest) in user units: names of the structure as in [`optimise.design`][], and fields of the
-      motion, such as `a_p`, `T_p` of a pulse or the `scale` of a record. A name that both have is the structure's
+    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. What is not
+      varied stays
+    - `vary`: name → (lowest, highest) in user units: names of the structure as in [`optimise.design`][], and
+      fields of the motion, such as `a_p`, `T_p` of a pulse or the `scale` of a record. A name that both have
+      is the structure's
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
 
-    The picture has the response at first in grey beside the present one. The first one compiles for some seconds; then a
-    slider is answered in some hundredths of a second, and nothing is compiled again. Raises `ValueError` for names that
-    are not there, and for ranges that are none or do not hold the present value.
+    The picture has the response at first in grey beside the present one. The first one compiles for some
+    seconds; then a slider is answered in some hundredths of a second, and nothing is compiled again. Raises
+    `ValueError` for names that are not there, and for ranges that are none or do not hold the present value.
     """
     if not isinstance(structure, Structure):
-        raise ValueError(f"explore: structure must be a rockjax.Podium or an optimise.Dimensions, got {shown(structure)}")
+        raise ValueError(
+            f"explore: structure must be a rockjax.Podium or an optimise.Dimensions, got {shown(structure)}"
+        )
     of_kind("explore", "options", options, rj.Options, "rockjax.Options")
     excitation = as_excitation("explore", excitation)
     if not isinstance(vary, Mapping) or not vary:
-        raise ValueError('explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}')
+        raise ValueError(
+            'explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}'
+        )
     moved = _moved(structure, excitation, tuple(vary))
     own = {name: bounds for name, bounds in vary.items() if name not in moved}
     if own or not isinstance(structure, Structure):
@@ -147,16 +167,24 @@ def explore(
         try:
             low, high = (float(bound) for bound in pair)
         except (TypeError, ValueError):
-            raise ValueError(f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}") from None
+            raise ValueError(
+                f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
+            ) from None
         value, _ = study.now(name)
         if not low <= value <= high or not low < high:
-            raise ValueError(f"explore: vary[{name!r}] = ({low:g}, {high:g}) must be a range around the present {value:g}")
+            raise ValueError(
+                f"explore: vary[{name!r}] = ({low:g}, {high:g}) must be a range around the present {value:g}"
+            )
         for bound in (low, high) if name in moved else ():
             try:
                 dataclasses.replace(excitation, **{name: bound})
             except ValueError as error:
-                raise ValueError(f"explore: vary[{name!r}] = ({low:g}, {high:g}) leaves the possible: {error}") from None
-    return Explorer(structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False))
+                raise ValueError(
+                    f"explore: vary[{name!r}] = ({low:g}, {high:g}) leaves the possible: {error}"
+                ) from None
+    return Explorer(
+        structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False)
+    )
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
@@ -211,11 +239,14 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     start, end = excitation.support
     t = jnp.linspace(start, end + SHOWN / podium.p, POINTS)
     peak = rj.Peak(**{field.name: getattr(response, field.name) for field in dataclasses.fields(rj.Peak)})
-    return _Answer(peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g)
+    return _Answer(
+        peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g
+    )
 
 
 class _Grid(NamedTuple):
-    """Where a slider can stand: a browser takes every value to the nearest of these places, that at the start too."""
+    """Where a slider can stand: a browser takes every value to the nearest of these places, that at the start
+    too."""
 
     low: float
     high: float
@@ -235,7 +266,8 @@ class _Grid(NamedTuple):
         return abs(place - round(place)) < 1e-6
 
     def read(self, shown: float, given: float) -> float:
-        """What a slider that shows a number means: what was given, where that was only taken to its nearest place."""
+        """What a slider that shows a number means: what was given, where that was only taken to its nearest
+        place."""
         if not self.holds(shown):
             return shown
         shown = float(f"{shown:.12g}")  # browsers find their places by floating-point arithmetic
@@ -324,7 +356,11 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     cell = '<td style="padding: 1px 6px; text-align: left">'
     head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
     lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
-    return '<table style="line-height: 1.4">' + "".join(f"<tr>{line}</tr>" for line in (head, *lines)) + "</table>"
+    return (
+        '<table style="line-height: 1.4">'
+        + "".join(f"<tr>{line}</tr>" for line in (head, *lines))
+        + "</table>"
+    )
 
 
 def _end(peak: rj.Peak) -> str:

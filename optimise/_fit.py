@@ -28,11 +28,12 @@ class Fit(eqx.Module):
     """A fitted podium and how well it is known.
 
     - `podium`: the structure; `structure`: the same in the form it was given
-    - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the residuals (inf
-      where the history says nothing of it, and at a bound no more than a hint)
+    - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
+      residuals (inf where the history says nothing of it, and at a bound no more than a hint)
     - `covariance`: of the variables, in user units, in their order
     - `rms`: root mean square of the residual [rad]; `residuals`: measured minus fitted θ at the times [rad]
-    - `starts`: rms of every start [rad]; `best`: which of them this is; `converged`: whether its solver said so
+    - `starts`: rms of every start [rad]; `best`: which of them this is; `converged`: whether its solver said
+      so
     - `seconds`: wall time, with compilation
     """
 
@@ -83,8 +84,8 @@ def fit(
     - `options`: of the simulations; `history` bounds the steps that a history may have
     - `tolerance`: of the least squares, relative
 
-    Rotations that have lost their phase say little of where to go, so windows are fitted one after the other, the first
-    with the first impacts only. Levenberg–Marquardt in variables that the bounds cannot be left in.
+    Rotations that have lost their phase say little of where to go, so windows are fitted one after the other,
+    the first with the first impacts only. Levenberg–Marquardt in variables that the bounds cannot be left in.
     Raises `ValueError` for inputs that make no sense.
     """
     began = time.perf_counter()
@@ -93,9 +94,13 @@ def fit(
     of_kind("fit", "options", options, rj.Options, "rockjax.Options")
     single("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     whole("fit", "seed", seed, 0)
-    times, theta = (np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta)))
+    times, theta = (
+        np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
+    )
     if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
-        raise ValueError(f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}")
+        raise ValueError(
+            f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}"
+        )
     if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
         raise ValueError("fit: times and theta must be finite, and times ascending")
     if not isinstance(starts, int) or starts < 1:
@@ -104,8 +109,12 @@ def fit(
         raise ValueError(f"fit: {len(times)} measurements cannot tell {len(vary)} variables apart")
     begin = float(excitation.support[0])
     if times[0] < begin:
-        raise ValueError(f"fit: times must begin at or after the scene does, at {begin:g} s; got {times[0]:g} s")
-    scene = _Scene(varied, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False))
+        raise ValueError(
+            f"fit: times must begin at or after the scene does, at {begin:g} s; got {times[0]:g} s"
+        )
+    scene = _Scene(
+        varied, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
+    )
     # In units of the signal, so that tolerances mean the same for all.
     unit = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
@@ -131,7 +140,9 @@ def fit(
     values = np.asarray(varied.values(jnp.asarray(ends[best])))
     numbers = dict(zip(varied.names, map(float, values), strict=True))
     bounds = zip(np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist(), strict=True)
-    structure = variables(podium, dict(zip(varied.names, bounds, strict=True))).structure(jnp.asarray(ends[best]))
+    structure = variables(podium, dict(zip(varied.names, bounds, strict=True))).structure(
+        jnp.asarray(ends[best])
+    )
     return Fit(
         podium=as_podium(structure),
         structure=structure,
@@ -159,14 +170,18 @@ class _Scene(eqx.Module):
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
         """Measured minus simulated rotation [rad]; after a fall the columns lie at α."""
         podium = self.variables.podium(x)
-        response = rj.simulate(podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options)
+        response = rj.simulate(
+            podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options
+        )
         theta = response(self.times).theta
         last = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
         side = jnp.sign(response(jnp.minimum(last, response.stats.end_time), left=True).theta)
         fallen = self.times > last
         theta = jnp.where(fallen, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
         answered = (
-            (response.result == rj.RESULTS.settled) | (response.result == rj.RESULTS.end_of_time) | response.overturned
+            (response.result == rj.RESULTS.settled)
+            | (response.result == rj.RESULTS.end_of_time)
+            | response.overturned
         )
         return jnp.where(answered, self.theta - theta, jnp.inf)
 

@@ -30,5 +30,6 @@ def method_of(given: str | optax.GradientTransformation) -> Method:
         return Method(_augmented.descend_by_gradients(given), _augmented.MAX_ITERATIONS)
     names = ", ".join(map(repr, METHODS))
     raise ValueError(
-        f"design: method must be {names} or a gradient transformation of Optax such as optax.adam(0.02), got {given!r}"
+        f"design: method must be "
+        f"{names} or a gradient transformation of Optax such as optax.adam(0.02), got {given!r}"
     )

@@ -16,7 +16,8 @@ from ._targets import AbstractResponses, severity
 
 
 class AbstractObjective(eqx.Module):
-    """Base class of objectives: the largest entry of `values` is minimised. To write one, give what is abstract here."""
+    """Base class of objectives: the largest entry of `values` is minimised. To write one, give what is
+    abstract here."""
 
     @abc.abstractmethod
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
@@ -44,7 +45,8 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 
 
 class WorstRotation(AbstractWorst):
-    """The largest peak rotation max|θ|/α under a motion or a list of them [–]; beyond 1 by the overturning margin."""
+    """The largest peak rotation max|θ|/α under a motion or a list of them [–]; beyond 1 by the overturning
+    margin."""
 
     suite: Suite
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -99,7 +101,9 @@ class OfPodium(AbstractObjective):
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
         value = jnp.asarray(self.function(podium), float)
         if value.ndim > 1:
-            raise ValueError(f"design: minimise must give a number or a vector, got an array of shape {value.shape}")
+            raise ValueError(
+                f"design: minimise must give a number or a vector, got an array of shape {value.shape}"
+            )
         return jnp.atleast_1d(value)
 
     def describe(self) -> str:

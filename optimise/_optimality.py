@@ -1,4 +1,5 @@
-"""Whether a point is optimal, and at which shadow prices: linear models there, and the step that unit curvature would take."""
+"""Whether a point is optimal, and at which prices: linear models there, and the step that unit curvature
+would take."""
 
 from __future__ import annotations
 
@@ -14,10 +15,11 @@ Seen = list[tuple[Vector, Evaluation]]
 
 
 class Optimality(NamedTuple):
-    """`multipliers` of the margins (m,); `residual` of the optimality conditions; the `violation` it would leave.
+    """`multipliers` of the margins (m,); `residual` of the optimality conditions; the `violation` it would
+    leave.
 
-    The residual is the step that unit curvature would take, as of a projected gradient: 0 just where the merit is
-    stationary in its bounds.
+    The residual is the step that unit curvature would take, as of a projected gradient: 0 just where the
+    merit is stationary in its bounds.
     """
 
     multipliers: Vector
@@ -26,7 +28,8 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, here: Evaluation, seen: Seen) -> Model:
-    """Linear models at x, and those of points seen elsewhere, lifted so that they do not contradict the values at x."""
+    """Linear models at x, and those of points seen elsewhere, lifted so that they do not contradict the
+    values at x."""
     k, m = len(here.f), len(here.c)
     f, f_slope, c, c_slope = [here.f], [here.f_slope], [here.c], [here.c_slope]
     for y, there in seen:
@@ -50,8 +53,11 @@ def nearby(x: Vector, seen: Seen) -> Seen:
     return [(y, there) for y, there in seen if np.max(np.abs(y - x)) <= NEAR]
 
 
-def optimality(x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float, tolerance: float) -> Optimality:
-    """Of the merit with these weights: as if it were smooth at x; where it is not, with what was seen near by."""
+def optimality(
+    x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float, tolerance: float
+) -> Optimality:
+    """Of the merit with these weights: as if it were smooth at x; where it is not, with what was seen near
+    by."""
     found = _optimality(x, here, [], weight, penalty)
     if found.residual > tolerance and near:  # smooth it is not, but perhaps at a kink
         found = _optimality(x, here, near, weight, penalty)
@@ -59,7 +65,8 @@ def optimality(x: Vector, here: Evaluation, near: Seen, weight: float, penalty: 
 
 
 def unit_step(x: Vector, here: Evaluation, near: Seen) -> Vector:
-    """The step (n,) that unit curvature would take inside the bounds; minus a projected gradient where all is smooth."""
+    """The step (n,) that unit curvature would take inside the bounds; minus a projected gradient where all is
+    smooth."""
     step = solve(linear_models(x, here, near), np.eye(len(x)), 1.0, 1.0, -x, 1 - x)
     return np.clip(x - here.f_slope[0], 0.0, 1.0) - x if step is None else step.d
 

@@ -21,7 +21,8 @@ MOST_STARTS = 8  # in its legend
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective over iterations, a line for every start, filled marks where the targets held; the chosen start is black."""
+    """Objective over iterations, a line for every start, filled marks where the targets held; the chosen
+    start is black."""
     check_design("convergence", design)
     import matplotlib.pyplot as plt
     from matplotlib.lines import Line2D
@@ -38,7 +39,12 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
             continue
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
-        look = {"color": colour, "ls": STYLES[k % len(STYLES)], "lw": 0.9 if k else 1.6, "zorder": 2 + (k == 0)}
+        look = {
+            "color": colour,
+            "ls": STYLES[k % len(STYLES)],
+            "lw": 0.9 if k else 1.6,
+            "zorder": 2 + (k == 0),
+        }
         ax.plot(numbers[:, 0], numbers[:, 1], **look)
         held = numbers[:, 2] >= 0
         for some, face in ((numbers[held], colour), (numbers[~held], "white")):
@@ -71,10 +77,17 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
     figure = plt.figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     ends = []
-    for podium, label, colour, style in ((before, "before", COLOURS[1], "--"), (design.podium, "after", COLOURS[2], "-")):
+    for podium, label, colour, style in (
+        (before, "before", COLOURS[1], "--"),
+        (design.podium, "after", COLOURS[2], "-"),
+    ):
         response = rj.simulate(podium, excitation)
         t = np.linspace(float(response.times[0]), float(response.stats.end_time), 4000)
-        fate = "overturns" if bool(response.overturned) else rf"peak {float(response.peak_rotation):.3g} $\alpha$"
+        fate = (
+            "overturns"
+            if bool(response.overturned)
+            else rf"peak {float(response.peak_rotation):.3g} $\alpha$"
+        )
         ratio = np.asarray(response(t).theta) / float(podium.alpha)
         axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {fate}")
         moving = t[np.abs(ratio) > 1e-3]

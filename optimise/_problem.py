@@ -1,4 +1,5 @@
-"""Design problems in TOML files: structure, motions and options as at the head of rockjax/_problem.py, and besides
+"""Design problems in TOML files: structure, motions and options as at the head of rockjax/_problem.py, and
+besides
 
 starts = 4                       # optional; as are seed, tolerance, max_iterations
 seed = 0
@@ -33,7 +34,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import rockjax as rj
-from rockjax.internal import POSITIVE, TEXT, TRUTH, Kind, Reader, load_table, parameters_of, read, readable, whole_number
+from rockjax.internal import (
+    POSITIVE,
+    TEXT,
+    TRUTH,
+    Kind,
+    Reader,
+    load_table,
+    parameters_of,
+    read,
+    readable,
+    whole_number,
+)
 
 from ._answer import Design, aligned
 from ._design import design
@@ -68,7 +80,11 @@ TARGET: dict[str, Kind] = {
     "ratio": TRUTH,
     "name": TEXT,
 }
-WORST: dict[str, type] = {"peak-rotation": WorstRotation, "peak-shear": WorstShear, "peak-deformation": WorstDeformation}
+WORST: dict[str, type] = {
+    "peak-rotation": WorstRotation,
+    "peak-shear": WorstShear,
+    "peak-deformation": WorstDeformation,
+}
 
 
 class Problem(NamedTuple):
@@ -83,7 +99,8 @@ class Problem(NamedTuple):
     motions: dict[str, list[rj.AbstractExcitation]]
 
     def design(self, **changes) -> Design:
-        """The design; `changes` are further arguments of [`optimise.design`][] or replace those of the file."""
+        """The design; `changes` are further arguments of [`optimise.design`][] or replace those of the
+        file."""
         settings: dict[str, Any] = {"options": self.options} | self.settings | changes
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
@@ -92,7 +109,8 @@ class Problem(NamedTuple):
 
 
 def _described(asked: Problem) -> str:
-    """What a file asks for in lines: variables where they start, targets with their scenes, sets of motions."""
+    """What a file asks for in lines: variables where they start, targets with their scenes, sets of
+    motions."""
     wanted = asked.minimise
     if wanted is None:
         least = "the nearest design"
@@ -106,7 +124,10 @@ def _described(asked: Problem) -> str:
     for name, value, unit in zip(box.names, start, box.units, strict=True):
         low, high = asked.vary[name]
         rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
-    targets = [["target", "scenes"], *([target.name or target.describe(), str(target.scenes)] for target in asked.targets)]
+    targets = [
+        ["target", "scenes"],
+        *([target.name or target.describe(), str(target.scenes)] for target in asked.targets),
+    ]
     sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
     lines = [f"Problem: {least}", f"  {readable(asked.podium)}"]
     return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
@@ -122,7 +143,8 @@ def load(path: str | Path) -> Problem:
 
 
 def problem_of(table: dict[str, Any], path: Path, where: str | None = None) -> Problem:
-    """The design problem in the table of a file; `where` is what complaints begin with, by default its path."""
+    """The design problem in the table of a file; `where` is what complaints begin with, by default its
+    path."""
     return _Reader(path, where).problem(table)
 
 
@@ -156,12 +178,16 @@ class _Reader(Reader):
         entries = table.get("targets", [])
         if not isinstance(entries, list):
             self.fail("targets", "must be an array of tables, [[targets]]")
-        targets = tuple(self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(entries))
+        targets = tuple(
+            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(entries)
+        )
         options = self.options(table)
         minimise = self.minimise(table["minimise"], motions, podium) if "minimise" in table else None
         if minimise is None and not targets:
             self.fail("targets", "nothing to do: give [minimise], [[targets]] or both")
-        return Problem(structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions)
+        return Problem(
+            structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions
+        )
 
     def minimise(self, value, motions: dict, podium: rj.Podium):
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
@@ -173,7 +199,10 @@ class _Reader(Reader):
                 self.fail("minimise.motions", f"has no meaning for {quantity}")
             return _Number(quantity)
         if quantity not in WORST:
-            self.fail("minimise.quantity", f"must be one of {', '.join((*parameters_of(podium), *WORST))}, got {quantity!r}")
+            self.fail(
+                "minimise.quantity",
+                f"must be one of {', '.join((*parameters_of(podium), *WORST))}, got {quantity!r}",
+            )
         if "motions" not in entry:
             self.fail("minimise", f"motions is missing: {quantity} under which?")
         return WORST[quantity](self.chosen(entry, "minimise", motions))
@@ -191,7 +220,11 @@ class _Reader(Reader):
             ),
             "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale", "width")),
             "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale", "width")),
-            "overturning-probability": (OverturningProbability, ("at_most", "motions"), ("intensity", "smoothing")),
+            "overturning-probability": (
+                OverturningProbability,
+                ("at_most", "motions"),
+                ("intensity", "smoothing"),
+            ),
         }
         if not isinstance(entry, dict) or "kind" not in entry:
             self.fail(key, "kind is missing")

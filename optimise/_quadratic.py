@@ -3,8 +3,8 @@
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-The maximum is exact: a further variable above all its entries (epigraph form). v, the largest violation, makes the
-problem solvable everywhere.
+The maximum is exact: a further variable above all its entries (epigraph form). v, the largest violation,
+makes the problem solvable everywhere.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 class Model(NamedTuple):
     """Linear models: values f (k,) and margins c (m,) at d = 0, their Jacobians (k, n) and (m, n).
 
-    Rows may be more than the problem has entries: `value_of` and `margin_of` say which entry a row belongs to.
+    Rows may be more than the problem has entries: `value_of` and `margin_of` say which entry a row belongs
+    to.
     """
 
     f: Vector
@@ -42,7 +43,8 @@ class Model(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A solved subproblem: the step d, its modelled violation, the multipliers of value rows (sum w) and margin rows."""
+    """A solved subproblem: the step d, its modelled violation, the multipliers of value rows (sum w) and
+    margin rows."""
 
     d: Vector
     violation: float
@@ -54,7 +56,9 @@ ON_BOUND = 1e-10
 _SOLVED = ("Solved", "AlmostSolved")
 
 
-def solve(model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector) -> Step | None:
+def solve(
+    model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector
+) -> Step | None:
     """The subproblem's solution; None where the solver found none (numbers beyond its reach)."""
     n, k, m = len(lower), len(model.f), len(model.c)
     top = np.max(model.f)
@@ -79,7 +83,9 @@ def solve(model: Model, curvature: np.ndarray, weight: float, penalty: float, lo
         quadratic, linear, sparse.csc_matrix(rows), right, [_clarabel.NonnegativeConeT(len(right))], settings
     )
     answer = solver.solve()
-    if str(answer.status) not in _SOLVED and not (str(answer.status) == "InsufficientProgress" and answer.r_prim < 1e-7):
+    if str(answer.status) not in _SOLVED and not (
+        str(answer.status) == "InsufficientProgress" and answer.r_prim < 1e-7
+    ):
         return None
     d = np.asarray(answer.x[:n])
     # An interior point is never quite at a bound.

@@ -9,7 +9,10 @@ class RESULTS(eqx.Enumeration):
     """How a design ended."""
 
     converged = "The optimality conditions hold, and all targets are satisfied."
-    stalled = "The targets are satisfied; the design stopped at a kink or a jump of a response, where no step improves it."
+    stalled = (
+        "The targets are satisfied; the design stopped at a kink or a jump of a response, where no step "
+        "improves it."
+    )
     infeasible = "No design in the bounds was found that satisfies the targets; the closest one is returned."
     out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
     not_finite = "A response at the start is not finite, or has no answer; start from another design."

@@ -1,12 +1,12 @@
 """Sequential quadratic programming with an exact penalty, a trust region and cuts from the steps that failed.
 
-The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν, and where no
-point satisfies all margins it leads to the one that violates least.
+The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν,
+and where no point satisfies all margins it leads to the one that violates least.
 
-Responses have kinks (a later peak overtakes an earlier one) and jumps (one impact more before a fall). A rejected trial
-leaves its linear models as cuts: if the function is the worst of several branches, the cut is the branch that took over.
-Cuts are lifted to where they do not contradict the present point and dropped once they are far from it. Every rejected
-step shrinks the region, so at a jump the descent stalls and says so.
+Responses have kinks (a later peak overtakes an earlier one) and jumps (one impact more before a fall). A
+rejected trial leaves its linear models as cuts: if the function is the worst of several branches, the cut is
+the branch that took over. Cuts are lifted to where they do not contradict the present point and dropped once
+they are far from it. Every rejected step shrinks the region, so at a jump the descent stalls and says so.
 """
 
 from __future__ import annotations
@@ -64,9 +64,12 @@ class _Trial(NamedTuple):
 
 
 class _Search:
-    """Where one descent is, and what it remembers. Its parts return a result code where they end it, None otherwise."""
+    """Where one descent is, and what it remembers. Its parts return a result code where they end it, None
+    otherwise."""
 
-    def __init__(self, x: Vector, here: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int):
+    def __init__(
+        self, x: Vector, here: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int
+    ):
         self.x, self.here, self.rules = x, here, rules
         self.history, self.start, self.iteration = history, start, first
         self.merit = _Merit(np.eye(len(x)), rules.radius, 10.0, 1.0)
@@ -88,7 +91,9 @@ class _Search:
     def linearise(self) -> None:
         """Models around x, and how far it is from optimal."""
         x, here, merit = self.x, self.here, self.merit
-        self.cuts = [(y, there) for y, there in self.cuts[-CUTS:] if np.max(np.abs(y - x)) <= 10 * merit.radius]
+        self.cuts = [
+            (y, there) for y, there in self.cuts[-CUTS:] if np.max(np.abs(y - x)) <= 10 * merit.radius
+        ]
         self.model = linear_models(x, here, self.cuts)
         self.near = nearby(x, self.cuts)
         found = optimality(x, here, self.near, merit.weight, merit.penalty, self.rules.tolerance)
@@ -193,7 +198,9 @@ class _Search:
 
     def accept(self, trial: _Trial, step: Step, length: float) -> None:
         merit, ratio = self.merit, trial.ratio
-        change = _lagrangian_slope(trial.there, step, self.here) - _lagrangian_slope(self.here, step, self.here)
+        change = _lagrangian_slope(trial.there, step, self.here) - _lagrangian_slope(
+            self.here, step, self.here
+        )
         curvature, self.fresh = _updated(merit.curvature, trial.x - self.x, change, self.fresh)
         radius = merit.radius
         if ratio > GOOD and length > 0.8 * radius:
@@ -215,8 +222,11 @@ class _Search:
         return at_rest(self.here, self.residual, self.rules)
 
 
-def _steered(model: Model, here: Evaluation, merit: _Merit, lower: Vector, upper: Vector) -> tuple[Step | None, float]:
-    """A step, and a penalty large enough that it gets a fair share of what feasibility can be had inside the region."""
+def _steered(
+    model: Model, here: Evaluation, merit: _Merit, lower: Vector, upper: Vector
+) -> tuple[Step | None, float]:
+    """A step, and a penalty large enough that it gets a fair share of what feasibility can be had inside the
+    region."""
     penalty = merit.penalty
     step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)
     if step is None or merit.weight == 0.0 or step.violation <= 1e-10:
@@ -239,7 +249,8 @@ def _lagrangian_slope(at: Evaluation, step: Step, here: Evaluation) -> Vector:
 
 
 def _updated(B: np.ndarray, s: Vector, y: Vector, fresh: bool) -> tuple[np.ndarray, bool]:
-    """Powell's damped BFGS update, which stays positive definite; kinks are kept from spoiling it by bounds."""
+    """Powell's damped BFGS update, which stays positive definite; kinks are kept from spoiling it by
+    bounds."""
     if fresh and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))
     Bs = B @ s

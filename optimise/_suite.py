@@ -18,7 +18,8 @@ Margins = Float[Array, " k"]
 
 
 class Suite(eqx.Module):
-    """Ground motions of any kinds, in groups that one compiled loop serves: records of any lengths, motions of one kind."""
+    """Ground motions of any kinds, in groups that one compiled loop serves: records of any lengths, motions
+    of one kind."""
 
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
@@ -41,20 +42,25 @@ class Suite(eqx.Module):
         return len(self.order)
 
     def each(self, function) -> Any:
-        """`function(motion)` of every motion, its outputs stacked in the order in which the motions were given."""
+        """`function(motion)` of every motion, its outputs stacked in the order in which the motions were
+        given."""
         parts = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
         return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
 
     def scaled(self, factor) -> Suite:
         """All motions times a factor."""
-        return eqx.tree_at(lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups))
+        return eqx.tree_at(
+            lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups)
+        )
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[str, ...]) -> rj.Peak:
         """The peak responses to all motions; NaN where a scene ended without an answer."""
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.each(lambda motion: rj.peak_response(podium, motion, options=options))
-        answered = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time) | peaks.overturned
+        answered = (
+            (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time) | peaks.overturned
+        )
 
         def known(y):
             return jnp.where(answered, y, jnp.nan)

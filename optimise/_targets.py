@@ -40,7 +40,8 @@ class AbstractTarget(eqx.Module):
         """The target in words; also its name where none is given."""
 
     def while_searching(self) -> Self:
-        """What is good enough until a design is verified; with numbers of the same kinds, so that one program serves."""
+        """What is good enough until a design is verified; with numbers of the same kinds, so that one program
+        serves."""
         return self
 
     @property
@@ -72,7 +73,8 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
-    """Peak rotation over α where the columns survive; where they fall it goes on growing, by the overturning margin."""
+    """Peak rotation over α where the columns survive; where they fall it goes on growing, by the overturning
+    margin."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
@@ -88,8 +90,9 @@ class PeakRotation(AbstractResponseTarget):
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: in reports
 
-    The margin is (limit − s)/limit. s is max|θ|/α, and goes on above 1 by the overturning margin where a column falls.
-    Raises `ValueError` for other limits: what may overturn is asked of [`optimise.NoOverturning`][].
+    The margin is (limit − s)/limit. s is max|θ|/α, and goes on above 1 by the overturning margin where a
+    column falls. Raises `ValueError` for other limits: what may overturn is asked of
+    [`optimise.NoOverturning`][].
     """
 
     limit: Any
@@ -177,11 +180,13 @@ class OverturningAcceleration(AbstractTarget):
 
     - `at_least`: in m/s², or with `ratio=True` in multiples of g tan α, > 0
     - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: its period, or many at once [s]
-    - `max_acceleration_ratio`: amplitudes up to so many g tan α are looked at [–]; where none of them overturns, the
-      margin is that of the last one, with zero derivative
-    - `width`: in a verified design no window of overturning wider than this share of them is missed below a_ov [–]
+    - `max_acceleration_ratio`: amplitudes up to so many g tan α are looked at [–]; where none of them
+      overturns, the margin is that of the last one, with zero derivative
+    - `width`: in a verified design no window of overturning wider than this share of them is missed below
+      a_ov [–]
 
-    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits that the range does not hold.
+    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits that the range does not
+    hold.
     """
 
     at_least: Any
@@ -207,7 +212,9 @@ class OverturningAcceleration(AbstractTarget):
         _limit("OverturningAcceleration", "at_least", at_least)
         _limit("OverturningAcceleration", "T_p", T_p)
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
-            raise ValueError(f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}")
+            raise ValueError(
+                f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}"
+            )
         _limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
         if ratio and not at_least < max_acceleration_ratio:
             raise ValueError(
@@ -234,7 +241,9 @@ class OverturningAcceleration(AbstractTarget):
         found = jax.vmap(least)(self.T_p)
         end = jax.lax.stop_gradient(self.max_acceleration_ratio * unit)
         found = jnp.where(found < jnp.inf, found, end)
-        level = self.at_least * (jnp.where(found < end, unit, jax.lax.stop_gradient(unit)) if self.ratio else 1.0)
+        level = self.at_least * (
+            jnp.where(found < end, unit, jax.lax.stop_gradient(unit)) if self.ratio else 1.0
+        )
         return found / level - 1
 
     def describe(self) -> str:
@@ -251,7 +260,9 @@ class OverturningAcceleration(AbstractTarget):
 
 def _coarser(target: Searched) -> Searched:
     """Certain to wider windows only."""
-    return eqx.tree_at(lambda t: t.width, target, replace_fn=lambda width: jnp.maximum(width, WIDTH_WHILE_SEARCHING))
+    return eqx.tree_at(
+        lambda t: t.width, target, replace_fn=lambda width: jnp.maximum(width, WIDTH_WHILE_SEARCHING)
+    )
 
 
 class AbstractScaleTarget(AbstractTarget):
@@ -269,7 +280,9 @@ class AbstractScaleTarget(AbstractTarget):
         """Of every motion; inf where no factor up to `max_scale` overturns."""
 
         def least(motion):
-            return rj.overturning_scale(podium, motion, max_scale=self.max_scale, options=options, width=self.width)
+            return rj.overturning_scale(
+                podium, motion, max_scale=self.max_scale, options=options, width=self.width
+            )
 
         return self.suite.each(least)
 
@@ -293,11 +306,13 @@ class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
-    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; where none of them overturns, the
-      margin is that of the last one, with zero derivative
-    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed [–]
+    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; where none of them
+      overturns, the margin is that of the last one, with zero derivative
+    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed
+      [–]
 
-    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits that the range does not hold.
+    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits that the range does not
+    hold.
     """
 
     at_least: Any
@@ -323,13 +338,14 @@ class MedianCapacity(AbstractScaleTarget):
     """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more
-    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of them overturns
-      are known to lie above it (censored)
-    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed [–]
+    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of
+      them overturns are known to lie above it (censored)
+    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed
+      [–]
 
-    The median is that of the lognormal distribution fitted by maximum likelihood, as in [`rockjax.fragility`][]. The margin
-    is median/at_least − 1; where fewer than two motions overturn it is that of `max_scale`, with zero derivative. Raises
-    `ValueError` for limits that the range does not hold.
+    The median is that of the lognormal distribution fitted by maximum likelihood, as in
+    [`rockjax.fragility`][]. The margin is median/at_least − 1; where fewer than two motions overturn it is
+    that of `max_scale`, with zero derivative. Raises `ValueError` for limits that the range does not hold.
     """
 
     at_least: Any
@@ -360,9 +376,9 @@ class OverturningProbability(AbstractResponseTarget):
     - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all of them [–]
     - `smoothing`: bandwidth h of the smoothed probability P = mean Φ(−M/h) over the overturning margins M [–]
 
-    A share jumps by 1/n and has no derivative, P has one. The margin is the `at_most`-quantile m of the smoothed margins,
-    mean Φ((m − M)/h) = at_most: it has the sign of at_most − P, but goes on where P is flat at 0 or 1. A smoothed
-    probability is biased by the motions within h of overturning; `exact` counts.
+    A share jumps by 1/n and has no derivative, P has one. The margin is the `at_most`-quantile m of the
+    smoothed margins, mean Φ((m − M)/h) = at_most: it has the sign of at_most − P, but goes on where P is flat
+    at 0 or 1. A smoothed probability is biased by the motions within h of overturning; `exact` counts.
     """
 
     at_most: Any

@@ -21,14 +21,16 @@ LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmic
 
 
 class Dimensions(eqx.Module):
-    """A podium as it stands on a drawing: the arguments of `rockjax.Podium.from_dimensions`, so that masses can vary.
+    """A podium as it stands on a drawing: the arguments of `rockjax.Podium.from_dimensions`, so that masses
+    can vary.
 
     - `width`, `height`: full column width 2B and height 2H [m]
-    - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
+    - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
+      number N
     - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
-    - `tendon_force` P₀ [N], `tendon_stiffness` K [N/m], `damper_coefficient` C [N(s/m)^ν], `damper_exponent` ν,
-      `inertance` b [kg]: restrainers of each column
+    - `tendon_force` P₀ [N], `tendon_stiffness` K [N/m], `damper_coefficient` C [N(s/m)^ν], `damper_exponent`
+      ν, `inertance` b [kg]: restrainers of each column
 
     Raises `ValueError` for numbers that are no podium.
     """
@@ -55,7 +57,9 @@ class Dimensions(eqx.Module):
 
     def podium(self) -> rj.Podium:
         """The podium of these dimensions."""
-        return rj.Podium.from_dimensions(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)})
+        return rj.Podium.from_dimensions(
+            **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        )
 
     def replace(self, **changes) -> Dimensions:
         """A variant with some fields changed, as `dataclasses.replace`."""
@@ -128,12 +132,15 @@ class Variables(eqx.Module):
 def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
     """The variables of `vary`, checked.
 
-    Raises `ValueError` for names that are not there or contradict each other, and for bounds that are no range or no podium.
+    Raises `ValueError` for names that are not there or contradict each other, and for bounds that are no
+    range or no podium.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
     if not isinstance(vary, Mapping) or not vary:
-        raise ValueError(f'{owner}: vary must name at least one variable with its bounds, e.g. {{"alpha": (0.1, 0.2)}}')
+        raise ValueError(
+            f'{owner}: vary must name at least one variable with its bounds, e.g. {{"alpha": (0.1, 0.2)}}'
+        )
     shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(base) if not isinstance(leaf, str)} - {()}
     if shapes:
         raise ValueError(f"{owner}: podium must hold single numbers, got arrays of shape {shapes}")
@@ -146,20 +153,28 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
         raise ValueError(f"{owner}: vary names {twice[0]} twice")
     twice = clash(called)
     if twice is not None:
-        raise ValueError(f"{owner}: vary names {twice[0]} and {twice[1]}, which say the same of a column; vary one of them")
+        raise ValueError(
+            f"{owner}: vary names {twice[0]} and {twice[1]}, which say the same of a column; vary one of them"
+        )
     bounds = []
     for name, pair in vary.items():
         try:
             low, high = (float(bound) for bound in pair)
         except (TypeError, ValueError):
-            raise ValueError(f"{owner}: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}") from None
+            raise ValueError(
+                f"{owner}: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
+            ) from None
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(f"{owner}: vary[{name!r}] must be finite with lowest < highest, got ({low}, {high})")
+            raise ValueError(
+                f"{owner}: vary[{name!r}] must be finite with lowest < highest, got ({low}, {high})"
+            )
         for bound in (low, high):
             try:
                 replaced(base, {name: bound})
             except ValueError as error:
-                raise ValueError(f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}") from None
+                raise ValueError(
+                    f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}"
+                ) from None
         bounds.append((low, high))
     lower, upper = (jnp.asarray(side, float) for side in zip(*bounds, strict=True))
     logarithmic = tuple(low > 0 and high / low > LOG_FROM for low, high in bounds)
@@ -167,7 +182,8 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Python numbers would each be compiled in. A top mass of exactly 0 says that there is no superstructure: it stays."""
+    """Python numbers would each be compiled in. A top mass of exactly 0 says that there is no superstructure:
+    it stays."""
     if isinstance(base, rj.Podium):
         return base
     return jax.tree.map(lambda y: y if isinstance(y, str) or jnp.all(y == 0) else jnp.asarray(y, float), base)
@@ -188,7 +204,9 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
         raise ValueError(_no_factor(owner, base.restitution))
     if entry.place.startswith("restrainers."):
         device = entry.place.split(".")[1]
-        raise ValueError(f"{owner}: vary names {name!r}, but the podium has not just one {device} among its restrainers")
+        raise ValueError(
+            f"{owner}: vary names {name!r}, but the podium has not just one {device} among its restrainers"
+        )
     top = base.superstructure
     kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
     raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")
@@ -201,7 +219,9 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     if name == "restitution" and isinstance(base.restitution, str):
         raise ValueError(_no_factor(owner, base.restitution))
     if name == "period" and base.period is None:
-        raise ValueError(f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period")
+        raise ValueError(
+            f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period"
+        )
     if name == "top_mass" and jnp.all(jnp.asarray(base.top_mass) == 0):
         raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
     if name == "damping" and base.period is None:
@@ -209,7 +229,9 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
 
 
 def _no_factor(owner: str, law) -> str:
-    return f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
+    return (
+        f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
+    )
 
 
 def parameter(base: Structure, name: str) -> Parameter:

@@ -10,8 +10,13 @@ from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from ._batch.batch import peak_responses
-    from ._boundaries.boundary import Boundary, overturning_acceleration, overturning_boundary, overturning_scale
-    from ._excitations.base import AbstractExcitation, AbstractLookahead, Rest
+    from ._boundaries.boundary import (
+        Boundary,
+        overturning_acceleration,
+        overturning_boundary,
+        overturning_scale,
+    )
+    from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
     from ._motions.accelerogram import RecordWarning
@@ -254,20 +259,26 @@ def __dir__() -> list[str]:
 
 
 def _is_command() -> bool:
-    """Whether this process is the command line, `rockjax …` or `python -m rockjax …`: its help needs no JAX."""
+    """Whether this process is the command line, `rockjax …` or `python -m rockjax …`: its help needs no
+    JAX."""
     if _sys.argv[:1] == ["-m"]:
         return ("-m", "rockjax") in zip(_sys.orig_argv, _sys.orig_argv[1:], strict=False)
     return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")
 
 
-if _installed("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get("XLA_FLAGS", ""):
-    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times over.
+if _installed("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get(
+    "XLA_FLAGS", ""
+):
+    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times
+    # over.
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
 
 # Rocking is chaotic enough without rounding at 1e-7: float64 unless the user's environment says otherwise.
 if _is_command():
-    _os.environ.setdefault("JAX_ENABLE_X64", "1")  # for JAX when it is imported, and for the processes of a sweep
+    _os.environ.setdefault(
+        "JAX_ENABLE_X64", "1"
+    )  # for JAX when it is imported, and for the processes of a sweep
 else:
     import jax as _jax
 

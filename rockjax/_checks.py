@@ -40,13 +40,19 @@ def as_number(what: str) -> Callable[..., Array]:
 
 
 def check_dtype(owner: str, name: str, tree) -> None:
-    """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds here."""
+    """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds
+    here."""
     expected = jnp.result_type(float)
     for leaf in jax.tree.leaves(tree):
-        if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.dtype != expected:
+        if (
+            isinstance(leaf, jax.Array)
+            and jnp.issubdtype(leaf.dtype, jnp.floating)
+            and leaf.dtype != expected
+        ):
             switch = "on" if expected == jnp.float64 else "off"
             raise ValueError(
-                f"{owner}: numbers of {name} are {leaf.dtype}, but jax_enable_x64 is {switch} here, so that all must be "
+                f"{owner}: numbers of "
+                f"{name} are {leaf.dtype}, but jax_enable_x64 is {switch} here, so that all must be "
                 f"{expected}; create {name} under the same setting"
             )
 
@@ -62,12 +68,14 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """NumPy where all values are known, else `jax.numpy`: of JAX every operation on its own is a program to compile."""
+    """NumPy where all values are known, else `jax.numpy`: of JAX every operation on its own is a program to
+    compile."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is `ok`."""
+    """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is
+    `ok`."""
     if isinstance(x, str | bytes):
         raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
     value = concrete(x)

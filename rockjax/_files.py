@@ -37,7 +37,9 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
         if isinstance(error, OSError | RuntimeError):  # the latter from the libraries below netCDF
-            raise OSError(f"{path} could not be written: {getattr(error, 'strerror', None) or error}") from error
+            raise OSError(
+                f"{path} could not be written: {getattr(error, 'strerror', None) or error}"
+            ) from error
         raise
     return path
 
@@ -45,7 +47,9 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
 CONVENTIONS = "CF-1.8"  # of the units, flags and names in files; the earliest with groups and texts
 
 
-def write_dataset(path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None) -> Path:
+def write_dataset(
+    path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
+) -> Path:
     """Write a dataset as netCDF, and others as groups of the same file, whole or not at all."""
 
     data.attrs.setdefault("Conventions", CONVENTIONS)

@@ -28,23 +28,25 @@ def _names(outputs) -> tuple[str, ...]:
 class Options(eqx.Module):
     """Accuracy, method and scope of a simulation.
 
-    - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for θ̇,
-      2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
-    - `method`: `"dopri8"` (the least work at every accuracy for pulses), `"tsit5"` (for records with samples so close
-      that they set the step), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit
-      Runge–Kutta method with an error estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
-    - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for cross-checks
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed π/2, with the
-      output `"margin"` not [`rockjax.Podium.stability_angle`][]
-    - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By default `rtol`
+    - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for
+      θ̇, 2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
+    - `method`: `"dopri8"` (the least work at every accuracy for pulses), `"tsit5"` (for records with samples
+      so close that they set the step), `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit Runge–Kutta
+      method with an error estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
+    - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for
+      cross-checks
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed
+      π/2, with the output `"margin"` not [`rockjax.Podium.stability_angle`][]
+    - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By
+      default `rtol`
     - `max_steps`: bound on trial steps of a scene
     - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
-      `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not computed
-      (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"`
-      estimates the errors of the peaks, by a second solution
+      `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not
+      computed (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns
+      overturn. `"errors"` estimates the errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
-    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a closer look, by
-      which errors are estimated: columns come to rest three impacts later as well
+    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a
+      closer look, by which errors are estimated: columns come to rest three impacts later as well
     - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
@@ -70,7 +72,9 @@ class Options(eqx.Module):
         require("Options", "overturn_ratio", self.overturn_ratio, lambda v: v > 0, "finite and > 0")
         require("Options", "stride", self.stride, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
         if self.rest_velocity is not None:
-            require("Options", "rest_velocity", self.rest_velocity, lambda v: v > 0, "finite and > 0, or None")
+            require(
+                "Options", "rest_velocity", self.rest_velocity, lambda v: v > 0, "finite and > 0, or None"
+            )
         for name in ("max_steps", "history"):
             value = getattr(self, name)
             if not isinstance(value, int) or value < 1:
@@ -114,7 +118,8 @@ class Options(eqx.Module):
             "rtol",
             self.rtol,
             lambda v: v >= 20 * eps,
-            f">= {20 * eps:.1e} in {jnp.result_type(float)} (loosen it, or enable float64 with jax_enable_x64)",
+            f">= {20 * eps:.1e} in {jnp.result_type(float)} (loosen it, or enable float64 with "
+            f"jax_enable_x64)",
         )
 
     def replace(self, **changes) -> Options:
@@ -129,5 +134,7 @@ def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
     if isinstance(method, diffrax.AbstractSolver):
         return method
     if method not in METHODS:
-        raise ValueError(f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}")
+        raise ValueError(
+            f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}"
+        )
     return getattr(diffrax, METHODS[method])()

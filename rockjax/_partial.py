@@ -1,4 +1,5 @@
-"""What an interrupted run leaves behind, and what the next one takes up: one netCDF file with a group for each podium."""
+"""What an interrupted run leaves behind, and what the next one takes up: one netCDF file with a group for
+each podium."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
     import xarray
 
     def write(name: str) -> None:
-        xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)}).to_netcdf(name, engine="netcdf4")
+        xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)}).to_netcdf(
+            name, engine="netcdf4"
+        )
         for k, data in enumerate(datasets):
             if data is not None:
                 data.to_netcdf(name, mode="a", group=f"dataset-{k}", engine="netcdf4")
@@ -46,6 +49,10 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
     except (OSError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path}: is not the file of an interrupted run: {error}") from None
     if kept != count:
-        raise ValueError(f"{path}: belongs to a run over {kept} podiums, this one has {count}; use the same flags")
+        raise ValueError(
+            f"{path}: belongs to a run over {kept} podiums, this one has {count}; use the same flags"
+        )
     names = [f"dataset-{k}" for k in range(count)]
-    return [xarray.load_dataset(path, group=name, engine="netcdf4") if name in groups else None for name in names]
+    return [
+        xarray.load_dataset(path, group=name, engine="netcdf4") if name in groups else None for name in names
+    ]

@@ -1,6 +1,7 @@
 """Numbers that can be what they say, and hardly are: units of another system, dimensions in millimetres.
 
-Said once what was understood, never an error. Only host values are looked at; nothing here runs inside a trace.
+Said once what was understood, never an error. Only host values are looked at; nothing here runs inside a
+trace.
 """
 
 from __future__ import annotations

@@ -20,17 +20,15 @@ a_p = [3.0, 4.0]                 # [m/s²], or acceleration_ratio: multiples of 
 T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the structure above
                                  # lists of one length go together, a single number goes with all
 
-[[motions.records]]              # a set may have several entries
-file = "record.csv"              # beside this file; any format that rockjax.read_motion reads
-units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; only where the file does not say it, as text does
-dt = 0.01                        # only where the file does not say it, as one column does [s]
-scale = 1.0                      # optional
-component = 1                    # number or name of a channel, where the file has several
-[[motions.records]]
-suite = "folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it
-pattern = "*.AT2"                # optional, of a folder; as are units, dt, scale, component for all of its motions
-[[motions.records]]
-synthetic = 20                   # so many of rockjax.synthetic_motions; optional: seed, dt, duration, pga, omega_g, zeta_g
+[[motions.records]]              # a set may have several entries file = "record.csv"              # beside
+this file; any format that rockjax.read_motion reads units = "g"                      # or "m/s2", "cm/s2",
+"gal", "mm/s2"; only where the file does not say it, as text does dt = 0.01                        # only
+where the file does not say it, as one column does [s] scale = 1.0                      # optional component =
+1                    # number or name of a channel, where the file has several [[motions.records]] suite =
+"folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it pattern = "*.AT2"
+# optional, of a folder; as are units, dt, scale, component for all of its motions [[motions.records]]
+synthetic = 20                   # so many of rockjax.synthetic_motions; optional: seed, dt, duration, pga,
+omega_g, zeta_g
 
 [options]                        # optional: rtol, atol, method, … of rockjax.Options
 rtol = 1e-8
@@ -62,18 +60,16 @@ confidence = 0.9
 seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
-[risk]                           # of `rockjax risk`
-hazard = "site.csv"              # beside this file: two columns, such as PGA [g],annual_rate; or OpenQuake's
-site = 0                         # row of an OpenQuake file, where it has several
-fragility = "curve.nc"           # of `rockjax fragility`, or a fragility model (.xml) with structure = "name" …
-median = 3.5                     # … or a lognormal curve: median, in SI units of the hazard's measure, and dispersion
-dispersion = 0.4
-years = 50.0                     # time in which the probability is wanted, optional
+[risk]                           # of `rockjax risk` hazard = "site.csv"              # beside this file: two
+columns, such as PGA [g],annual_rate; or OpenQuake's site = 0                         # row of an OpenQuake
+file, where it has several fragility = "curve.nc"           # of `rockjax fragility`, or a fragility model
+(.xml) with structure = "name" … median = 3.5                     # … or a lognormal curve: median, in SI
+units of the hazard's measure, and dispersion dispersion = 0.4 years = 50.0                     # time in
+which the probability is wanted, optional
 
-[sweep]                          # of `rockjax sweep`
-motion = "records"               # which set; optional where there is one. Several motions are an axis of their own
-outputs = ["peak_rotation"]      # optional
-chunk = 100000                   # scenes in a chunk, optional
+[sweep]                          # of `rockjax sweep` motion = "records"               # which set; optional
+where there is one. Several motions are an axis of their own outputs = ["peak_rotation"]      # optional chunk
+= 100000                   # scenes in a chunk, optional
 
 [sweep.axes]                     # as rockjax.grid: names of the structure and of the motion
 alpha = [0.12, 0.15, 0.18]
@@ -145,10 +141,14 @@ def axis_values(value: Any) -> np.ndarray:
         return np.asarray(value, float)
     names = {"from", "to", "points", "log"}
     if not isinstance(value, dict) or not {"from", "to", "points"} <= value.keys() <= names:
-        raise ValueError(f"must be a list of numbers, or {{ from, to, points }} and log = true, got {value!r}")
+        raise ValueError(
+            f"must be a list of numbers, or {{ from, to, points }} and log = true, got {value!r}"
+        )
     low, high, points, log = value["from"], value["to"], value["points"], value.get("log", False)
     if not (is_number(low) and is_number(high) and isinstance(log, bool) and whole(2).holds(points)):
-        raise ValueError(f"from and to must be numbers, points a whole number ≥ 2, log true or false, got {value!r}")
+        raise ValueError(
+            f"from and to must be numbers, points a whole number ≥ 2, log true or false, got {value!r}"
+        )
     if log and not (low > 0 and high > 0):
         raise ValueError(f"equal ratios need from and to > 0, got {low:g} and {high:g}")
     return np.geomspace(low, high, points) if log else np.linspace(low, high, points)
@@ -163,7 +163,10 @@ class Reader:
     """
 
     def __init__(
-        self, path: Path | None = None, where: str | None = None, by_dimensions: Callable[..., Any] = Podium.from_dimensions
+        self,
+        path: Path | None = None,
+        where: str | None = None,
+        by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ):
         self.folder = Path() if path is None else path.parent
         where = ("" if path is None else str(path)) if where is None else where
@@ -182,12 +185,17 @@ class Reader:
     def fail(self, key: str, why: str) -> NoReturn:
         raise Reported(f"{self.prefix}{key}: {why}")
 
-    def table(self, value, key: str, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+    def table(
+        self, value, key: str, needed: tuple[str, ...], optional: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, got {value!r}")
         for name in value:
             if name not in needed + optional:
-                self.fail(f"{key}.{name}" if key else name, f"is not known; known are {', '.join(needed + optional)}")
+                self.fail(
+                    f"{key}.{name}" if key else name,
+                    f"is not known; known are {', '.join(needed + optional)}",
+                )
         for name in needed:
             if name not in value:
                 self.fail(key or "file", f"{name} is missing")
@@ -245,7 +253,9 @@ class Reader:
         if "tan_alpha" in numbers:
             numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
         if "superstructure" in numbers:
-            numbers["superstructure"] = self.superstructure(numbers["superstructure"], f"{key}.superstructure")
+            numbers["superstructure"] = self.superstructure(
+                numbers["superstructure"], f"{key}.superstructure"
+            )
         with self.at(key):
             restrainers = self.restrainers(numbers)
             return Podium(**numbers, restrainers=restrainers)
@@ -259,7 +269,9 @@ class Reader:
         if "Damper" in found and "coefficient" not in found["Damper"]:
             raise ValueError("exponent needs the coefficient of a damper")
         least = {"Tendon": {"prestress": 0.0}}
-        return tuple(kind(**least.get(name, {}) | found[name]) for name, kind in KINDS.items() if name in found)
+        return tuple(
+            kind(**least.get(name, {}) | found[name]) for name, kind in KINDS.items() if name in found
+        )
 
     def superstructure(self, value, key: str) -> Elastic | Rigid:
         top = self.typed(self.table(value, key, ("eta",), ("T_s", "zeta")), key, SUPERSTRUCTURE)
@@ -270,7 +282,10 @@ class Reader:
 
     def motions(self, value, podium: Podium) -> dict[str, list[AbstractExcitation]]:
         """All sets of motions, to simulate with."""
-        return {name: self.motion_set(entries, f"motions.{name}", podium) for name, entries in self.sets(value).items()}
+        return {
+            name: self.motion_set(entries, f"motions.{name}", podium)
+            for name, entries in self.sets(value).items()
+        }
 
     def sets(self, value) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -280,7 +295,11 @@ class Reader:
     def motion_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation]:
         found: list[AbstractExcitation] = []
         for entry, at, source in self._entries(entries, key):
-            found += self.pulses(entry, at, podium) if source == "kind" else self.recorded(entry, at, source).records()
+            found += (
+                self.pulses(entry, at, podium)
+                if source == "kind"
+                else self.recorded(entry, at, source).records()
+            )
         if not found:
             self.fail(key, "is empty")
         return found
@@ -303,7 +322,9 @@ class Reader:
             sources = [name for name in SOURCES if isinstance(entry, dict) and name in entry]
             if len(sources) != 1:
                 self.fail(
-                    at, "needs one of kind (of a pulse), file (of a record), suite (of records) and synthetic (how many)"
+                    at,
+                    "needs one of kind (of a pulse), file (of a record), suite (of records) and synthetic "
+                    "(how many)",
                 )
             yield entry, at, sources[0]
 
@@ -360,5 +381,8 @@ class Reader:
 
     def set_named(self, name, key: str, motions: Mapping[str, Any]) -> Any:
         if not isinstance(name, str) or name not in motions:
-            self.fail(key, f"must name a set under [motions], got {name!r}; there are {', '.join(motions) or 'none'}")
+            self.fail(
+                key,
+                f"must name a set under [motions], got {name!r}; there are {', '.join(motions) or 'none'}",
+            )
         return motions[name]

@@ -52,13 +52,16 @@ NUMBER = Kind("a number", is_number)
 POSITIVE = _number_in(table.POSITIVE)
 NOT_NEGATIVE = _number_in(table.NOT_NEGATIVE)
 NOT_NEGATIVES = Kind("a list of numbers >= 0", lambda value: is_list(value, NOT_NEGATIVE.holds))
-ONE_OR_MORE = Kind("a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number))
+ONE_OR_MORE = Kind(
+    "a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number)
+)
 RANGE = Kind("two numbers [lowest, highest], the lowest first", _is_range)
 POSITIVE_RANGE = Kind(
     "two numbers [lowest, highest] with 0 < lowest < highest", lambda value: _is_range(value) and value[0] > 0
 )
 AMPLITUDES = Kind(
-    "two numbers [lowest, highest] with 0 <= lowest < highest", lambda value: _is_range(value) and value[0] >= 0
+    "two numbers [lowest, highest] with 0 <= lowest < highest",
+    lambda value: _is_range(value) and value[0] >= 0,
 )
 LEVELS = Kind(
     "two numbers [lowest, highest] with 0 < lowest <= highest",

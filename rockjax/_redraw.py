@@ -80,7 +80,8 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """A dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any other file."""
+    """A dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any other
+    file."""
     import xarray
 
     if not Path(path).is_file():
@@ -88,13 +89,17 @@ def load(path: str | Path) -> xarray.Dataset:
     try:
         data = xarray.load_dataset(path, engine="netcdf4")
     except (OSError, RuntimeError, ValueError, AttributeError) as error:
-        raise ValueError(f"{path}: cannot be read as netCDF: {getattr(error, 'strerror', None) or error}") from None
+        raise ValueError(
+            f"{path}: cannot be read as netCDF: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if data.attrs.get("title") == "Interrupted run":
         raise ValueError(f"{path}: holds an interrupted run; finish it with --resume, then draw it")
     if "kind" not in data.attrs:
         raise ValueError(f"{path}: is not a file of rockjax: it has no attribute 'kind'")
     if data.attrs["kind"] not in PICTURES:
-        raise ValueError(f"{path}: no picture of a {data.attrs['kind']!r} is known; known are {', '.join(PICTURES)}")
+        raise ValueError(
+            f"{path}: no picture of a {data.attrs['kind']!r} is known; known are {', '.join(PICTURES)}"
+        )
     return data
 
 
@@ -110,10 +115,11 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
 def redraw(
     path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
 ) -> list[Path]:
-    """Write the pictures of a file to PREFIX-NAME.png (animations to PREFIX-NAME.gif); PREFIX is the file without its ending.
+    """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without
+    its ending.
 
-    `suffix`: the format of the pictures; `names`: which, by default those that the command which made the file draws. Raises
-    `ValueError` for files that are not rockjax's and for pictures that they do not have.
+    `suffix`: the format of the pictures; `names`: which, by default those that the command which made the
+    file draws. Raises `ValueError` for files that are not rockjax's and for pictures that they do not have.
     """
     data = load(path)
     groups = _groups(path)
@@ -128,7 +134,8 @@ def redraw(
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
-            f"{path}: a {data.attrs['kind']!r} like this has no picture {unknown[0]!r}; it has {', '.join(known)}"
+            f"{path}: a {data.attrs['kind']!r} like this has no picture "
+            f"{unknown[0]!r}; it has {', '.join(known)}"
         )
     prefix = Path(path).with_suffix("") if prefix is None else prefix
     written = []

@@ -26,11 +26,14 @@ def units(of: str) -> str:
 
 def readable(module: eqx.Module) -> str:
     """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
-    return f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
+    return (
+        f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
+    )
 
 
 def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
-    """A structure, motion or options as a table of HTML: its numbers, what follows from them, and what they mean."""
+    """A structure, motion or options as a table of HTML: its numbers, what follows from them, and what they
+    mean."""
     rows = list(_rows(module))
     cls = type(module)
     for name in derived:
@@ -44,7 +47,8 @@ def _fields(module: eqx.Module) -> list[tuple[str, Any]]:
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`: meaning`."""
+    """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`:
+    meaning`."""
     meanings = _meanings(type(module))
     for name, value in _fields(module):
         known = meanings.get(name, "")
@@ -52,7 +56,11 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
             for k, part in enumerate(value):
                 yield f"{prefix}{name}[{k}]", type(part).__name__, known
                 yield from _rows(part, f"{prefix}{name}[{k}].")
-        elif isinstance(value, eqx.Module) and type(value).__repr__ is not eqx.Module.__repr__ and _fields(value):
+        elif (
+            isinstance(value, eqx.Module)
+            and type(value).__repr__ is not eqx.Module.__repr__
+            and _fields(value)
+        ):
             yield f"{prefix}{name}", type(value).__name__, known
             yield from _rows(value, f"{prefix}{name}.")
         else:
@@ -60,7 +68,8 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meanings(cls: type) -> dict[str, str]:
-    """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`: meaning"."""
+    """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`:
+    meaning"."""
     found = {}
     described = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
     for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", described, re.M):

@@ -22,18 +22,30 @@ class RESULTS(eqx.Enumeration):
     history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
     interrupted = "The computation was stopped before this scene had ended; resume it."
     chattering = (
-        "The columns bounced on until max_steps, on hops ever shorter, for impacts take almost nothing; a restitution "
+        "The columns bounced on until max_steps, on hops ever shorter, for impacts take almost nothing; a "
+        "restitution "
         "further below 1 or a larger rest_velocity lets them come to rest."
     )
     too_stiff = (
-        "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration for so long; "
+        "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration "
+        "for so long; "
         "make it Rigid, end the scene earlier, or raise max_steps."
     )
 
 
 # Codes inside the loop, where a scene that goes on has none.
 RUNNING = -1
-SETTLED, END_OF_TIME, OVERTURNED, OUT_OF_STEPS, NOT_FINITE, HISTORY_FULL, INTERRUPTED, CHATTERING, TOO_STIFF = range(9)
+(
+    SETTLED,
+    END_OF_TIME,
+    OVERTURNED,
+    OUT_OF_STEPS,
+    NOT_FINITE,
+    HISTORY_FULL,
+    INTERRUPTED,
+    CHATTERING,
+    TOO_STIFF,
+) = range(9)
 NAMES = (
     *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
     *("chattering", "too_stiff"),
@@ -62,10 +74,11 @@ class Interrupted(KeyboardInterrupt):
 
 
 class State(eqx.Module):
-    """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its rate.
+    """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its
+    rate.
 
-    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an elastic
-    superstructure.
+    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an
+    elastic superstructure.
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
@@ -78,7 +91,8 @@ REST = State()
 
 
 class Stats(eqx.Module):
-    """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event), `end_time` [s]."""
+    """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event),
+    `end_time` [s]."""
 
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
@@ -88,8 +102,8 @@ class Stats(eqx.Module):
 class Errors(eqx.Module):
     """Estimated errors of a scene's answers, and whether they leave its class open.
 
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these answers; inf where
-      a scene has none, NaN where it was not asked for
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these
+      answers; inf where a scene has none, NaN where it was not asked for
     - `undecided`: ten times the estimate would make the columns overturn, or keep them from it
     """
 

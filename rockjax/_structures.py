@@ -1,7 +1,7 @@
 """Structures: the rocking podium and what stands on it.
 
-All classes are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every number may be traced,
-batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are concrete.
+All classes are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every number may be
+traced, batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are concrete.
 """
 
 from __future__ import annotations
@@ -47,7 +47,13 @@ class Elastic(eqx.Module):
 
     def __check_init__(self):
         not_negative("Elastic", eta=self.eta, zeta=self.zeta)
-        require("Elastic", "T_s", self.T_s, lambda v: v > 0, "finite and > 0 (for a rigid superstructure use Rigid(eta))")
+        require(
+            "Elastic",
+            "T_s",
+            self.T_s,
+            lambda v: v > 0,
+            "finite and > 0 (for a rigid superstructure use Rigid(eta))",
+        )
 
     @property
     def omega_s(self) -> Number:
@@ -85,7 +91,9 @@ class PaperRestitution(eqx.Module):
     With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
     """
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
         if mu is None:
             return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
@@ -100,7 +108,9 @@ class CompatibleRestitution(eqx.Module):
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
     """
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
         if mu is None:
             return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
         return 1 - 2 * sin2 * (1 + 4 * (gamma + eta + mu)) / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
@@ -123,13 +133,21 @@ class GivenRestitution(eqx.Module):
             "'paper', 'compatible' or a factor in [0, 1]",
         )
 
-    def factor(self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None) -> Number:
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
         del sin2, gamma, eta, lam, mu
         return self.e
 
     def __repr__(self):
         value = concrete(self.e)
-        return "traced" if value is None else f"{float(value):.6g}" if value.ndim == 0 else f"array(shape {value.shape})"
+        return (
+            "traced"
+            if value is None
+            else f"{float(value):.6g}"
+            if value.ndim == 0
+            else f"array(shape {value.shape})"
+        )
 
 
 Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
@@ -141,7 +159,9 @@ def _as_restitution(value) -> Restitution:
     if isinstance(value, str):
         laws = {"paper": PaperRestitution, "compatible": CompatibleRestitution}
         if value not in laws:
-            raise ValueError(f"Podium: restitution must be 'paper', 'compatible' or a factor in [0, 1], got {value!r}")
+            raise ValueError(
+                f"Podium: restitution must be 'paper', 'compatible' or a factor in [0, 1], got {value!r}"
+            )
         return laws[value]()
     return GivenRestitution(value)
 
@@ -156,11 +176,14 @@ def _doubt_size(width, height) -> None:
     R = float(np.max(0.5 * np.hypot(*sides)))
     if R > LARGEST_R:
         size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
-        doubt(f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3)
+        doubt(
+            f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3
+        )
 
 
 def column_of(width: Number, height: Number) -> tuple[Number, Number]:
-    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq. (1)."""
+    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq.
+    (1)."""
     return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
 
 
@@ -168,7 +191,12 @@ def _devices(
     owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
     """The restrainers of a column of `mass` [kg] from their numbers in N, N/m, N(s/m)^ν and kg."""
-    given = {"tendon_force": force, "tendon_stiffness": slope, "damper_coefficient": coefficient, "inertance": inertance}
+    given = {
+        "tendon_force": force,
+        "tendon_stiffness": slope,
+        "damper_coefficient": coefficient,
+        "inertance": inertance,
+    }
     not_negative(owner, **given)
     require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
     absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
@@ -191,12 +219,14 @@ class Podium(eqx.Module):
     - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 is Housner's solitary block
     - `superstructure`: `None`, [`rockjax.Rigid`][] or [`rockjax.Elastic`][]
     - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
-    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor in [0, 1]
+    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor
+      in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
-    - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][] of every column, side by side
+    - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][] of every column,
+      side by side
 
-    Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and `rockjax.peak_responses`.
-    Raises `ValueError` for concrete numbers outside these ranges.
+    Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
+    `rockjax.peak_responses`. Raises `ValueError` for concrete numbers outside these ranges.
     """
 
     alpha: Number = eqx.field(converter=as_number("Podium: alpha"))
@@ -213,7 +243,10 @@ class Podium(eqx.Module):
         positive("Podium", R=self.R, g=self.g)
         not_negative("Podium", gamma=self.gamma, lam=self.lam)
         if not isinstance(self.superstructure, None | Elastic | Rigid):
-            raise ValueError(f"Podium: superstructure must be None, Elastic(...) or Rigid(...), got {self.superstructure!r}")
+            raise ValueError(
+                f"Podium: superstructure must be None, Elastic(...) or Rigid(...), got "
+                f"{self.superstructure!r}"
+            )
         check_restrainers(self.restrainers)
 
     @classmethod
@@ -239,11 +272,13 @@ class Podium(eqx.Module):
         """A podium from what stands on a drawing.
 
         - `width`, `height`: full column width 2B and height 2H [m]
-        - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their number N
-        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
-        - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon of a column;
-          `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`: b of its inerter [kg]. They
-          act between the ground and the beam; a plain 0 is no such device
+        - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
+          number N
+        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid
+          one
+        - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
+          of a column; `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`:
+          b of its inerter [kg]. They act between the ground and the beam; a plain 0 is no such device
         """
         owner = "Podium.from_dimensions"
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
@@ -300,14 +335,16 @@ class Podium(eqx.Module):
 
         Tendons press the columns down: g tan α (1 + τ/w), w = γ+η+½.
 
-        With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do when it is
-        exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must go that makes the top
-        mass swing depends on the motion: a swing lifts the columns at less than g tan α, a jump, which the spring has not
-        answered yet, at once only above `uplift_acceleration`.
+        With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do
+        when it is exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must
+        go that makes the top mass swing depends on the motion: a swing lifts the columns at less than g tan
+        α, a jump, which the spring has not answered yet, at once only above `uplift_acceleration`.
         """
         threshold = self.g * jnp.tan(self.alpha)
         if any(each.stores for each in self.restrainers):
-            threshold = threshold * (1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5))
+            threshold = threshold * (
+                1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5)
+            )
         return threshold
 
     @property
@@ -315,8 +352,8 @@ class Podium(eqx.Module):
         """The demand |q| at which the columns uplift [m/s²], Eq. (9): the spring's part of q included.
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
-        g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where γ includes a rigid
-        superstructure. For the ground acceleration see `uplift_ground_acceleration`.
+        g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where γ includes a
+        rigid superstructure. For the ground acceleration see `uplift_ground_acceleration`.
         """
         threshold = self.uplift_ground_acceleration
         if isinstance(self.superstructure, Elastic):
@@ -325,29 +362,35 @@ class Podium(eqx.Module):
 
     @property
     def restitution_factor(self) -> Number:
-        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; where it is ≤ 0 rocking ends at the impact.
+        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; where it is ≤ 0 rocking ends at the
+        impact.
 
         The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
         """
         gamma, eta = self.gamma, self.eta
         if isinstance(self.superstructure, Rigid):
             gamma, eta = gamma + eta, jnp.zeros_like(eta)
-        return self.restitution.factor(jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers))
+        return self.restitution.factor(
+            jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers)
+        )
 
     @property
     def stability_angle(self) -> Number:
-        """θ_s: the smallest rotation in (0, π/2] at which a column without motion does not come back any more [rad], (C7).
+        """θ_s: the smallest rotation in (0, π/2] at which a column without motion does not come back any more
+        [rad], (C7).
 
-        α where nothing but gravity holds it; larger with tendons, and inf where they hold it at every rotation.
+        α where nothing but gravity holds it; larger with tendons, and inf where they hold it at every
+        rotation.
         """
         return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
 
     @property
     def critical_stiffness(self) -> Number:
-        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: from this stiffness of tendons on columns rock stiffly [–], (C6).
+        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: from this stiffness of tendons on columns rock stiffly [–],
+        (C6).
 
-        The stiffness of small rotations is negative below it and positive above. It depends neither on the tendons that
-        there are nor on a prestress.
+        The stiffness of small rotations is negative below it and positive above. It depends neither on the
+        tendons that there are nor on a prestress.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -355,8 +398,8 @@ class Podium(eqx.Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic superstructure: nothing
-        oscillates.
+        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic
+        superstructure: nothing oscillates.
         """
         if not isinstance(self.superstructure, Elastic):
             raise ValueError("Podium.uplifted_frequency: only an Elastic superstructure oscillates")
@@ -378,17 +421,25 @@ class Podium(eqx.Module):
     def equivalent_block(self) -> Podium:
         """The solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
 
-        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)). Restrainers become
-        those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)).
-        Raises `ValueError` for an elastic superstructure, which no block can stand for.
+        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
+        Restrainers become those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)). Raises
+        `ValueError` for an elastic superstructure, which no block can stand for.
         """
         if isinstance(self.superstructure, Elastic):
-            raise ValueError("Podium.equivalent_block: a frame with an Elastic superstructure has no equivalent block")
+            raise ValueError(
+                "Podium.equivalent_block: a frame with an Elastic superstructure has no equivalent block"
+            )
         gamma = self.gamma + self.eta
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
         ratio = weight / inertia
         devices = tuple(each.of_block(weight, inertia, jnp.sqrt(ratio)) for each in self.restrainers)
-        return Podium(alpha=self.alpha, R=self.R / ratio, restitution=self.restitution_factor, g=self.g, restrainers=devices)
+        return Podium(
+            alpha=self.alpha,
+            R=self.R / ratio,
+            restitution=self.restitution_factor,
+            g=self.g,
+            restrainers=devices,
+        )
 
     def replace(self, **changes) -> Podium:
         """A variant with some fields changed, as `dataclasses.replace`."""
@@ -398,4 +449,6 @@ class Podium(eqx.Module):
         return readable(self)
 
     def _repr_html_(self):
-        return card(self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration"))
+        return card(
+            self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration")
+        )

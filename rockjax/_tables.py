@@ -22,7 +22,8 @@ def lines(rows: Rows, numbers: bool = False) -> list[str]:
 
 
 def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] = "none") -> str:
-    """Escaped text, with headings in the first row or column; of two cells, an empty second one joins the first."""
+    """Escaped text, with headings in the first row or column; of two cells, an empty second one joins the
+    first."""
     body = "".join(f"<tr>{_cells(row, k, heads)}</tr>" for k, row in enumerate(rows))
     return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"
 

@@ -16,7 +16,9 @@ def import_meanwhile(*modules: str) -> None:
     """Import what is needed at the end (to make tables, to draw) while the scenes are worked out."""
 
     def load() -> None:
-        with contextlib.suppress(ImportError, RuntimeError):  # said where it is needed; the process has ended meanwhile
+        with contextlib.suppress(
+            ImportError, RuntimeError
+        ):  # said where it is needed; the process has ended meanwhile
             for name in modules:
                 importlib.import_module(name)
 
@@ -24,7 +26,8 @@ def import_meanwhile(*modules: str) -> None:
 
 
 class Pool(ThreadPoolExecutor):
-    """A thread pool whose threads have the floating-point precision of the caller, which JAX keeps for each thread."""
+    """A thread pool whose threads have the floating-point precision of the caller, which JAX keeps for each
+    thread."""
 
     def submit(self, fn, /, *args, **kwargs) -> Future:
         x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]

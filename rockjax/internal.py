@@ -1,4 +1,5 @@
-"""What `optimise` needs of rockjax beyond its public face, in one place. Not for users: it changes without notice."""
+"""What `optimise` needs of rockjax beyond its public face, in one place. Not for users: it changes without
+notice."""
 
 from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY

@@ -24,7 +24,8 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Modules with most slow tests first: the workers then end at about the same time (with `--no-loadscope-reorder`)."""
+    """Modules with most slow tests first: the workers then end at about the same time (with
+    `--no-loadscope-reorder`)."""
     slow = collections.Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])
 
@@ -35,7 +36,8 @@ def pytest_sessionstart():
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs():
-    """Compiled programs hold memory maps, of which a process may have 65530 on Linux: a whole run would need more.
+    """Compiled programs hold memory maps, of which a process may have 65530 on Linux: a whole run would need
+    more.
 
     And open figures of one module would make matplotlib warn in another.
     """

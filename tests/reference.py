@@ -22,7 +22,9 @@ class Answer:
     impact_times: list = dataclasses.field(default_factory=list)
 
 
-def simulate(podium: rj.Podium, acceleration, start, end, breaks=(), initial=(0.0, 0.0, 0.0, 0.0), rest=1e-12) -> Answer:
+def simulate(
+    podium: rj.Podium, acceleration, start, end, breaks=(), initial=(0.0, 0.0, 0.0, 0.0), rest=1e-12
+) -> Answer:
     alpha, R, g, lam = (float(getattr(podium, k)) for k in ("alpha", "R", "g", "lam"))
     top = podium.superstructure
     m_c, columns = 700.0, 2
@@ -52,7 +54,12 @@ def simulate(podium: rj.Podium, acceleration, start, end, breaks=(), initial=(0.
         F, _ = force(s, y)
         # Eq. (23) with absolute masses
         inertia = 4 * R**2 * m_b + N * m_c * R**2 * (1 + lam) + 4 * R**2 * m_t * sn**2
-        moment = 4 * R**2 * m_t * om**2 * cs * sn - weight * sn - 2 * R * a * (m_b + 0.5 * N * m_c) * cs + 2 * R * F * cs
+        moment = (
+            4 * R**2 * m_t * om**2 * cs * sn
+            - weight * sn
+            - 2 * R * a * (m_b + 0.5 * N * m_c) * cs
+            + 2 * R * F * cs
+        )
         return [om, moment / inertia, ud, -a - (F / m_t if m_t else 0.0)]
 
     def contact(t, y):

@@ -1,8 +1,10 @@
-"""An independent implementation of restrained podiums: the Lagrangian in SI units with virtual work, SciPy's DOP853.
+"""An independent implementation of restrained podiums: the Lagrangian in SI units with virtual work, SciPy's
+DOP853.
 
-Own right-hand sides, own events, own bookkeeping; nothing of the package. Two columns of 700 kg; the devices of each are a
-tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over both joints. Modes of a superstructure are oscillators beside
-each other on the beam. Vertical ground acceleration is added to gravity where something has weight.
+Own right-hand sides, own events, own bookkeeping; nothing of the package. Two columns of 700 kg; the devices
+of each are a tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over both joints. Modes of a
+superstructure are oscillators beside each other on the beam. Vertical ground acceleration is added to gravity
+where something has weight.
 """
 
 import dataclasses
@@ -31,7 +33,9 @@ class Frame:
     delta: float = 0.0
     nu: float = 1.0
     mu: float = 0.0
-    e: float | None = None  # restitution; by default angular momentum with the top masses moving with the beam
+    e: float | None = (
+        None  # restitution; by default angular momentum with the top masses moving with the beam
+    )
     g: float = G
 
     @property
@@ -112,7 +116,8 @@ class _Motion:
         return np.concatenate([[0.0, 0.0], v, -self.h(t) - 2 * self.z * self.w * v - self.w**2 * u, [0.0]])
 
     def spare(self, t, y):
-        """What is left until uplift (≥ 0 stays), and the demand, as accelerations of the beam and half the columns."""
+        """What is left until uplift (≥ 0 stays), and the demand, as accelerations of the beam and half the
+        columns."""
         n = self.n
         spring = self.w**2 * y[2 : 2 + n] + 2 * self.z * self.w * y[2 + n : 2 + 2 * n]
         q = self.h(t) - float(self.tops @ spring) / self.half
@@ -126,7 +131,15 @@ def _event(function: Any, direction: int, terminal: bool = True) -> Any:
 
 
 def simulate(
-    frame: Frame, end, horizontal=lambda t: 0.0, vertical=lambda t: 0.0, *, breaks=(), state=(), limit=None, rest=1e-12
+    frame: Frame,
+    end,
+    horizontal=lambda t: 0.0,
+    vertical=lambda t: 0.0,
+    *,
+    breaks=(),
+    state=(),
+    limit=None,
+    rest=1e-12,
 ) -> Answer:
     """One scene from 0 to `end`, or until |θ| = `limit` (α)."""
     start = 0.0

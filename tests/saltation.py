@@ -1,14 +1,15 @@
-"""Peak gradients of a rigid block at 30 digits, by an integrator of their own: `python -m tests.saltation` writes the table.
+"""Peak gradients of a rigid block at 30 digits, by an integrator of their own: `python -m tests.saltation`
+writes the table.
 
-Nothing here knows of the package. A solitary block rocks under a sine or cosine of one period, from rest or from a given
-state:
+Nothing here knows of the package. A solitary block rocks under a sine or cosine of one period, from rest or
+from a given state:
 
     θ'' = −(3g/4R) [sin(σα − θ) + (ü_g/g) cos(σα − θ)]
 
-by Taylor series of order 40 with mpmath. Every coefficient carries its first derivatives by the parameters at fixed times
-(the variational equations, term by term). At an impact, where θ = 0, they are taken across by the saltation matrix: with
-δt = −δθ/θ̇ the state before becomes x⁺ = R(x⁻), δx⁺ = DR (δx⁻ + f⁻ δt) − f⁺ δt. Where the ground motion jumps or kinks,
-R is the identity and δt that of the time itself.
+by Taylor series of order 40 with mpmath. Every coefficient carries its first derivatives by the parameters at
+fixed times (the variational equations, term by term). At an impact, where θ = 0, they are taken across by the
+saltation matrix: with δt = −δθ/θ̇ the state before becomes x⁺ = R(x⁻), δx⁺ = DR (δx⁻ + f⁻ δt) − f⁺ δt. Where
+the ground motion jumps or kinks, R is the identity and δt that of the time itself.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ class Dual:
 
     def __truediv__(self, other):
         ratio = self.value / other.value
-        return Dual(ratio, [(a - ratio * b) / other.value for a, b in zip(self.slopes, other.slopes, strict=True)])
+        return Dual(
+            ratio, [(a - ratio * b) / other.value for a, b in zip(self.slopes, other.slopes, strict=True)]
+        )
 
 
 def chain(value, slope, inner: Dual) -> Dual:
@@ -89,7 +92,9 @@ class Block:
             chain(mp.sin(angle.value), mp.cos(angle.value), angle),
             chain(mp.cos(angle.value), -mp.sin(angle.value), angle),
         )
-        now, after = (cos, sin * -1) if self.cosine else (sin, cos)  # the shape and its derivative by the angle
+        now, after = (
+            (cos, sin * -1) if self.cosine else (sin, cos)
+        )  # the shape and its derivative by the angle
         scale, series = self.a_p * (1 / mp.mpf(G)), []
         for k in range(terms):
             series.append(scale * now)

@@ -13,7 +13,8 @@ from .scenes import PODIUMS, pulse, shaking
 
 PODIUM, MOTION = PODIUMS["rigid"], rj.Motion(np.array([0.0, 1.0, -1.0, 0.0]), 0.1)
 BOX = {"alpha": (0.1, 0.3)}
-# What each takes besides the argument in question. Arguments that take anything, or that Python itself checks, are left out.
+# What each takes besides the argument in question. Arguments that take anything, or that Python itself
+# checks, are left out.
 GOOD = {
     rj.Podium: {"alpha": 0.2, "R": 1.0},
     rj.Podium.from_dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
@@ -42,8 +43,18 @@ GOOD = {
     rj.overturning_scale: {"podium": PODIUM, "excitation": pulse()},
     rj.overturning_boundary: {"podium": PODIUM, "excitation": pulse()},
     rj.overturning_spectrum: {"podium": PODIUM, "pulse": rj.Ricker, "frequency_ratio": [2.0]},
-    rj.rocking_spectrum: {"podium": PODIUM, "pulse": rj.Ricker, "frequency_ratio": [2.0], "acceleration_ratio": [2.0]},
-    rj.rocking_spectra: {"podiums": [PODIUM], "pulse": rj.Ricker, "frequency_ratio": [2.0], "acceleration_ratio": [2.0]},
+    rj.rocking_spectrum: {
+        "podium": PODIUM,
+        "pulse": rj.Ricker,
+        "frequency_ratio": [2.0],
+        "acceleration_ratio": [2.0],
+    },
+    rj.rocking_spectra: {
+        "podiums": [PODIUM],
+        "pulse": rj.Ricker,
+        "frequency_ratio": [2.0],
+        "acceleration_ratio": [2.0],
+    },
     rj.minimum_overturning: {},
     rj.incremental_dynamic_analysis: {"podium": PODIUM, "records": [MOTION], "intensity": [1.0]},
     rj.overturning_distribution: {"podium": PODIUM, "records": [MOTION]},
@@ -69,7 +80,13 @@ GOOD = {
     optimise.Dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
     optimise.design: {"podium": PODIUM, "vary": BOX, "minimise": lambda podium: podium.alpha},
     optimise.design_chart: {},
-    optimise.fit: {"podium": PODIUM, "vary": BOX, "excitation": pulse(), "times": [1.0, 2.0], "theta": [0.0, 0.1]},
+    optimise.fit: {
+        "podium": PODIUM,
+        "vary": BOX,
+        "excitation": pulse(),
+        "times": [1.0, 2.0],
+        "theta": [0.0, 0.1],
+    },
     optimise.explore: {"structure": PODIUM, "excitation": pulse(), "vary": BOX},
     optimise.load: {},
     optimise.table: {},

@@ -54,12 +54,15 @@ def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
         import rockjax.plots
         from rockjax._cli import _spectrum
         _spectrum.prepare = lambda report: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
-        sys.argv = ["rockjax", "spectrum", "--points", "12", "--T-s", "0", "--eta-over-gamma", "1", "-q", "-o", "out"]
+        flags = ["--points", "12", "--T-s", "0", "--eta-over-gamma", "1", "-q", "-o", "out"]
+        sys.argv = ["rockjax", "spectrum", *flags]
         main()
     """
     done = run(script, tmp_path)
     assert done.returncode == 1, done.stderr
-    assert "out.nc could not be written" in done.stderr or "out-rotation.png could not be written" in done.stderr
+    assert (
+        "out.nc could not be written" in done.stderr or "out-rotation.png could not be written" in done.stderr
+    )
     assert "Traceback" not in done.stderr
     assert "rotation" not in " ".join(os.listdir(tmp_path))
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".out")]
@@ -67,9 +70,13 @@ def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
 
 def run(script, folder):
     return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(script)], cwd=folder, capture_output=True, text=True, timeout=300,
+        [sys.executable, "-c", textwrap.dedent(script)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
         env=os.environ | {"JAX_PLATFORMS": "cpu"},
-    )  # fmt: skip
+    )
 
 
 class StopsAfter:
@@ -108,7 +115,9 @@ def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     monkeypatch.setattr(_batch, "CHUNK", 128)
     podiums = [PODIUMS["block"], PODIUMS["rigid"], PODIUMS["rigid"].replace(R=2.0)]
     whole = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS)
-    some = interrupted(lambda: rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=StopsAfter(200)))
+    some = interrupted(
+        lambda: rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=StopsAfter(200))
+    )
     assert "scenes solved" in str(some)
     path = _partial.save(tmp_path / "a.partial.nc", some.partial)
     known = _partial.load(path, 3)
@@ -128,7 +137,9 @@ def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     ):
         given = {"podiums": podiums, "x": X, "options": OPTIONS} | change
         with pytest.raises(ValueError, match=words):
-            rj.rocking_spectra(given["podiums"], rj.Ricker, given["x"], Y, options=given["options"], resume=again)
+            rj.rocking_spectra(
+                given["podiums"], rj.Ricker, given["x"], Y, options=given["options"], resume=again
+            )
 
 
 class Counts:
@@ -152,7 +163,8 @@ def test_partial_files_of_other_runs_are_refused(tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
-    """A real process, a real SIGINT: 130, one file, a word on how to go on; and then the same answer as in one go."""
+    """A real process, a real SIGINT: 130, one file, a word on how to go on; and then the same answer as in
+    one go."""
     flags = ["--points", "40", "--T-s", "0", "--eta-over-gamma", "5,10", "--rtol", "1e-9"]
     script = """
         import signal, sys
@@ -173,7 +185,9 @@ def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
         main()
     """
     command = [sys.executable, "-c", textwrap.dedent(script), "spectrum", *flags, "-o", "out"]
-    call = lambda *more: subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    call = lambda *more: subprocess.run(
+        [*command, *more], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
     first = call()
     assert first.returncode == 130, first.stderr
     assert "--resume goes on from there" in first.stderr
@@ -186,5 +200,9 @@ def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
     assert int((data["result"] > 2).sum()) == 0
     podium = PODIUMS["rigid"].replace(alpha=np.arctan(0.15))
     options = rj.Options(outputs=("peak_rotation",), rtol=1e-9, atol=1e-11)
-    one = rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, 40), np.linspace(1, 12, 40), options=options)
-    np.testing.assert_allclose(data.sel(eta_over_gamma=10)["peak_rotation"].squeeze(), one["peak_rotation"], atol=1e-10)
+    one = rj.rocking_spectrum(
+        podium, rj.Ricker, np.linspace(1, 8, 40), np.linspace(1, 12, 40), options=options
+    )
+    np.testing.assert_allclose(
+        data.sel(eta_over_gamma=10)["peak_rotation"].squeeze(), one["peak_rotation"], atol=1e-10
+    )

@@ -73,14 +73,23 @@ def test_podium(changes, words):
         (lambda: rj.peak_response(3.0, pulse()), ["podium", "3.0"]),
         (lambda: rj.peak_response(PODIUMS["rigid"], None), ["excitation", "None"]),
         (lambda: rj.peak_response(PODIUMS["rigid"], pulse(), t_end=-3.0), ["t_end", "-3.0"]),
-        (lambda: rj.simulate(PODIUMS["rigid"], pulse(), initial=rj.State(math.nan)), ["initial.theta", "nan"]),
-        (lambda: rj.peak_response(PODIUMS["rigid"], rj.Ricker(1.0, np.ones(3)), t_end=np.ones(3)), ["t_end", "(3,)"]),
+        (
+            lambda: rj.simulate(PODIUMS["rigid"], pulse(), initial=rj.State(math.nan)),
+            ["initial.theta", "nan"],
+        ),
+        (
+            lambda: rj.peak_response(PODIUMS["rigid"], rj.Ricker(1.0, np.ones(3)), t_end=np.ones(3)),
+            ["t_end", "(3,)"],
+        ),
         (
             lambda: rj.peak_response(PODIUMS["block"], pulse(), options=rj.Options(overturn_ratio=6.0)),
             ["π/(2α)", "6.0"],
         ),
         (lambda: rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, [0.0], [1.0]), ["frequency_ratio", "0.0"]),
-        (lambda: rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, [1.0], [[1.0]]), ["acceleration_ratio", "1-D"]),
+        (
+            lambda: rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, [1.0], [[1.0]]),
+            ["acceleration_ratio", "1-D"],
+        ),
     ],
 )
 def test_value_errors_say_what_is_wrong(make, words):

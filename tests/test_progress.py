@@ -30,7 +30,10 @@ def test_a_bar_does_not_count_what_comes_before_the_first_update(capsys):
 def test_a_bar_ends_full_unless_something_stops_it():
     for stop, last in ((None, "100%"), (KeyboardInterrupt, " 40%")):
         shown = io.StringIO()
-        with contextlib.suppress(KeyboardInterrupt), bar(10, "iterations", True, file=shown, mininterval=0) as made:
+        with (
+            contextlib.suppress(KeyboardInterrupt),
+            bar(10, "iterations", True, file=shown, mininterval=0) as made,
+        ):
             made.update(4)
             if stop:
                 raise stop

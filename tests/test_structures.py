@@ -16,7 +16,9 @@ def test_parameters_of_the_paper():
     podium = PODIUMS["elastic"]
     assert float(podium.p) == pytest.approx(2.2143, abs=1e-4)
     assert float(podium.uplift_acceleration) == pytest.approx(G * 0.15 * 221 / 21, rel=1e-13)
-    assert float(podium.restitution_factor) == pytest.approx(1 - 0.0225 / 1.0225 * 220.5 / (110 + 1 / 3), rel=1e-13)
+    assert float(podium.restitution_factor) == pytest.approx(
+        1 - 0.0225 / 1.0225 * 220.5 / (110 + 1 / 3), rel=1e-13
+    )
     assert float(PODIUMS["rigid"].uplift_acceleration) == pytest.approx(G * 0.15, rel=1e-13)
 
 
@@ -40,11 +42,15 @@ def test_restitution_laws():
     assert float(block.restitution_factor) == pytest.approx(1 - 1.5 * math.sin(0.3) ** 2)  # Housner
     frame = rj.Podium(alpha=0.3, R=1.0, gamma=4.0)
     # Makris & Vassiliou, an array of columns under a beam
-    assert float(frame.restitution_factor) == pytest.approx((1 - 1.5 * math.sin(0.3) ** 2 + 12 * math.cos(0.6)) / 13)
+    assert float(frame.restitution_factor) == pytest.approx(
+        (1 - 1.5 * math.sin(0.3) ** 2 + 12 * math.cos(0.6)) / 13
+    )
     # Both laws agree without a superstructure, and for a rigid one, which is part of the beam.
     for podium in (block, frame, PODIUMS["rigid"]):
         compatible = dataclasses.replace(podium, restitution="compatible")
-        assert float(compatible.restitution_factor) == pytest.approx(float(podium.restitution_factor), rel=1e-13)
+        assert float(compatible.restitution_factor) == pytest.approx(
+            float(podium.restitution_factor), rel=1e-13
+        )
     elastic = dataclasses.replace(PODIUMS["elastic"], restitution="compatible")
     assert 0.60 < float(elastic.restitution_factor) < 0.63
     assert float(dataclasses.replace(block, restitution=0.9).restitution_factor) == 0.9
@@ -63,7 +69,9 @@ def test_uplifted_frequency_is_an_eigenvalue_of_the_linearised_equations(eta):
     # The paper neglects gravity, and θ in ψ: the stiffness is that of the spring alone.
     with_spring = -jax.jacfwd(a)(jnp.zeros(2))
     c0 = c._replace(omega2=zero, damping=zero)
-    without = -jax.jacfwd(lambda x: jnp.stack(acceleration(c0, one, zero, (x[0], x[1]), (zero, zero))))(jnp.zeros(2))
+    without = -jax.jacfwd(lambda x: jnp.stack(acceleration(c0, one, zero, (x[0], x[1]), (zero, zero))))(
+        jnp.zeros(2)
+    )
     frequencies = np.sort(np.linalg.eigvals(np.asarray(with_spring - without)).real)
     assert frequencies[0] == pytest.approx(0.0, abs=1e-9 * frequencies[1])
     assert frequencies[1] == pytest.approx(float(podium.uplifted_frequency) ** 2, rel=1e-10)

@@ -44,7 +44,9 @@ def test_every_number_is_shown_with_its_meaning(shown):
 
 
 def test_a_podium_shows_its_superstructure_and_what_follows_from_its_numbers():
-    podium = rj.Podium.from_dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+    podium = rj.Podium.from_dimensions(
+        width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+    )
     rows = {row[0]: row[1:] for row in cells(podium._repr_html_())}
     assert rows["superstructure.eta"] == ["100", "mass ratio η = m_t/(N m_c), ≥ 0 [–]"]
     assert rows["width"] == ["0.45", "Full column width 2B = 2R sin α [m]"]
@@ -55,8 +57,12 @@ def test_a_podium_shows_its_superstructure_and_what_follows_from_its_numbers():
 
 
 def test_dimensions_are_shown_as_numbers():
-    column = optimise.Dimensions(width=np.float64(0.45), height=jax.numpy.asarray(3.0), column_mass=1.5e3, period=None)
-    assert repr(column).startswith("Dimensions(width=0.45, height=3, column_mass=1500, beam_mass=0, columns=2,")
+    column = optimise.Dimensions(
+        width=np.float64(0.45), height=jax.numpy.asarray(3.0), column_mass=1.5e3, period=None
+    )
+    assert repr(column).startswith(
+        "Dimensions(width=0.45, height=3, column_mass=1500, beam_mass=0, columns=2,"
+    )
 
 
 def test_batches_and_traced_numbers_are_shown_as_such():

@@ -1,8 +1,10 @@
-"""The model with heyoka: Taylor series in time of an order set by the tolerance, and event detection on the series.
+"""The model with heyoka: Taylor series in time of an order set by the tolerance, and event detection on the
+series.
 
-Each ODE system is compiled once for a tolerance; the podium, the pulse and the side of rocking are runtime parameters.
-Uplift, impact and overturning are terminal events, handled between two propagations; the largest rotations are
-non-terminal events, evaluated through dense output. `solve` is the entry: one scene after another on one core.
+Each ODE system is compiled once for a tolerance; the podium, the pulse and the side of rocking are runtime
+parameters. Uplift, impact and overturning are terminal events, handled between two propagations; the largest
+rotations are non-terminal events, evaluated through dense output. `solve` is the entry: one scene after
+another on one core.
 """
 
 from __future__ import annotations
@@ -20,8 +22,13 @@ FALLING, RISING = hy.event_direction.negative, hy.event_direction.positive
 UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and the second
 OVERTURNED = -2
 SUPPORT = 2.2  # the pulse is zero beyond ± SUPPORT·T_p
-STRIDE = 0.25  # longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming
-TINY, FAINT = 1e-40, 1e-20  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
+STRIDE = (
+    0.25  # longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming
+)
+TINY, FAINT = (
+    1e-40,
+    1e-20,
+)  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:
@@ -39,12 +46,15 @@ def _contact(tol: float) -> hy.taylor_adaptive_dbl:
     f = stiffness * u + damping * w
     q = a - ratio * f
     uplift = hy.t_event(q * q - q_up2, direction=RISING, cooldown=0.0)
-    return hy.taylor_adaptive([(u, w), (w, -a - f)], [0.0] * 2, tol=tol, fast_math=True, pars=[0.0] * 6, t_events=[uplift])
+    return hy.taylor_adaptive(
+        [(u, w), (w, -a - f)], [0.0] * 2, tol=tol, fast_math=True, pars=[0.0] * 6, t_events=[uplift]
+    )
 
 
 @functools.cache
 def _rocking(rigid: bool, tol: float) -> tuple[hy.taylor_adaptive_dbl, list[float]]:
-    """Rocking to the side σ: pars σ, σα, α, a_p, rate and the coefficients; with the list that peaks of σθ go into."""
+    """Rocking to the side σ: pars σ, σα, α, a_p, rate and the coefficients; with the list that peaks of σθ go
+    into."""
     theta, v, u, w = hy.make_vars("theta", "v", "u", "w")
     par = [hy.par[i] for i in range(14)]
     side, side_alpha, alpha, a_p, rate = par[:5]
@@ -80,7 +90,8 @@ def _rocking(rigid: bool, tol: float) -> tuple[hy.taylor_adaptive_dbl, list[floa
 
 
 def _rigid_uplifts(family: Family, q_up: float) -> np.ndarray:
-    """Times at which |ü_g| rises through q_up on the three lobes of every pulse, shape (n, 3); nan where it does not.
+    """Times at which |ü_g| rises through q_up on the three lobes of every pulse, shape (n, 3); nan where it
+    does not.
 
     With x = (πt/T_p)², (1 - 2x) exp(-x) = ±q_up/a_p is solved by Lambert's W.
     """
@@ -111,14 +122,19 @@ class _Podium:
         lost = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         self.restitution = max(0.0, 1 - lost)
         self.rest = rtol * self.p * alpha
-        # A flight far shorter than the step is lost to the root finder of the events: slow ones start with short steps.
+        # A flight far shorter than the step is lost to the root finder of the events: slow ones start with
+        # short steps.
         self.slow, self.hop = 1e-2 * self.p * alpha, 2 / (p2 * alpha)
         self.inertia = 0.5 * (1 + lam + 4 * gamma) * R * R
         self.lift = 2 * R * G * (eta + gamma + 0.5)
 
         self.rocking, self.peaks = _rocking(self.rigid, rtol)
         self.rocking.pars[2] = alpha
-        mass, weight, drive = 3 * gamma + 0.75 * (1 + lam), p2 * (2 * eta + 2 * gamma + 1), p2 * (2 * gamma + 1) / G
+        mass, weight, drive = (
+            3 * gamma + 0.75 * (1 + lam),
+            p2 * (2 * eta + 2 * gamma + 1),
+            p2 * (2 * gamma + 1) / G,
+        )
         if self.rigid:
             self.rocking.pars[5:] = weight / mass, drive / mass
         else:
@@ -209,7 +225,8 @@ class _Podium:
 
 
 def solve(family: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
-    """(peak rotation max|theta|/alpha, capped at 1; overturned) of every scene, one after another on one core."""
+    """(peak rotation max|theta|/alpha, capped at 1; overturned) of every scene, one after another on one
+    core."""
     podium = _Podium(family, rtol)
     uplifts = _rigid_uplifts(family, podium.q_up).tolist() if podium.rigid else [[]] * len(family)
     scenes = zip(family.a_p.tolist(), family.T_p.tolist(), uplifts, strict=True)

@@ -1,19 +1,20 @@
 """A scalar loop over the scenes, compiled with Numba: about as quick as this model gets on a core.
 
 What makes it quick
-  * one scene after another, each with its own steps: no scene waits for another, nothing is allocated;
-  * a Runge–Kutta step is straight-line code, written out by a small generator with the tableau's numbers in place;
-  * Nyström form: only θ̈ and ü_t are kept per stage, the stages of θ and u_t use A·A;
-  * sin ψ and cos ψ from inlined polynomials (|ψ| < 0.8, good to 1e-17), and sums that may be contracted;
-  * a rigid superstructure has its own two-state code, and its uplift is a root of the pulse, without integration;
-  * an impact is found from the quintic Hermite polynomial of the step, then by Newton on the length of the re-taken step
+  * one scene after another, each with its own steps: no scene waits for another, nothing is allocated; * a
+  Runge–Kutta step is straight-line code, written out by a small generator with the tableau's numbers in
+  place; * Nyström form: only θ̈ and ü_t are kept per stage, the stages of θ and u_t use A·A; * sin ψ and cos
+  ψ from inlined polynomials (|ψ| < 0.8, good to 1e-17), and sums that may be contracted; * a rigid
+  superstructure has its own two-state code, and its uplift is a root of the pulse, without integration; * an
+  impact is found from the quintic Hermite polynomial of the step, then by Newton on the length of the
+  re-taken step
     (usually once); a peak likewise, and only where it can beat the recorded one;
-  * after an impact the first step is sized by the flight time 2θ̇/|θ̈|;
-  * a scene ends as soon as its energy, plus all that the rest of the pulse can still put in (a closed form), proves that
+  * after an impact the first step is sized by the flight time 2θ̇/|θ̈|; * a scene ends as soon as its energy,
+  plus all that the rest of the pulse can still put in (a closed form), proves that
     the recorded peak stands, or that no uplift can follow.
 
-A state is (θ, θ̇) or (θ, θ̇, u_t, u̇_t), its accelerations (θ̈,) or (θ̈, ü_t); in full contact (u_t, u̇_t) and (ü_t,).
-`side` is the sign of θ. Times are counted from the middle of the pulse.
+A state is (θ, θ̇) or (θ, θ̇, u_t, u̇_t), its accelerations (θ̈,) or (θ̈, ü_t); in full contact (u_t, u̇_t)
+and (ü_t,). `side` is the sign of θ. Times are counted from the middle of the pulse.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _jit = numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy")
 _inline = numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy", forceinline=True)
 
 
-# ---------------------------------------------------------------------------------------------------- podium and pulse
+# ------------------------------------------------------------------------------------------- podium and pulse
 class Podium(NamedTuple):
     """Numbers of the podium, the same for every scene; energies are over N m_c."""
 
@@ -160,7 +161,8 @@ def lifting_times(pulse, threshold):
 
 @_jit
 def next_lift(t, a_p, times):
-    """First time from t on at which |ü_g| exceeds the threshold, and the sign of ü_g; (inf, 0) where none follows."""
+    """First time from t on at which |ü_g| exceeds the threshold, and the sign of ü_g; (inf, 0) where none
+    follows."""
     t1, t2, t3 = times
     sign = 1.0 if a_p > 0.0 else -1.0
     if t2 > 0.0 and t < -t2:
@@ -172,7 +174,7 @@ def next_lift(t, a_p, times):
     return math.inf, 0.0
 
 
-# ---------------------------------------------------------------------------------------------------------- equations
+# -------------------------------------------------------------------------------------------------- equations
 SIN = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(9))
 COS = tuple((-1) ** k / math.factorial(2 * k) for k in range(10))
 
@@ -183,7 +185,9 @@ def sin_cos(x):
         z = x * x
         z2 = z * z
         z4 = z2 * z2
-        odd = (SIN[1] + z * SIN[2] + z2 * (SIN[3] + z * SIN[4])) + z4 * (SIN[5] + z * SIN[6] + z2 * (SIN[7] + z * SIN[8]))
+        odd = (SIN[1] + z * SIN[2] + z2 * (SIN[3] + z * SIN[4])) + z4 * (
+            SIN[5] + z * SIN[6] + z2 * (SIN[7] + z * SIN[8])
+        )
         even = (COS[1] + z * COS[2] + z2 * (COS[3] + z * COS[4])) + z4 * (
             COS[5] + z * COS[6] + z2 * (COS[7] + z * COS[8] + z4 * COS[9])
         )
@@ -203,7 +207,9 @@ def elastic_rocking(t, y, side, pulse, c):
     a = ground(t, pulse)
     s, co = sin_cos(side * c.alpha - th)
     f = c.omega2 * (u - c.R2 * (side * c.sin_alpha - s)) + c.damping * (w - c.R2 * v * co)
-    k = (c.coupling * v * v * s * co - c.gravity * s - c.shaking * a * co + c.pull * co * f) / (1.0 + c.coupling * s * s)
+    k = (c.coupling * v * v * s * co - c.gravity * s - c.shaking * a * co + c.pull * co * f) / (
+        1.0 + c.coupling * s * s
+    )
     return k, -a - f
 
 
@@ -288,7 +294,7 @@ def landed4(y, v):
     return 0.0, v, y[2], y[3]
 
 
-# ------------------------------------------------------------------------------------- Runge–Kutta steps, code generator
+# -------------------------------------------------------------------------- Runge–Kutta steps, code generator
 class Tableau(NamedTuple):
     A: np.ndarray
     b: np.ndarray
@@ -307,11 +313,26 @@ def _tableau(method: str) -> Tableau:
     A[2, :2] = [-0.008480655492356989, 0.335480655492357]
     A[3, :3] = [2.8971530571054935, -6.359448489975075, 4.3622954328695815]
     A[4, :4] = [5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525]
-    A[5, :5] = [5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383]
-    b = [0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774]
+    A[5, :5] = [
+        5.86145544294642,
+        -12.92096931784711,
+        8.159367898576159,
+        -0.071584973281401,
+        -0.028269050394068383,
+    ]
+    b = [
+        0.09646076681806523,
+        0.01,
+        0.4798896504144996,
+        1.379008574103742,
+        -3.290069515436081,
+        2.324710524099774,
+    ]
     error = [-0.00178001105222577714, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629]
     error += [0.5823571654525552, -0.45808210592918697, 1 / 66]
-    return Tableau(A, np.array(b), np.array([0, 0.161, 0.327, 0.9, 0.9800255409045097, 1]), [np.array(error)], 5)
+    return Tableau(
+        A, np.array(b), np.array([0, 0.161, 0.327, 0.9, 0.9800255409045097, 1]), [np.array(error)], 5
+    )
 
 
 def _sum(weights: np.ndarray, names: list[str]) -> str:
@@ -323,8 +344,11 @@ def _tuple(names: list[str]) -> str:
     return f"({', '.join(names)},)"
 
 
-def _step(acceleration: Callable, degrees: int, tableau: Tableau, with_error: bool, uses_velocity: bool = True) -> Callable:
-    """step(t, h, y, k, side, pulse, c) → (y, k) at t + h; with_error takes weights and adds the error, 1 being allowed.
+def _step(
+    acceleration: Callable, degrees: int, tableau: Tableau, with_error: bool, uses_velocity: bool = True
+) -> Callable:
+    """step(t, h, y, k, side, pulse, c) → (y, k) at t + h; with_error takes weights and adds the error, 1
+    being allowed.
 
     y = (x0, v0, x1, v1, …) has `degrees` positions; k0_i, k1_i, … are their accelerations at stage i.
     """
@@ -337,9 +361,13 @@ def _step(acceleration: Callable, degrees: int, tableau: Tableau, with_error: bo
     def stage(i: int, time: float, velocity: np.ndarray, position: np.ndarray) -> None:
         for j in each:
             code.append(f"X{j} = x{j} + h*({time!r}*v{j}) + h2*{_sum(position, k[j])}")
-            code.append(f"V{j} = v{j} + h*{_sum(velocity, k[j])}" if uses_velocity or i == stages else f"V{j} = v{j}")
+            code.append(
+                f"V{j} = v{j} + h*{_sum(velocity, k[j])}" if uses_velocity or i == stages else f"V{j} = v{j}"
+            )
         state = _tuple([f"{name}{j}" for j in each for name in "XV"])
-        code.append(f"{_tuple([k[j][i] for j in each])} = acceleration(t + {time!r}*h, {state}, side, pulse, c)")
+        code.append(
+            f"{_tuple([k[j][i] for j in each])} = acceleration(t + {time!r}*h, {state}, side, pulse, c)"
+        )
 
     for i in range(1, stages):
         stage(i, float(c[i]), A[i, :i], (A @ A)[i, :i])
@@ -365,7 +393,7 @@ def _step(acceleration: Callable, degrees: int, tableau: Tableau, with_error: bo
     return (_inline if with_error else _jit)(names["step"])
 
 
-# ------------------------------------------------------------------------------------------------- events within a step
+# --------------------------------------------------------------------------------------- events within a step
 @_jit
 def quintic(x0, v0, a0, x1, v1, a1, h, z):
     """Hermite polynomial through position, velocity and acceleration of both ends, at 0 ≤ z ≤ 1."""
@@ -379,7 +407,8 @@ def quintic(x0, v0, a0, x1, v1, a1, h, z):
 
 @_jit
 def quintic_root(x0, v0, a0, x1, v1, a1, h):
-    """Where that polynomial, negative at the end, falls through zero; −1 where it is found positive nowhere."""
+    """Where that polynomial, negative at the end, falls through zero; −1 where it is found positive
+    nowhere."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
@@ -538,7 +567,7 @@ def lift(step, t, h, y, k, sign, q0, d0, q1, d1, pulse, c, rtol):
     return dt, new
 
 
-# -------------------------------------------------------------------------------------------------------- full contact
+# ----------------------------------------------------------------------------------------------- full contact
 @_inline
 def new_length(h, error, order, most):
     return h * min(most, max(0.2, 0.9 * (error + 1e-30) ** (-1.0 / order)))
@@ -546,7 +575,8 @@ def new_length(h, error, order, most):
 
 @_jit
 def contact_of_rigid(step, step_error, order, t, t_end, h, y, times, pulse, c, rtol, atol, well, stuck):
-    """Full contact from t on: (time of uplift, next step, state, sign of the demand; 0 where the scene is over)."""
+    """Full contact from t on: (time of uplift, next step, state, sign of the demand; 0 where the scene is
+    over)."""
     if stuck:
         t += 1e-9 * math.pi / pulse.rate
     t, sign = next_lift(t, pulse.a_p, times)
@@ -607,7 +637,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
     return t, h, (0.0, 0.0, z[0], z[1]), 0.0
 
 
-# ------------------------------------------------------------------------------------------------------------ the loop
+# --------------------------------------------------------------------------------------------------- the loop
 @functools.cache
 def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
     """sweep(a_p, T_p, c, rtol, atol, peak, overturned) → None, written into the last two."""
@@ -641,7 +671,20 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
         for _ in range(MAX_PHASES):
             if side == 0.0:
                 t, h, y, sign = contact(
-                    contact_step, contact_step_error, order, t, t_end, h, y, times, pulse, c, rtol, atol, well, again >= 5
+                    contact_step,
+                    contact_step_error,
+                    order,
+                    t,
+                    t_end,
+                    h,
+                    y,
+                    times,
+                    pulse,
+                    c,
+                    rtol,
+                    atol,
+                    well,
+                    again >= 5,
                 )
                 if sign == 0.0:
                     return peak / c.alpha, False
@@ -722,7 +765,9 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                         side = 0.0 if abs(q) <= c.uplift else -math.copysign(1.0, q)
                 rest = remaining_pulse(t, pulse)
                 if rest >= 0.0:
-                    root = sqrt(max(energy(y, side if side != 0.0 else 1.0, c), 0.0)) + sqrt(c.half_mass) * rest
+                    root = (
+                        sqrt(max(energy(y, side if side != 0.0 else 1.0, c), 0.0)) + sqrt(c.half_mass) * rest
+                    )
                     if root * root < well:
                         return peak / c.alpha, False
                 if landing:
@@ -736,10 +781,13 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
     return numba.njit(parallel=parallel, error_model="numpy")(sweep)
 
 
-def solve(family: Family, rtol: float, method: str = "dop853", parallel: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def solve(
+    family: Family, rtol: float, method: str = "dop853", parallel: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """(peak rotation max|θ|/α, capped at 1; overturned) of every scene; atol = rtol/100.
 
-    `method` is "dop853" or "tsit5"; the first call of each kind compiles. atol is in units of α, p α, 2R sin α, ….
+    `method` is "dop853" or "tsit5"; the first call of each kind compiles. atol is in units of α, p α, 2R sin
+    α, ….
     """
     peak, overturned = np.empty(len(family)), np.empty(len(family), bool)
     sweep = _compile(family.T_s == 0, method, parallel)

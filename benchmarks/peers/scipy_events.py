@@ -7,9 +7,10 @@
 | rocking, rigid | θ, θ̇ | θ = 0 (impact), \\|θ\\| = α (overturned); little energy after the pulse |
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
-`solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase starts at the
-zero of its own event. So the first step of a phase is sized by the flight time, the others are limited, and a phase in which
-θ was negative between two steps, which the event of its extremes tells, is repeated up to there.
+`solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase
+starts at the zero of its own event. So the first step of a phase is sized by the flight time, the others are
+limited, and a phase in which θ was negative between two steps, which the event of its extremes tells, is
+repeated up to there.
 """
 
 from __future__ import annotations
@@ -84,7 +85,13 @@ class Podium:
 
     def well(self, peak: float) -> float:
         """Energy that reaches this rotation."""
-        return 2 * self.R * G * (self.eta + self.gamma + 0.5) * (math.cos(self.alpha - peak) - math.cos(self.alpha))
+        return (
+            2
+            * self.R
+            * G
+            * (self.eta + self.gamma + 0.5)
+            * (math.cos(self.alpha - peak) - math.cos(self.alpha))
+        )
 
     def contact_energy(self) -> float:
         """Energy of an elastic superstructure below which it lifts nothing by itself."""
@@ -134,7 +141,9 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                     lift = lambda t, z: abs(podium.demand(acceleration(t), z[0], z[1])) - podium.uplift
                     events = [_event(lift, direction=1)]
                     if settles:
-                        calm = lambda t, z, enough=enough: 0.5 * podium.eta * (z[1] ** 2 + (omega * z[0]) ** 2) - enough
+                        calm = lambda t, z, enough=enough: (
+                            0.5 * podium.eta * (z[1] ** 2 + (omega * z[0]) ** 2) - enough
+                        )
                         events.append(_event(calm))
                     s = solve_ivp(
                         lambda t, z: podium.contact(acceleration(t), *z.tolist()),
@@ -167,7 +176,9 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
         events = [  # a phase starts at zeros, which are no events
             _event(lambda t, z, side, start=t: side * z[0] if t > start else 1.0),
             _event(lambda t, z, side: side * z[0] - alpha, direction=1),
-            _event(lambda t, z, side, start=t: side * z[1] if t > start else 1.0, terminal=False, direction=0),
+            _event(
+                lambda t, z, side, start=t: side * z[1] if t > start else 1.0, terminal=False, direction=0
+            ),
         ]
         if settles:
             events.append(_event(lambda t, z, side, enough=enough: podium.energy(z, side) - enough))
@@ -183,7 +194,9 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                 **options,
             )
             dips = [
-                dip for dip, z in zip(s.t_events[2], s.y_events[2], strict=True) if t < dip < s.t[-1] and side * z[0] < 0
+                dip
+                for dip, z in zip(s.t_events[2], s.y_events[2], strict=True)
+                if t < dip < s.t[-1] and side * z[0] < 0
             ]
             if not dips:
                 break

@@ -1,7 +1,7 @@
 """Many scenes at once: lanes that step together and take the next scene as soon as theirs has ended.
 
-A thread per core owns `LANES` lanes and goes on from one chunk of scenes to the next, without waiting for those that are
-still running. Accelerators have lanes by the thousand, each device its own.
+A thread per core owns `LANES` lanes and goes on from one chunk of scenes to the next, without waiting for
+those that are still running. Accelerators have lanes by the thousand, each device its own.
 """
 
 from __future__ import annotations
@@ -56,22 +56,25 @@ def peak_responses(
 ) -> Peak:
     """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
-    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast to the shape
-    of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists of records or of pulses of
-    one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy arrays of
-    that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts them: one scene never
-    costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that holds the answers
-    so far, as soon as the present chunks of scenes are through.
+    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast
+    to the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists
+    of records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy
+    arrays of that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts
+    them: one scene never costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a
+    `KeyboardInterrupt` that holds the answers so far, as soon as the present chunks of scenes are through.
 
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-    - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By default a thread
-      on each core where JAX runs on a CPU, else all of `jax.local_devices()`
-    - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with `devices`
+    - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By
+      default a thread on each core where JAX runs on a CPU, else all of `jax.local_devices()`
+    - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with
+      `devices`
 
     Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
     """
     excitations = as_batch("peak_responses", excitations)
-    peaks = responses(podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads)
+    peaks = responses(
+        podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads
+    )
     warn_of_failures(peaks, stacklevel=3)
     return peaks
 
@@ -102,7 +105,8 @@ def responses(
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
         raise ValueError(
-            f"peak_responses: options.engine must be 'flat', got {options.engine!r}; loop over peak_response for the "
+            f"peak_responses: options.engine must be 'flat', got "
+            f"{options.engine!r}; loop over peak_response for the "
             "segments engine"
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
@@ -120,7 +124,11 @@ def responses(
         for name, values in answer.items():
             answer[name] = values.reshape(shape)
     floats, integers = solutions[0]
-    doubt = errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np) if len(solutions) > 1 else None
+    doubt = (
+        errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np)
+        if len(solutions) > 1
+        else None
+    )
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
@@ -144,11 +152,12 @@ def run_batch(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Floats and integers of every scene, and how busy the lanes were.
 
-    Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code INTERRUPTED.
-    Without it Ctrl-C raises.
+    Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code
+    INTERRUPTED. Without it Ctrl-C raises.
     """
     who = executor("run_batch") if who is None else who
-    # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same program.
+    # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
+    # program.
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
     lane_layout = layout(scenes, who)
     idle, advance = who.program(scenes, options, lane_layout)
@@ -186,7 +195,9 @@ def run_batch(
             for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
                     if name not in whole:
-                        whole[name] = np.full(scenes.total, results.INTERRUPTED if name == "code" else fill, values.dtype)
+                        whole[name] = np.full(
+                            scenes.total, results.INTERRUPTED if name == "code" else fill, values.dtype
+                        )
                     whole[name][index] = values[rows]
         with _REPORTING:
             bar.update(index.size)

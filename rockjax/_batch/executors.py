@@ -36,8 +36,8 @@ class AbstractExecutor(abc.ABC):
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         """Lanes to begin with, and what goes on with them through the scenes from one number up to another.
 
-        The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at about the
-        same time. Every device has its own lanes, and counts for itself.
+        The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at
+        about the same time. Every device has its own lanes, and counts for itself.
         """
 
 
@@ -76,7 +76,8 @@ class DeviceExecutor(AbstractExecutor):
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
         # What is common to all scenes goes to the devices once.
         leaves = [
-            jax.device_put(y, common) if rows is None else y for y, rows in zip(scenes.leaves, scenes.rows, strict=True)
+            jax.device_put(y, common) if rows is None else y
+            for y, rows in zip(scenes.leaves, scenes.rows, strict=True)
         ]
         scenes = scenes._replace(leaves=leaves)
         places = [common if rows is None else dealt for rows in scenes.rows]
@@ -102,12 +103,18 @@ def _on_mesh(mesh: Mesh):
     def advance_all(held, leaves, first, count, options, layout: LaneLayout):
         def on_each(held, leaves, first, count, options):
             held, done = advance(held, leaves, first[0], mesh.size, count[0], options, layout)
-            return held, done._replace(used=done.used[None], trials=done.trials[None], useful=done.useful[None])
+            return held, done._replace(
+                used=done.used[None], trials=done.trials[None], useful=done.useful[None]
+            )
 
         dealt, common = P("scenes"), P()
         places = [common if axis is None else dealt for axis in layout.axes]
         run = jax.shard_map(
-            on_each, mesh=mesh, in_specs=(dealt, places, dealt, dealt, common), out_specs=dealt, check_vma=False
+            on_each,
+            mesh=mesh,
+            in_specs=(dealt, places, dealt, dealt, common),
+            out_specs=dealt,
+            check_vma=False,
         )
         return run(held, leaves, first, count, options)
 
@@ -130,16 +137,22 @@ def executor(owner: str, devices: Sequence | None = None, threads: int | None = 
             else DeviceExecutor(jax.local_devices(backend=platform))
         )
     if isinstance(devices, str) or not isinstance(devices, Iterable):
-        raise ValueError(f"{owner}: devices must be JAX devices, as from jax.local_devices(), got {devices!r}")
+        raise ValueError(
+            f"{owner}: devices must be JAX devices, as from jax.local_devices(), got {devices!r}"
+        )
     devices = list(devices)
     if threads is not None:
         raise ValueError(f"{owner}: one thread drives all devices; give devices or threads, not both")
     if not devices or not all(isinstance(device, jax.Device) for device in devices):
-        raise ValueError(f"{owner}: devices must be one or more JAX devices, as from jax.local_devices(), got {devices!r}")
+        raise ValueError(
+            f"{owner}: devices must be one or more JAX devices, as from jax.local_devices(), got {devices!r}"
+        )
     if len(set(devices)) < len(devices) or len({device.platform for device in devices}) > 1:
         raise ValueError(f"{owner}: devices must be different ones of one platform, got {devices!r}")
     if any(device.process_index != jax.process_index() for device in devices):
-        raise ValueError(f"{owner}: devices must belong to this process, see jax.local_devices(), got {devices!r}")
+        raise ValueError(
+            f"{owner}: devices must belong to this process, see jax.local_devices(), got {devices!r}"
+        )
     return DeviceExecutor(devices)
 
 

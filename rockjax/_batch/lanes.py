@@ -1,8 +1,8 @@
 """Lanes that step side by side: those whose scene has ended write it out and take the next one.
 
-One call of `advance` goes through one chunk of scenes on one core or device. Between calls its lanes keep the scenes that
-are still running. Inside, they make trials through the same per-lane step as everywhere else; every few of them the lanes
-that wait are served together.
+One call of `advance` goes through one chunk of scenes on one core or device. Between calls its lanes keep the
+scenes that are still running. Inside, they make trials through the same per-lane step as everywhere else;
+every few of them the lanes that wait are served together.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ class LaneLayout(NamedTuple):
     structure: Any  # of (podium, excitation, initial, t_end)
     lanes: int
     size: int  # scenes of a chunk, a multiple of the lanes
-    refill: bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
+    refill: (
+        bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
+    )
 
 
 class Lanes(NamedTuple):
@@ -64,8 +66,11 @@ class _Loop(NamedTuple):
     done: Done
 
 
-def advance(held: Lanes, leaves, first, stride, count, options: Options, layout: LaneLayout) -> tuple[Lanes, Done]:
-    """Go on until the last scene of a chunk has been handed out; with none in it, until every lane has come to its end.
+def advance(
+    held: Lanes, leaves, first, stride, count, options: Options, layout: LaneLayout
+) -> tuple[Lanes, Done]:
+    """Go on until the last scene of a chunk has been handed out; with none in it, until every lane has come
+    to its end.
 
     The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
     """
@@ -88,7 +93,9 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
         state, done = loop.lanes, loop.done
         lane = over_lanes(settle, state.parts, state.lane)
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
-        floats, integers = over_lanes(lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, lane)
+        floats, integers = over_lanes(
+            lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, lane
+        )
         done = _kept(done, ended, state.held, floats, integers)
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free, dtype=index_type) - 1
@@ -101,7 +108,9 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
 
         state = Lanes(
             jax.tree.map(load, chunk.lane, chunk.lane_differs, lane),
-            [load(y, True, now) for y, now in zip(chunk.parts, state.parts, strict=True)] if refill else state.parts,
+            [load(y, True, now) for y, now in zip(chunk.parts, state.parts, strict=True)]
+            if refill
+            else state.parts,
             jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type),
         )
         return _Loop(state, jnp.minimum(loop.following + jnp.sum(free, dtype=index_type), count), done)
@@ -123,7 +132,8 @@ def advance(held: Lanes, leaves, first, stride, count, options: Options, layout:
             useful = done.useful + jnp.sum(_moves(plan, options, lane))
             lane = over_lanes(moves, loop.lanes.parts, lane)
             return loop._replace(
-                lanes=loop.lanes._replace(lane=lane), done=done._replace(trials=done.trials + 1, useful=useful)
+                lanes=loop.lanes._replace(lane=lane),
+                done=done._replace(trials=done.trials + 1, useful=useful),
             )
 
         return jax.lax.while_loop(busy, trials, loop)
@@ -161,13 +171,15 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
 
 
 def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next exchange."""
+    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
+    exchange."""
     going = runs(lane, options.max_steps)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 
 def _automaton(plan: Plan, options: Options):
-    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next uplift at once."""
+    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next
+    uplift at once."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
         going = _moves(plan, options, lane)
@@ -185,7 +197,8 @@ def _automaton(plan: Plan, options: Options):
 
 
 class _Chunk(NamedTuple):
-    """Scenes made ready: what differs between them has a row for each, what is common to all is there once."""
+    """Scenes made ready: what differs between them has a row for each, what is common to all is there
+    once."""
 
     parts: list[Any]  # of `Scene`: what differs
     common: list[Any]  # of `Scene`: what does not, None where it does
@@ -224,7 +237,15 @@ def _prepared(leaves, layout: LaneLayout, options: Options) -> _Chunk:
     return _Chunk(parts, common, scene_structure, lane, differs[1])
 
 
-_CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")  # what changes of a lane that crosses panels
+_CROSSED = (
+    "t",
+    "event_time",
+    "x",
+    "v",
+    "piece",
+    "code",
+    "steps",
+)  # what changes of a lane that crosses panels
 
 
 def _crossed(chunk: _Chunk, plan: Plan, lanes: int, count) -> _Chunk:
@@ -251,7 +272,8 @@ def _crossed(chunk: _Chunk, plan: Plan, lanes: int, count) -> _Chunk:
 
 
 def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
-    """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one chunk."""
+    """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one
+    chunk."""
     shapes = tuple((y.shape, y.dtype) for y in leaves)
     numbers, plan = jax.tree.flatten(options)
     blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), plan, layout)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-# Of memory that a scene takes until its answers stand, besides its own numbers: 120 were measured for a batch, 160 for
-# spectra that are put together and written.
+# Of memory that a scene takes until its answers stand, besides its own numbers: 120 were measured for a
+# batch, 160 for spectra that are put together and written.
 BYTES = 160
 _GROUPS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
 
 
 def require_memory(owner: str, scenes: int, each: int = BYTES) -> None:
-    """Raise `ValueError`, in the name of `owner`, for so many scenes that their answers do not fit into the free memory."""
+    """Raise `ValueError`, in the name of `owner`, for so many scenes that their answers do not fit into the
+    free memory."""
     free, needed = free_memory(), scenes * each
     if free is not None and needed > free:
         raise ValueError(
-            f"{owner}: {scenes} scenes take some {readable_bytes(needed)} of memory, and {readable_bytes(free)} are free: "
-            "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks and "
+            f"{owner}: {scenes} scenes take some "
+            f"{readable_bytes(needed)} of memory, and {readable_bytes(free)} are free: "
+            "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them "
+            "in chunks and "
             "keeps them on disk"
         )
 

@@ -20,7 +20,9 @@ class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
     leaves: list[Any]
-    rows: list[np.ndarray | None]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
+    rows: list[
+        np.ndarray | None
+    ]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
     structure: Any
     total: int
 
@@ -44,7 +46,9 @@ class SceneBatch(NamedTuple):
         """
         dealt = start + np.arange(devices)[:, None] + devices * np.arange(size)
         dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
-        return [y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)]
+        return [
+            y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)
+        ]
 
 
 def broadcast(
@@ -72,7 +76,9 @@ def broadcast(
     return SceneBatch(leaves, rows, structure, int(np.prod(shape, dtype=int))), shape
 
 
-def axes_of(owner: str, leaves: Sequence[Any], own: Sequence[int]) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
+def axes_of(
+    owner: str, leaves: Sequence[Any], own: Sequence[int]
+) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
     """The axes of the grid that each leaf has, and the shape of the grid.
 
     Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.

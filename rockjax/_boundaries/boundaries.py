@@ -1,4 +1,5 @@
-"""All boundaries between survival and overturning on given lines of a plane of scenes, by scans or along branches."""
+"""All boundaries between survival and overturning on given lines of a plane of scenes, by scans or along
+branches."""
 
 from __future__ import annotations
 
@@ -36,11 +37,14 @@ def boundaries(
     progress: Any = False,
     width: float | None = NARROWEST,
 ) -> Boundaries:
-    """Every change between survival and overturning along the lines x, from one end of `y_range` to the other."""
+    """Every change between survival and overturning along the lines x, from one end of `y_range` to the
+    other."""
     if method == "trace":
         return _by_tracing(plane, x, y_range, scans, resolution, options, progress, width)
     found = scan(plane, x, y_range, resolution, options, progress, width=width)
-    return Boundaries(found.crossings, found.survives_at_once, found.dip, found.certain, {"scenes": found.scenes}, [])
+    return Boundaries(
+        found.crossings, found.survives_at_once, found.dip, found.certain, {"scenes": found.scenes}, []
+    )
 
 
 class _Guesses(NamedTuple):
@@ -48,10 +52,14 @@ class _Guesses(NamedTuple):
     y: np.ndarray
 
 
-def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: Options, progress, width) -> Boundaries:
+def _by_tracing(
+    plane: Plane, x, y_range, scans: int, resolution: int, options: Options, progress, width
+) -> Boundaries:
     """From branches; lines are scanned where these do not add up to survival, overturning, survival …"""
     bottom, top = y_range
-    traced = trace(plane, (x[0], x[-1]), y_range, scans=scans, resolution=resolution, options=options, progress=progress)
+    traced = trace(
+        plane, (x[0], x[-1]), y_range, scans=scans, resolution=resolution, options=options, progress=progress
+    )
     guesses = _guesses(traced.branches, x)
     slopes = Slopes(plane, options)
     y = guesses.y.copy()
@@ -91,7 +99,9 @@ def _by_tracing(plane: Plane, x, y_range, scans: int, resolution: int, options: 
         "scenes_with_derivatives": traced.scenes_with_derivatives + slopes.scenes,
         "frequencies_scanned": traced.scanned.size + again.size,
     }
-    return Boundaries(Crossings(*(part[order] for part in whole)), ends[0], dip, certain, cost, traced.branches)
+    return Boundaries(
+        Crossings(*(part[order] for part in whole)), ends[0], dip, certain, cost, traced.branches
+    )
 
 
 def _guesses(branches: list[Branch], x: np.ndarray) -> _Guesses:
@@ -100,7 +110,9 @@ def _guesses(branches: list[Branch], x: np.ndarray) -> _Guesses:
     for branch in branches:
         for k in range(len(branch.x) - 1):
             a, b = branch.x[k], branch.x[k + 1]
-            inside = np.flatnonzero((x >= min(a, b)) & (x < max(a, b)) | (x == branch.x[k + 1]) & (k == len(branch.x) - 2))
+            inside = np.flatnonzero(
+                (x >= min(a, b)) & (x < max(a, b)) | (x == branch.x[k + 1]) & (k == len(branch.x) - 2)
+            )
             if inside.size == 0 or a == b:
                 continue
             z = (x[inside] - a) / (b - a)

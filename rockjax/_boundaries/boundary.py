@@ -1,12 +1,15 @@
-"""The overturning boundary of a podium: the least scale of a ground motion that overturns it, with derivatives.
+"""The overturning boundary of a podium: the least scale of a ground motion that overturns it, with
+derivatives.
 
-Survival is not monotone in the amplitude, and under a record windows of overturning may be as narrow as 1e-4 of the range
-with nothing beside them that would tell. So scales are looked at from below, as close to each other as the narrowest
-window that must not be missed, up to the first that overturns; that change is narrowed down by dividing its bracket.
-Where all numbers are known the scenes go through the batch path on all cores; under `jit` they are rows of one loop.
+Survival is not monotone in the amplitude, and under a record windows of overturning may be as narrow as 1e-4
+of the range with nothing beside them that would tell. So scales are looked at from below, as close to each
+other as the narrowest window that must not be missed, up to the first that overturns; that change is narrowed
+down by dividing its bracket. Where all numbers are known the scenes go through the batch path on all cores;
+under `jit` they are rows of one loop.
 
-Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the boundary. M
-passes through zero with a slope, so this is well conditioned though the trajectory lingers at the saddle.
+Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the
+boundary. M passes through zero with a slope, so this is well conditioned though the trajectory lingers at the
+saddle.
 """
 
 from __future__ import annotations
@@ -51,15 +54,16 @@ ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin this low: another branch
 class Boundary(eqx.Module):
     """Where a ground motion begins to overturn a podium.
 
-    - `scale`: the least factor of the motion that overturns, inf where none in the range does; differentiable, with
-      derivative zero where it is inf [–]
+    - `scale`: the least factor of the motion that overturns, inf where none in the range does;
+      differentiable, with derivative zero where it is inf [–]
     - `found`: whether there is one
     - `impacts`: before overturning, just past the boundary
-    - `dip`: the least overturning margin at a surviving scale below the boundary where the margin has a minimum, 1
-      without any: how far another branch of lower scales is from opening
-    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative holds to one side
-    - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been found: the
-      `width` asked for times `max_scale`, more where scenes ended without an answer [–]
+    - `dip`: the least overturning margin at a surviving scale below the boundary where the margin has a
+      minimum, 1 without any: how far another branch of lower scales is from opening
+    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative holds
+      to one side
+    - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been
+      found: the `width` asked for times `max_scale`, more where scenes ended without an answer [–]
     """
 
     scale: Float[Array, "*batch"]
@@ -76,7 +80,10 @@ class Boundary(eqx.Module):
             return f"Boundary: nothing overturns; least dip of the margin {float(self.dip):.3g}"
         side = ", one-sided: the minimum is about to jump" if self.one_sided else ""
         after = f"after {int(self.impacts)} impacts"
-        below = f"dip below {float(self.dip):.3g}{side}; no window wider than {float(self.certain_width):.2g} below"
+        below = (
+            f"dip below "
+            f"{float(self.dip):.3g}{side}; no window wider than {float(self.certain_width):.2g} below"
+        )
         return f"Boundary: overturns from {float(self.scale):.10g} {after}; {below}"
 
 
@@ -92,10 +99,12 @@ def overturning_acceleration(
 ) -> Value:
     """The least pulse acceleration a_p that overturns a podium [m/s²], inf where none up to the limit does.
 
-    Works under `jit`, `vmap`, `grad`, `jacfwd` with respect to every number of `podium` and to `T_p`; the derivative is
-    exact on its branch, and zero where the result is inf. [`rockjax.overturning_boundary`][] says more about the result.
+    Works under `jit`, `vmap`, `grad`, `jacfwd` with respect to every number of `podium` and to `T_p`; the
+    derivative is exact on its branch, and zero where the result is inf. [`rockjax.overturning_boundary`][]
+    says more about the result.
 
-    - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with a_p
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
+      a_p
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
@@ -108,7 +117,9 @@ def overturning_acceleration(
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     limit = pulse_acceleration(podium, as_float(max_acceleration_ratio))
     motion = as_pulse(owner, pulse)(1.0, T_p)
-    return overturning_boundary(podium, motion, max_scale=limit, options=options, width=width, resolution=resolution).scale
+    return overturning_boundary(
+        podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
+    ).scale
 
 
 def overturning_scale(
@@ -120,7 +131,8 @@ def overturning_scale(
     width: float = NARROWEST,
     resolution: int = 128,
 ) -> Value:
-    """The least factor of a ground motion that overturns a podium [–]: `scale` of [`rockjax.overturning_boundary`][]."""
+    """The least factor of a ground motion that overturns a podium [–]: `scale` of
+    [`rockjax.overturning_boundary`][]."""
     return overturning_boundary(
         podium, excitation, max_scale=max_scale, options=options, width=width, resolution=resolution
     ).scale
@@ -137,13 +149,14 @@ def overturning_boundary(
 ) -> Boundary:
     """The least factor in (0, max_scale] by which a ground motion overturns a podium, with what is around it.
 
-    Works under `jit` and `vmap`; `scale` has derivatives with respect to every number of `podium` and `excitation`.
-    `options.overturn_ratio` decides what overturned means; above 1 there is no margin, the dips are those of the peak
-    rotation, and the derivative is that of the time of overturning.
+    Works under `jit` and `vmap`; `scale` has derivatives with respect to every number of `podium` and
+    `excitation`. `options.overturn_ratio` decides what overturned means; above 1 there is no margin, the dips
+    are those of the peak rotation, and the derivative is that of the time of overturning.
 
-    - `width`: every interval of overturning scales below the boundary that is wider than this share of `max_scale` is
-      found, in (0, 0.1]. So many scales are looked at from the first that lifts the columns up to the boundary: a
-      `max_scale` far above it costs little, a range in which nothing overturns up to 1/`width` scenes
+    - `width`: every interval of overturning scales below the boundary that is wider than this share of
+      `max_scale` is found, in (0, 0.1]. So many scales are looked at from the first that lifts the columns up
+      to the boundary: a `max_scale` far above it costs little, a range in which nothing overturns up to
+      1/`width` scenes
     - `resolution`: at least so many scales in the range, however wide `width` is
 
     Raises `ValueError` for inputs that make no sense, where they are concrete.
@@ -197,7 +210,9 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
     first = found(*leaves)
     numpy = array_module(first)
     exists, low = numpy.isfinite(first.scale), numpy.less(first.dip, ONE_SIDED_BELOW)
-    return Boundary(first.scale, jnp.asarray(exists), first.impacts, first.dip, jnp.asarray(low), first.certain)
+    return Boundary(
+        first.scale, jnp.asarray(exists), first.impacts, first.dip, jnp.asarray(low), first.certain
+    )
 
 
 def _searched(structure, margin: bool) -> Callable[..., First]:
@@ -212,7 +227,9 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
         # How the search is made is the same for all.
         common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if common and not _traced(leaves):
-            rows = [np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)]
+            rows = [
+                np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)
+            ]
             first = jax.tree.map(jnp.asarray, _on_host(rows, count, structure, margin))
             return first, First(True, True, True, True)
         axes = [0 if own else None for own in mapped]
@@ -233,7 +250,8 @@ def _traced(leaves) -> bool:
 
 
 def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> First:
-    """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each search."""
+    """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each
+    search."""
     podium, excitation, limit, how = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
@@ -257,7 +275,9 @@ def _picked(excitation, line: np.ndarray, of_each) -> Any:
         one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
         dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
         counts = jnp.full(len(dt), excitation.acceleration.shape[1], jnp.int32)
-        return Records(excitation.acceleration, counts, jnp.asarray(dt), jnp.asarray(start), line, scale[line])
+        return Records(
+            excitation.acceleration, counts, jnp.asarray(dt), jnp.asarray(start), line, scale[line]
+        )
     return jax.tree.map(of_each, excitation)
 
 
@@ -281,7 +301,8 @@ def _in_program(leaves, structure, margin: bool) -> First:
 
 
 def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
-    """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is none."""
+    """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is
+    none."""
     numpy = array_module(leaves, scale)
     found = numpy.isfinite(scale)
     places = [k for k, moves in enumerate(live) if moves]

@@ -1,9 +1,10 @@
 """Branches of the overturning boundary in a plane of scenes, traced by continuation along their own tangents.
 
-A branch is a curve M(x, y) = 0 of the overturning margin M. Its tangent is exact, from the derivatives of M; a step along
-it is corrected by Newton's method along the gradient, so folds are points like others. Points are kept on M = ε just
-inside the safe side: where the boundary between two ways of overturning is all there is, M jumps, no such point exists,
-and the branch has come to its corner. All branches of a plane step side by side, as one batch.
+A branch is a curve M(x, y) = 0 of the overturning margin M. Its tangent is exact, from the derivatives of M;
+a step along it is corrected by Newton's method along the gradient, so folds are points like others. Points
+are kept on M = ε just inside the safe side: where the boundary between two ways of overturning is all there
+is, M jumps, no such point exists, and the branch has come to its corner. All branches of a plane step side by
+side, as one batch.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ class _Walk:
 
     def advance(self, point: np.ndarray, gradient: np.ndarray, arrived: bool) -> None:
         """Take a corrected step, or try a shorter one."""
-        tangent = np.sign(_along(self.gradients[-1]) @ self.tangent) * _along(gradient) if arrived else self.tangent
+        tangent = (
+            np.sign(_along(self.gradients[-1]) @ self.tangent) * _along(gradient) if arrived else self.tangent
+        )
         turn = abs(_angle(self.tangent, tangent))
         if arrived and turn < TURN and np.hypot(*(point - self.guess())) < 0.5 * self.length:
             self.points.append(point)
@@ -160,9 +163,12 @@ class _Line(NamedTuple):
         apart = np.hypot(*(a + part[:, None] * step - point).T)
         chord = np.hypot(*step.T)
         turn = np.abs([_angle(g, h) for g, h in itertools.pairwise(self.gradients)])
-        # How far a smooth curve may be from its chord; another branch as close as that has its safe side elsewhere.
+        # How far a smooth curve may be from its chord; another branch as close as that has its safe side
+        # elsewhere.
         near = apart < SAME + 0.3 * chord * turn
-        aligned = np.array([abs(_angle(g, gradient)) < TURN + t for g, t in zip(self.gradients, turn, strict=False)])
+        aligned = np.array(
+            [abs(_angle(g, gradient)) < TURN + t for g, t in zip(self.gradients, turn, strict=False)]
+        )
         return bool(np.any(near & aligned))
 
 

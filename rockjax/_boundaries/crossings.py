@@ -1,4 +1,5 @@
-"""All changes between survival and overturning along lines of scenes, by scanning them and narrowing every change down."""
+"""All changes between survival and overturning along lines of scenes, by scanning them and narrowing every
+change down."""
 
 from __future__ import annotations
 
@@ -53,7 +54,9 @@ class Crossings(NamedTuple):
 class Scan(NamedTuple):
     crossings: Crossings
     survives_at_once: np.ndarray  # at the lower end of each line
-    dip: np.ndarray  # least dip of the margin among the survivors below the first crossing of each line, at most 1
+    dip: (
+        np.ndarray
+    )  # least dip of the margin among the survivors below the first crossing of each line, at most 1
     certain: np.ndarray  # of each line: below its first crossing no wider interval overturns
     scenes: int
 
@@ -115,10 +118,11 @@ def scan(
 ) -> Scan:
     """Changes along the lines x = const, y from one end of `y_range` to the other.
 
-    Each line is looked at in `resolution` + 1 places first. `"everywhere"` looks closer where the margin bends so much
-    between neighbours that it may cross zero unseen. Below the first change, places are then so close that no interval
-    wider than `width` times the range is missed (a motion must be proportional to y there); None leaves that out. All
-    changes found, or the `"first"` of each line only, are narrowed down to a relative width of 1e-12.
+    Each line is looked at in `resolution` + 1 places first. `"everywhere"` looks closer where the margin
+    bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
+    close that no interval wider than `width` times the range is missed (a motion must be proportional to y
+    there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
+    a relative width of 1e-12.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -131,7 +135,8 @@ def scan(
         def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> _Known:
             nonlocal scenes
             scenes += line.size
-            # What fills up a small batch is at rest and costs nothing, while small batches are a program of their own.
+            # What fills up a small batch is at rest and costs nothing, while small batches are a program of
+            # their own.
             rest = 0 if width is None else max(0, 2 * LANES + 1 - line.size)
             x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
             margin, impacts = margins(plane, x_all, y_all, options if sharp else loose, counter)
@@ -150,7 +155,9 @@ def scan(
         known = _certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:
-            raise RuntimeError("no scene of a line has ended with an answer; raise options.max_steps or loosen rtol")
+            raise RuntimeError(
+                "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
+            )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
         changes = answered.first_changes() if look_closer == "first" else answered.changes()
         crossings = _narrowed(answered, changes, look)
@@ -158,8 +165,8 @@ def scan(
 
 
 def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False):
-    """Overturning margins (or what stands for them, see `signed_margin`), NaN without an answer, and impacts of scenes
-    (x, y), on all cores."""
+    """Overturning margins (or what stands for them, see `signed_margin`), NaN without an answer, and impacts
+    of scenes (x, y), on all cores."""
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int)
     podiums, motions = plane(x, y)
@@ -172,17 +179,20 @@ def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progre
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """How far the margin may bend away between neighbours, over what is between it and zero: (n−1,) for n places.
+    """How far the margin may bend away between neighbours, over what is between it and zero: (n−1,) for n
+    places.
 
-    Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more than once), as
-    far as second differences tell. `together` says which neighbours belong to one line.
+    Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more
+    than once), as far as second differences tell. `together` says which neighbours belong to one line.
     """
     h = np.where(together, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
     slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = together[1:] & together[:-1]
     # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
-    bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)  # half the second derivative
+    bend = np.where(
+        inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0
+    )  # half the second derivative
     bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
     left, right = margin[:-1], margin[1:]
     apart = (left > 0) != (right > 0)
@@ -191,7 +201,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray)
 
 
 def _refined(known: _Known, look: Look, finest: float) -> _Known:
-    """And places inside every interval between neighbours in which the margin may do what they do not show."""
+    """And places inside every interval between neighbours in which the margin may do what they do not
+    show."""
     part = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = known.line, known.y, np.nan_to_num(known.margin, nan=1.0)
@@ -205,7 +216,8 @@ def _refined(known: _Known, look: Look, finest: float) -> _Known:
 
 
 def _certain(known: _Known, look: Look, spacing: float, first_only: bool) -> _Known:
-    """Until below the first change no step is wider than `spacing`, and the changes stand at the full accuracy."""
+    """Until below the first change no step is wider than `spacing`, and the changes stand at the full
+    accuracy."""
     while True:
         line, y = _missing(known, spacing)
         if line.size:

@@ -1,9 +1,11 @@
-"""The first boundary of one scene, inside a compiled program: rows of scales from below until one of them overturns.
+"""The first boundary of one scene, inside a compiled program: rows of scales from below until one of them
+overturns.
 
 1. A coarse row over the whole range tells below which scale the columns never lift.
 2. From there rows at the wanted spacing go up to the first scale that overturns.
 3. A row at the full accuracy confirms the change; where it does not, the search goes on upwards.
-4. The lowest dips of the margin that were passed are looked at closer: windows below the spacing may open there.
+4. The lowest dips of the margin that were passed are looked at closer: windows below the spacing may open
+   there.
 5. The lowest change is narrowed down by dividing its bracket.
 """
 
@@ -122,9 +124,13 @@ def _scanned(state: _State, scales: Array, margin: Array, impacts: Array, limit:
     inner = survives[:-2] & survives[1:-1] & survives[2:]
     inner &= (margin[1:-1] <= margin[:-2]) & (margin[1:-1] < margin[2:])
     three = lambda y: jnp.stack([y[:-2], y[1:-1], y[2:]], axis=1)
-    new_dips, new_margins = jnp.where(inner[:, None], three(scales), 0.0), jnp.where(inner[:, None], three(margin), 1.0)
+    new_dips, new_margins = (
+        jnp.where(inner[:, None], three(scales), 0.0),
+        jnp.where(inner[:, None], three(margin), 1.0),
+    )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # Where straight lines on either side, prolonged, would meet the lowest; of a dip that was there before, once.
+    # Where straight lines on either side, prolonged, would meet the lowest; of a dip that was there before,
+    # once.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(
@@ -157,7 +163,9 @@ def _confirmed(state: _State, scales: Array, margin: Array, impacts: Array, limi
     again = jnp.where(scales[-1] >= limit, ZOOM, SCAN)
     on = narrower._replace(start=scales[-1], before=narrower.lo, margin_before=narrower.above)
     return jax.tree.map(
-        lambda yes, no: jnp.where(found, yes, no), narrower._replace(stage=ZOOM, rounds=0), on._replace(stage=again)
+        lambda yes, no: jnp.where(found, yes, no),
+        narrower._replace(stage=ZOOM, rounds=0),
+        on._replace(stage=again),
     )
 
 
@@ -175,7 +183,10 @@ def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: 
     spare = jnp.concatenate([margin, state.dip_margins.ravel(), state.above[None]])
     lowest = jnp.argmax(jnp.where((spare > 0) & (places < hi), places, -1.0))
     # The dips again, each between the neighbours of its lowest place.
-    around, levels = jnp.concatenate([state.dips, inside], axis=1), jnp.concatenate([state.dip_margins, margins], axis=1)
+    around, levels = (
+        jnp.concatenate([state.dips, inside], axis=1),
+        jnp.concatenate([state.dip_margins, margins], axis=1),
+    )
     order = jnp.argsort(around, axis=1)
     around, levels = (jnp.take_along_axis(y, order, axis=1) for y in (around, levels))
     deepest = jnp.argmin(jnp.where(levels[:, 1:-1] > 0, levels[:, 1:-1], 1.0), axis=1)
@@ -220,9 +231,11 @@ _TELL = (_coarse, _scanned, _confirmed, _zoomed, _narrowed)
 
 
 def divisions(lo, hi, above, below, count: int = WIDTH, xp: Any = jnp):
-    """Scales that divide brackets (…,) with margins `above` > 0 at one end and `below` ≤ 0 at the other: (…, count).
+    """Scales that divide brackets (…,) with margins `above` > 0 at one end and `below` ≤ 0 at the other: (…,
+    count).
 
-    Half of them equally spaced, for certainty, and half close around the root of the straight line, for speed.
+    Half of them equally spaced, for certainty, and half close around the root of the straight line, for
+    speed.
     """
     half = count // 2
     root = (above / xp.where(above > below, above - below, 1.0))[..., None]

@@ -17,7 +17,8 @@ _TINY = float(np.finfo(np.float32).tiny)
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Whether the convention of overturning has a margin: known to be |θ| = θ_s at most, α without tendons."""
+    """Whether the convention of overturning has a margin: known to be |θ| = θ_s at most, α without
+    tendons."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -26,7 +27,8 @@ def has_margin(options: Options, podium: Podium) -> bool:
 
 
 def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bool, xp: Any = jnp):
-    """A number > 0 where a scene survives and ≤ 0 where it overturned; the overturning margin where there is one.
+    """A number > 0 where a scene survives and ≤ 0 where it overturned; the overturning margin where there is
+    one.
 
     It is 1 exactly where the columns never lift.
     """
@@ -40,7 +42,8 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bo
 def boundary_residual(floats: dict[str, Any], margin: bool):
     """What is differentiated just past the boundary: the margin; without one, the time of overturning.
 
-    That time grows without bound towards the boundary, and its derivatives in the ratio that keeps a scene on it.
+    That time grows without bound towards the boundary, and its derivatives in the ratio that keeps a scene on
+    it.
     """
     return floats["margin" if margin else "overturn_time"]
 
@@ -51,6 +54,7 @@ def margin_options(options: Options, margin: bool) -> Options:
 
 
 def looking(options: Options, width, xp: Any = jnp) -> Options:
-    """Accurate enough not to miss a window of so much of the range; what is found is confirmed with `options`."""
+    """Accurate enough not to miss a window of so much of the range; what is found is confirmed with
+    `options`."""
     loose = LOOSE * xp.minimum(1.0, width / NARROWEST)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

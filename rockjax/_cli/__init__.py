@@ -13,7 +13,19 @@ from ._run import command
 from ._spectrum import spectrum
 from ._sweep import sweep
 
-for _function in (spectrum, overturning, response, fragility, risk, design, sweep, motions, synthetic, plot, cache):
+for _function in (
+    spectrum,
+    overturning,
+    response,
+    fragility,
+    risk,
+    design,
+    sweep,
+    motions,
+    synthetic,
+    plot,
+    cache,
+):
     app.command()(command(_function))
 
 __all__ = ["app", "main"]

@@ -42,13 +42,14 @@ def about(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Rocking podium structures: responses, spectra, overturning, fragility, design. SI units, radians and ratios.
+    """Rocking podium structures: responses, spectra, overturning, fragility, design. SI units, radians and
+    ratios.
 
-    A structure and its ground motion are given by options, by a problem file (TOML), or by a file and options, which then
-    override the file. `rockjax COMMAND --help` has examples.
+    A structure and its ground motion are given by options, by a problem file (TOML), or by a file and
+    options, which then override the file. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 fine; 1 some scenes ended without an answer, no design satisfies the targets, no curve fits, or a file
-    could not be written; 2 wrong input; 130 interrupted.
+    Exit status: 0 fine; 1 some scenes ended without an answer, no design satisfies the targets, no curve
+    fits, or a file could not be written; 2 wrong input; 130 interrupted.
     """
     del version
 

@@ -11,9 +11,12 @@ from ._run import Report, option
 
 def cache(
     report: Report,
-    clear: Annotated[bool, option("--clear", panel=OUTPUT, help="Take away all programs that are kept.")] = False,
+    clear: Annotated[
+        bool, option("--clear", panel=OUTPUT, help="Take away all programs that are kept.")
+    ] = False,
 ) -> None:
-    """The compiled programs that are kept between processes: where, how many, how large. --clear takes them away.
+    """The compiled programs that are kept between processes: where, how many, how large. --clear takes them
+    away.
 
     A program serves all scenes of its kind, whatever their numbers. ROCKJAX_CACHE_DIR names another folder,
     ROCKJAX_CACHE_SIZE how large it may grow, in MiB, and ROCKJAX_CACHE=off keeps none.
@@ -39,4 +42,9 @@ def cache(
         report.say(f"the one unused for longest was last used {days:.1f} days ago")
     if why:
         report.say(f"not in use: {why}")
-    report.facts |= {"folder": str(place), "programs": len(entries), "MiB": round(size, 1), "in_use": why is None}
+    report.facts |= {
+        "folder": str(place),
+        "programs": len(entries),
+        "MiB": round(size, 1),
+        "in_use": why is None,
+    }

@@ -14,13 +14,16 @@ from ._run import INTERRUPTED, Flags, Report, option, prepare
 @dataclass
 class Search(Flags):
     starts: Annotated[
-        int | None, option("--starts", panel=ACCURACY, min=1, help="Starting points; replaces those of the file.")
+        int | None,
+        option("--starts", panel=ACCURACY, min=1, help="Starting points; replaces those of the file."),
     ] = None
     seed: Annotated[
-        int | None, option("--seed", panel=ACCURACY, help="Seed of the starting points; replaces that of the file.")
+        int | None,
+        option("--seed", panel=ACCURACY, help="Seed of the starting points; replaces that of the file."),
     ] = None
     rtol: Annotated[
-        float | None, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")
+        float | None,
+        option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–]."),
     ] = None
 
 
@@ -32,11 +35,12 @@ def design(
     example: Example = None,
     output: Output = "rockjax-design",
 ) -> None:
-    """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to minimise.
+    """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
+    minimise.
 
-    Prints variables, targets with their margins and shadow prices; writes OUTPUT.json, OUTPUT-convergence.png and, before and
-    after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no design satisfies the
-    targets. Ctrl-C keeps the best design so far.
+    Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and,
+    before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no
+    design satisfies the targets. Ctrl-C keeps the best design so far.
 
     \b
     Examples:
@@ -57,9 +61,13 @@ def design(
     if structure.given and "structure" in table:
         table = table | {"structure": given.structure_table(structure)}
     if search.rtol is not None:
-        table = table | {"options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}}
+        table = table | {
+            "options": table.get("options", {}) | {"rtol": search.rtol, "atol": 0.01 * search.rtol}
+        }
     asked = optimise.problem_of(table, chosen, given.where)
-    found, written, stopped = optimise.design_command(asked, to.prefix, search.starts, search.seed, report.quiet, to.format)
+    found, written, stopped = optimise.design_command(
+        asked, to.prefix, search.starts, search.seed, report.quiet, to.format
+    )
     report.say(str(found))
     for path in written:
         report.wrote(path)

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from ._given import Given, names, problem_file
 from ._motions import Pattern, read
-from ._options import ACCURACY, GRID, MOTION, Component, Example, Output, Rtol, SamplingInterval, Structure, Units
+from ._options import (
+    ACCURACY,
+    GRID,
+    MOTION,
+    Component,
+    Example,
+    Output,
+    Rtol,
+    SamplingInterval,
+    Structure,
+    Units,
+)
 from ._outputs import Outputs, outputs
 from ._run import Flags, Report, argument, flag, option, prepare
 
@@ -39,14 +50,18 @@ class FitName(enum.StrEnum):
 @dataclass
 class Suite(Flags):
     synthetic: Annotated[
-        int | None, option("--synthetic", panel=MOTION, min=2, help="So many synthetic motions, instead of files.")
+        int | None,
+        option("--synthetic", panel=MOTION, min=2, help="So many synthetic motions, instead of files."),
     ] = None
     units: Units = None
     dt: SamplingInterval = None
     component: Component = None
     pattern: Pattern = None
     motions: Annotated[
-        str | None, option("--motions", panel=MOTION, help="Which set of motions of the problem file, where it has several.")
+        str | None,
+        option(
+            "--motions", panel=MOTION, help="Which set of motions of the problem file, where it has several."
+        ),
     ] = None
 
 
@@ -54,16 +69,23 @@ class Suite(Flags):
 class Levels(Flags):
     measure: Annotated[
         MeasureName,
-        option("--measure", panel=GRID, help="Intensity: PGA, PGV, Sa at --measure-period, or the factor on the records."),
+        option(
+            "--measure",
+            panel=GRID,
+            help="Intensity: PGA, PGV, Sa at --measure-period, or the factor on the records.",
+        ),
     ] = MeasureName.PGA
-    measure_period: Annotated[float | None, option("--measure-period", panel=GRID, help="Period of Sa [s].")] = None
+    measure_period: Annotated[
+        float | None, option("--measure-period", panel=GRID, help="Period of Sa [s].")
+    ] = None
     intensity: Annotated[
         tuple[float, float] | None,
         option(
             "--intensity",
             panel=GRID,
             help=(
-                "Lowest and highest level, in units of the measure: [m/s²], [m/s], [–]. By default up to the level at which "
+                "Lowest and highest level, in units of the measure: [m/s²], [m/s], [–]. By default up to "
+                "the level at which "
                 "the median PGA of the suite is 6 g tan α."
             ),
         ),
@@ -76,7 +98,9 @@ class Statistics(Flags):
     method: Annotated[
         FitName,
         option(
-            "--method", panel=STATISTICS, help="Fit of the least overturning intensities, or of the counts at the levels."
+            "--method",
+            panel=STATISTICS,
+            help="Fit of the least overturning intensities, or of the counts at the levels.",
         ),
     ] = FitName.capacities
     confidence: Annotated[
@@ -84,13 +108,20 @@ class Statistics(Flags):
     ] = 0.9
     seed: Annotated[int, option("--seed", panel=STATISTICS, min=0, help="Seed of synthetic motions.")] = 0
     sensitivities: Annotated[
-        str, option("--sensitivities", panel=STATISTICS, help="Parameters y of d ln(median)/d ln y, separated by commas.")
+        str,
+        option(
+            "--sensitivities",
+            panel=STATISTICS,
+            help="Parameters y of d ln(median)/d ln y, separated by commas.",
+        ),
     ] = ""
 
 
 @dataclass
 class Tolerance(Flags):
-    limit: Annotated[float, option("--limit", panel=ACCURACY, help="Limit state max|θ|/α [–]; 1 is overturning.")] = 1.0
+    limit: Annotated[
+        float, option("--limit", panel=ACCURACY, help="Limit state max|θ|/α [–]; 1 is overturning.")
+    ] = 1.0
     rtol: Rtol = 1e-9
 
 
@@ -103,17 +134,22 @@ def fragility(
     report: Report,
     inputs: Annotated[
         list[Path] | None,
-        argument("Records: files, folders, tables (suite.csv). And, or, a problem file (.toml).", show_default=False),
+        argument(
+            "Records: files, folders, tables (suite.csv). And, or, a problem file (.toml).",
+            show_default=False,
+        ),
     ] = None,
     example: Example = None,
     output: Output = "rockjax-fragility",
 ) -> None:
-    """A fragility curve: the probability that a suite of records overturns the structure, over their intensity.
+    """A fragility curve: the probability that a suite of records overturns the structure, over their
+    intensity.
 
-    Every record is scaled to all levels, and the least intensity that overturns is found for each (incremental dynamic
-    analysis); a lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
-    sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group), OUTPUT-fragility.png and
-    OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then less.
+    Every record is scaled to all levels, and the least intensity that overturns is found for each
+    (incremental dynamic analysis); a lognormal curve is fitted, with confidence intervals. Prints median,
+    dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group),
+    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then
+    less.
 
     \b
     Examples:
@@ -157,7 +193,10 @@ def fragility(
         if not 0 < low <= high:
             raise ValueError(f"--intensity: must have 0 < lowest <= highest, got {low:g} and {high:g}")
     x = np.linspace(low, high, levels.levels)
-    report.note(f"{len(found)} records of up to {max(map(len, found))} samples × {x.size} levels, and their boundaries")
+    report.note(
+        f"{len(found)} records of up to "
+        f"{max(map(len, found))} samples × {x.size} levels, and their boundaries"
+    )
     with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
         analysis = rj.incremental_dynamic_analysis(
             podium,
@@ -184,10 +223,16 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
     count, reached = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
     failed = int((analysis["result"] > 2).sum())
     report.say(
-        f"{count} records at {analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{in_units}: "
+        f"{count} records at "
+        f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{in_units}: "
         f"{analysis.attrs['scenes']} scenes, {reached} of the records overturn"
     )
-    report.facts |= {"records": count, "overturning_records": reached, "scenes": analysis.attrs["scenes"], "measure": name}
+    report.facts |= {
+        "records": count,
+        "overturning_records": reached,
+        "scenes": analysis.attrs["scenes"],
+        "measure": name,
+    }
     curve = _curve(report, analysis, statistics)
     if curve is None:
         # The analysis has cost something, and says where to go on.
@@ -204,11 +249,17 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
         (a, b), (c, d) = np.asarray(curve["interval"].transpose("quantity", "bound"))
         share = f", {statistics.confidence:.0%} interval"
         of_median, of_dispersion = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
-        report.facts |= {"median_interval": [a, b], "dispersion_interval": [c, d], "confidence": statistics.confidence}
+        report.facts |= {
+            "median_interval": [a, b],
+            "dispersion_interval": [c, d],
+            "confidence": statistics.confidence,
+        }
     report.say(f"median overturning {name}: {median:.4g}{in_units}{of_median}")
     report.say(f"dispersion: {dispersion:.3f}{of_dispersion}")
     if "median_sensitivity" in curve:
-        prices = dict(zip(curve["parameter"].values.tolist(), curve["median_sensitivity"].values.tolist(), strict=True))
+        prices = dict(
+            zip(curve["parameter"].values.tolist(), curve["median_sensitivity"].values.tolist(), strict=True)
+        )
         for parameter, value in prices.items():
             report.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
         report.facts["median_sensitivity"] = prices
@@ -245,17 +296,22 @@ def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
     if paths:
         return read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
     if not sets:
-        raise ValueError("needs records: files, folders or tables, --synthetic N, or a problem file with [motions]")
+        raise ValueError(
+            "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
+        )
     for name in ("units", "dt", "component", "pattern"):
         if name in suite.given:
             raise ValueError(f"{flag(name)}: is for files that are named here, not in the problem file")
     name = suite.motions
     if name is None and len(sets) > 1:
         given.reader.fail(
-            "fragility", f"motions is missing: which of {', '.join(sets)}? ([fragility] motions, or --motions)"
+            "fragility",
+            f"motions is missing: which of {', '.join(sets)}? ([fragility] motions, or --motions)",
         )
     name = next(iter(sets)) if name is None else name
-    return given.reader.recorded_set(given.reader.set_named(name, "fragility.motions", sets), f"motions.{name}")
+    return given.reader.recorded_set(
+        given.reader.set_named(name, "fragility.motions", sets), f"motions.{name}"
+    )
 
 
 def _measure(levels: Levels, found: Motions) -> rj.Measure:

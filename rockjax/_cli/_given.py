@@ -1,4 +1,5 @@
-"""What a problem file and options ask for together: options are laid over the tables of the file, which one reader reads."""
+"""What a problem file and options ask for together: options are laid over the tables of the file, which one
+reader reads."""
 
 from __future__ import annotations
 
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Flags)
 
-# Parameters of the column itself, of what stands on it, and those that only dimensions have; "zeta" is of both.
-_COLUMN = tuple(name for name, y in STRUCTURE.items() if name not in (*SIDES, "restitution") and "." not in y.place)
+# Parameters of the column itself, of what stands on it, and those that only dimensions have; "zeta" is of
+# both.
+_COLUMN = tuple(
+    name for name, y in STRUCTURE.items() if name not in (*SIDES, "restitution") and "." not in y.place
+)
 _TOP = tuple(name for name, y in STRUCTURE.items() if y.place.startswith("superstructure."))
 _RATIOS = tuple(name for name in (*_COLUMN, *_TOP) if name not in (*DIMENSIONS, "zeta"))
 _DIMENSIONS = tuple(name for name in DIMENSIONS if name in SIDES or name not in (*STRUCTURE, "damping"))
@@ -37,10 +41,14 @@ def numbers(name: str, value: str | list) -> list[float]:
     try:
         return [float(part) for part in value.split(",")]
     except ValueError:
-        raise typer.BadParameter(f"{flag(name)}: expected numbers separated by commas, got {value!r}") from None
+        raise typer.BadParameter(
+            f"{flag(name)}: expected numbers separated by commas, got {value!r}"
+        ) from None
 
 
-def ascending(option: str, ends: tuple[float, float], least: float = 0.0, open_below: bool = True) -> tuple[float, float]:
+def ascending(
+    option: str, ends: tuple[float, float], least: float = 0.0, open_below: bool = True
+) -> tuple[float, float]:
     """The ends of a range, the lowest first. Raises `ValueError` that names the option."""
     low, high = ends
     above = low > least if open_below else low >= least
@@ -60,7 +68,8 @@ def component(value: str | None) -> int | str | None:
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """The problem file that is meant: one of the user's, or one that comes with rockjax. Raises `ValueError` for both."""
+    """The problem file that is meant: one of the user's, or one that comes with rockjax. Raises `ValueError`
+    for both."""
     if example is None:
         return problem
     if problem is not None:
@@ -117,19 +126,26 @@ class Given:
         by_ratios = [name for name in _RATIOS if name in explicit]
         if by_dimensions and by_ratios:
             raise ValueError(
-                f"{flag(by_ratios[0])} and {flag(by_dimensions[0])}: give the structure by ratios or by dimensions, not both"
+                f"{flag(by_ratios[0])} and {flag(by_dimensions[0])}: give the structure by ratios or by "
+                f"dimensions, not both"
             )
         if table is None and by_dimensions:
             return _over_dimensions({}, explicit)
         if table is None:
             left_out = ("T_s", "zeta") if isinstance(flags, Panels) else ()
-            values = {name: value for name, value in flags.values().items() if value is not None and name not in left_out}
+            values = {
+                name: value
+                for name, value in flags.values().items()
+                if value is not None and name not in left_out
+            }
             return _over_ratios({}, values, explicit)
         if not isinstance(table, dict):
             return table
         if "column_mass" in table:
             if by_ratios:
-                self.reader.fail("structure", f"is given by dimensions: {flag(by_ratios[0])} cannot change it")
+                self.reader.fail(
+                    "structure", f"is given by dimensions: {flag(by_ratios[0])} cannot change it"
+                )
             return _over_dimensions(table, explicit)
         if by_dimensions:
             self.reader.fail("structure", f"is given by ratios: {flag(by_dimensions[0])} cannot change it")
@@ -156,7 +172,9 @@ class Given:
             periods = [float(top.T_s) if isinstance(top, rj.Elastic) else 0.0]
         else:
             periods = numbers("T_s", swept.T_s)
-        zeta = top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.values()["zeta"]
+        zeta = (
+            top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.values()["zeta"]
+        )
         zeta = float(0.05 if zeta is None else zeta)
         if whole and not {"T_s", "eta_over_gamma"} & swept.given and "zeta" not in flags.given:
             return PanelsOf([podium], ratios, periods, zeta)
@@ -167,7 +185,9 @@ class Given:
     def excitation(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation:
         """The one motion that is meant."""
         explicit = flags.explicit()
-        pulse, record = ([name for name in group if name in explicit] for group in (_PULSE, ("record", *_RECORD)))
+        pulse, record = (
+            [name for name in group if name in explicit] for group in (_PULSE, ("record", *_RECORD))
+        )
         if pulse and record:
             raise ValueError(f"{flag(record[0])} and {flag(pulse[0])}: give a pulse or a record, not both")
         sets = self.reader.sets(self.table.get("motions", {}))
@@ -179,15 +199,20 @@ class Given:
                 raise ValueError(f"{flag(record[0])}: is of a record; give --record FILE")
             for name in ("motion", "number"):
                 if name in explicit:
-                    raise ValueError(f"{flag(name)}: chooses among the motions of a problem file; there are none")
-            start = {name: value for name, value in flags.values().items() if name in _PULSE and value is not None}
+                    raise ValueError(
+                        f"{flag(name)}: chooses among the motions of a problem file; there are none"
+                    )
+            start = {
+                name: value for name, value in flags.values().items() if name in _PULSE and value is not None
+            }
             return self.reader.motion_set(_over({}, start | explicit, explicit, _PULSE), "motion", podium)[0]
         swept = self.settings(flags)
         name = swept.motion
         if name is None:
             if len(sets) > 1:
                 self.reader.fail(
-                    self.command, f"motion is missing: which of {', '.join(sets)}? ([{self.command}] motion, or --motion)"
+                    self.command,
+                    f"motion is missing: which of {', '.join(sets)}? ([{self.command}] motion, or --motion)",
                 )
             name = next(iter(sets))
         entries = self.reader.set_named(name, f"{self.command}.motion", sets)
@@ -195,7 +220,9 @@ class Given:
         if pulse or record:
             entry = entries[0] if isinstance(entries, list) and len(entries) == 1 else entries
             if not isinstance(entry, dict) or any(isinstance(value, list) for value in entry.values()):
-                self.reader.fail(key, f"holds several motions, which {flag((pulse + record)[0])} cannot change one by one")
+                self.reader.fail(
+                    key, f"holds several motions, which {flag((pulse + record)[0])} cannot change one by one"
+                )
             if bool(pulse) != ("kind" in entry):
                 kind = "a pulse" if "kind" in entry else "records"
                 self.reader.fail(key, f"holds {kind}; {flag((pulse + record)[0])} has no meaning for it")
@@ -204,7 +231,9 @@ class Given:
         number = swept.number
         if number is None and len(found) > 1:
             self.reader.fail(
-                key, f"holds {len(found)} motions: which? ([{self.command}] number, or --number, 1 to {len(found)})"
+                key,
+                f"holds {len(found)} motions: which? "
+                f"([{self.command}] number, or --number, 1 to {len(found)})",
             )
         if number is not None and number > len(found):
             self.reader.fail(key, f"holds {len(found)} motions, there is no number {number}")
@@ -223,7 +252,9 @@ def _taken(values: Mapping[str, Any], wanted: tuple[str, ...]) -> dict[str, Any]
     return taken | ({"component": component(taken["component"])} if "component" in taken else {})
 
 
-def _over(entry: Mapping[str, Any], values: Mapping[str, Any], explicit: Mapping[str, Any], wanted) -> dict[str, Any]:
+def _over(
+    entry: Mapping[str, Any], values: Mapping[str, Any], explicit: Mapping[str, Any], wanted
+) -> dict[str, Any]:
     """An entry with values over it. Of two ways to say the same, the explicit one stays."""
     taken = _taken(values, wanted)
     merged = dict(entry) | {"kind" if name == "pulse" else name: value for name, value in taken.items()}
@@ -243,7 +274,9 @@ def _restitution(text: Any) -> Any:
         return text
 
 
-def _over_ratios(table: Mapping[str, Any], values: Mapping[str, Any], explicit: Mapping[str, Any]) -> dict[str, Any]:
+def _over_ratios(
+    table: Mapping[str, Any], values: Mapping[str, Any], explicit: Mapping[str, Any]
+) -> dict[str, Any]:
     merged = _over(table, values, explicit, _COLUMN)
     if "restitution" in values:
         merged["restitution"] = _restitution(values["restitution"])

@@ -16,7 +16,9 @@ from ._run import Report, argument, option
 if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
 
-Pattern = Annotated[str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")]
+Pattern = Annotated[
+    str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")
+]
 
 
 def motions(
@@ -35,7 +37,11 @@ def motions(
     output: Annotated[
         str | None,
         option(
-            "--output", "-o", metavar="PATH", panel=OUTPUT, help="Prefix of the netCDF file to write, or a folder for it."
+            "--output",
+            "-o",
+            metavar="PATH",
+            panel=OUTPUT,
+            help="Prefix of the netCDF file to write, or a folder for it.",
         ),
     ] = None,
 ) -> None:
@@ -92,7 +98,9 @@ def motions(
         report.write(to.data(), data)
 
 
-def read(paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None) -> Motions:
+def read(
+    paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None
+) -> Motions:
     """Motions of files, folders and tables."""
     from rockjax._motions.motion import Motions
     from rockjax._motions.readers import is_table, read_motion, read_suite
@@ -111,10 +119,14 @@ def read(paths: list[Path], units: str | None, dt: float | None, component: str 
 def synthetic(
     report: Report,
     count: Annotated[int, option("--count", panel=MOTION, min=1, help="How many motions.")] = 20,
-    seed: Annotated[int, option("--seed", panel=MOTION, min=0, help="The same seed gives the same motions.")] = 0,
+    seed: Annotated[
+        int, option("--seed", panel=MOTION, min=0, help="The same seed gives the same motions.")
+    ] = 0,
     dt: Annotated[float, option("--dt", panel=MOTION, help="Sampling interval [s].")] = 0.01,
     duration: Annotated[float, option("--duration", panel=MOTION, help="Duration [s].")] = 20.0,
-    pga: Annotated[float, option("--pga", panel=MOTION, help="Peak acceleration of the noise [m/s²].")] = 2.94,
+    pga: Annotated[
+        float, option("--pga", panel=MOTION, help="Peak acceleration of the noise [m/s²].")
+    ] = 2.94,
     pulse: Annotated[
         tuple[float, float, float, float] | None,
         option(
@@ -123,8 +135,12 @@ def synthetic(
             help="Velocity pulse of Mavroeidis & Papageorgiou: A [m/s], f_p [Hz], γ [–], ν [rad].",
         ),
     ] = None,
-    omega_g: Annotated[float, option("--omega-g", panel=MOTION, help="Frequency of the soil ω_g [rad/s].")] = 15.0,
-    zeta_g: Annotated[float, option("--zeta-g", panel=MOTION, help="Damping ratio of the soil ζ_g [–].")] = 0.6,
+    omega_g: Annotated[
+        float, option("--omega-g", panel=MOTION, help="Frequency of the soil ω_g [rad/s].")
+    ] = 15.0,
+    zeta_g: Annotated[
+        float, option("--zeta-g", panel=MOTION, help="Damping ratio of the soil ζ_g [–].")
+    ] = 0.6,
     output: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="Folder to write into.")] = Path(
         "rockjax-synthetic"
     ),
@@ -158,7 +174,11 @@ def synthetic(
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
     # Last, so that a folder with a table is complete.
-    report.wrote(write_whole(output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")))
+    report.wrote(
+        write_whole(
+            output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")
+        )
+    )
     report.say(repr(made))
     report.say(f"wrote {len(made)} motions and suite.csv into {output}")
     report.facts["motions"] = made.names

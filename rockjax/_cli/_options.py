@@ -44,7 +44,10 @@ class UnitName(enum.StrEnum):
 
 ProblemFile = Annotated[
     Path | None,
-    argument("Problem file (TOML) with structure, motions and options; options given here override it.", show_default=False),
+    argument(
+        "Problem file (TOML) with structure, motions and options; options given here override it.",
+        show_default=False,
+    ),
 ]
 Example = Annotated[
     str | None,
@@ -63,30 +66,43 @@ Output = Annotated[
         "-o",
         metavar="PATH",
         panel=OUTPUT,
-        help="Prefix of the files to write; or a folder for them; or a name with the format of the pictures, as x.pdf.",
+        help="Prefix of the files to write; or a folder for them; or a name with the format of the "
+        "pictures, as x.pdf.",
     ),
 ]
-Resume = Annotated[bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")]
+Resume = Annotated[
+    bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")
+]
 Pulse = Annotated[PulseName, option("--pulse", panel=MOTION, help="Kind of the pulse.")]
-Rtol = Annotated[float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")]
+Rtol = Annotated[
+    float, option("--rtol", panel=ACCURACY, help="Relative tolerance of the step-size control [–].")
+]
 Units = Annotated[
-    UnitName | None, option("--units", panel=MOTION, help="Unit of the samples, where the file does not say it.")
+    UnitName | None,
+    option("--units", panel=MOTION, help="Unit of the samples, where the file does not say it."),
 ]
 SamplingInterval = Annotated[
     float | None, option("--dt", panel=MOTION, help="Sampling interval [s], where the file does not say it.")
 ]
 Component = Annotated[
-    str | None, option("--component", panel=MOTION, help="Number or name of the channel, where files have several.")
+    str | None,
+    option("--component", panel=MOTION, help="Number or name of the channel, where files have several."),
 ]
 Frequencies = Annotated[tuple[float, float], option("--frequency", panel=GRID, help="Range of ω_p/p [–].")]
 MassRatios = Annotated[
     str,
-    option("--eta-over-gamma", panel=STRUCTURE, help="Mass ratios η/γ [–], separated by commas: a panel for each."),
+    option(
+        "--eta-over-gamma",
+        panel=STRUCTURE,
+        help="Mass ratios η/γ [–], separated by commas: a panel for each.",
+    ),
 ]
 Periods = Annotated[
     str,
     option(
-        "--T-s", panel=STRUCTURE, help="Superstructure periods T_s [s], separated by commas: a panel for each; 0 is rigid."
+        "--T-s",
+        panel=STRUCTURE,
+        help="Superstructure periods T_s [s], separated by commas: a panel for each; 0 is rigid.",
     ),
 ]
 
@@ -118,7 +134,8 @@ _NOTES = {
 
 
 def structure_options(**defaults: Any) -> Callable[[type[C]], type[C]]:
-    """Gives a group of options one for every parameter of a structure, by ratios or by dimensions, with these defaults.
+    """Gives a group of options one for every parameter of a structure, by ratios or by dimensions, with these
+    defaults.
 
     What a group declares itself stays as it is. A new parameter needs no line here.
     """
@@ -129,7 +146,9 @@ def structure_options(**defaults: Any) -> Callable[[type[C]], type[C]]:
         for name, entry in (table.STRUCTURE | table.DIMENSIONS).items():
             if name == "damping" or entry.place.count(".") > 1:  # --zeta serves both; parts have no options
                 continue
-            made[name] = Annotated[int | None if entry.whole else float | None, said(name, _NOTES.get(name, ""))]
+            made[name] = Annotated[
+                int | None if entry.whole else float | None, said(name, _NOTES.get(name, ""))
+            ]
             if name == "restitution":
                 made[name] = Annotated[str | None, _LAW]
             if name not in own:
@@ -174,21 +193,30 @@ class Motion(Flags):
     acceleration_ratio: Annotated[float, said("acceleration_ratio", panel=MOTION)] = 2.5
     a_p: Annotated[float | None, said("a_p", ", instead of the ratio", MOTION)] = None
     T_p: Annotated[float, said("T_p", panel=MOTION)] = 1.0
-    frequency_ratio: Annotated[float | None, said("frequency_ratio", ", instead of its period", MOTION)] = None
+    frequency_ratio: Annotated[float | None, said("frequency_ratio", ", instead of its period", MOTION)] = (
+        None
+    )
     record: Annotated[
-        Path | None, option("--record", panel=MOTION, help="File of a record, instead of a pulse: .AT2, .V2, text, .npy …")
+        Path | None,
+        option(
+            "--record", panel=MOTION, help="File of a record, instead of a pulse: .AT2, .V2, text, .npy …"
+        ),
     ] = None
     units: Units = None
     dt: SamplingInterval = None
     component: Component = None
-    scale: Annotated[float | None, option("--scale", panel=MOTION, help="Factor on the record [–]; 1 where not given.")] = (
-        None
-    )
+    scale: Annotated[
+        float | None, option("--scale", panel=MOTION, help="Factor on the record [–]; 1 where not given.")
+    ] = None
     motion: Annotated[
-        str | None, option("--motion", panel=MOTION, help="Which set of motions of the problem file, where it has several.")
+        str | None,
+        option(
+            "--motion", panel=MOTION, help="Which set of motions of the problem file, where it has several."
+        ),
     ] = None
     number: Annotated[
-        int | None, option("--number", panel=MOTION, min=1, help="Which motion of the set, where it has several.")
+        int | None,
+        option("--number", panel=MOTION, min=1, help="Which motion of the set, where it has several."),
     ] = None
 
 
@@ -196,5 +224,7 @@ class Motion(Flags):
 class Accuracy(Flags):
     """How scenes are solved."""
 
-    method: Annotated[MethodName, option("--method", panel=ACCURACY, help="Runge–Kutta method.")] = MethodName.dopri8
+    method: Annotated[MethodName, option("--method", panel=ACCURACY, help="Runge–Kutta method.")] = (
+        MethodName.dopri8
+    )
     rtol: Rtol = 1e-8

@@ -1,4 +1,5 @@
-"""Where files go: `--output` is a prefix, a folder or a name with a format, looked at before anything is computed."""
+"""Where files go: `--output` is a prefix, a folder or a name with a format, looked at before anything is
+computed."""
 
 from __future__ import annotations
 
@@ -11,7 +12,21 @@ from typing import NamedTuple
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # those that the commands write; a name that ends so names the prefix
 # What one might expect here and what is not written: a name that ends so is hardly a prefix.
-OTHERS = (".csv", ".txt", ".xlsx", ".h5", ".hdf5", ".mat", ".npy", ".npz", ".parquet", ".zarr", ".gif", ".mp4", ".toml")
+OTHERS = (
+    ".csv",
+    ".txt",
+    ".xlsx",
+    ".h5",
+    ".hdf5",
+    ".mat",
+    ".npy",
+    ".npz",
+    ".parquet",
+    ".zarr",
+    ".gif",
+    ".mp4",
+    ".toml",
+)
 
 
 class Outputs(NamedTuple):
@@ -36,7 +51,8 @@ class Outputs(NamedTuple):
 def outputs(text: str, name: str) -> Outputs:
     """What `--output` means: an existing folder, or one that ends in a slash, is to hold files called `name`.
 
-    The suffix of a picture is the format of all pictures. Raises `ValueError` for suffixes that are not written.
+    The suffix of a picture is the format of all pictures. Raises `ValueError` for suffixes that are not
+    written.
     """
     output = Path(text)
     if output.is_dir() or text.endswith(("/", os.sep)):
@@ -44,7 +60,8 @@ def outputs(text: str, name: str) -> Outputs:
     suffix = output.suffix.lower()
     if suffix in OTHERS:
         raise ValueError(
-            f"--output {output}: {suffix} is not written here; data go to .nc, pictures to {', '.join(PICTURES)}: "
+            f"--output {output}: {suffix} is not written here; data go to .nc, pictures to "
+            f"{', '.join(PICTURES)}: "
             "give one of these, a prefix or a folder"
         )
     if suffix in PICTURES:
@@ -56,7 +73,9 @@ def store_place(output: Path) -> Path:
     """The zarr store that `--output` means. Raises `ValueError` and `OSError` where there can be none."""
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
-        raise ValueError(f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr")
+        raise ValueError(
+            f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr"
+        )
     if output.is_dir() and suffix != ".zarr" and not (output / "zarr.json").exists():
         output /= "rockjax-sweep.zarr"
     require_writable(output / "zarr.json")
@@ -64,7 +83,8 @@ def store_place(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError`, as writing would, where a file cannot be written: looked at by making one and taking it away."""
+    """Raise `OSError`, as writing would, where a file cannot be written: looked at by making one and taking
+    it away."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

@@ -23,7 +23,11 @@ class Search(Flags):
     points: Annotated[int, option("--points", panel=GRID, min=2, help="Frequencies.")] = 141
     sensitivities: Annotated[
         str,
-        option("--sensitivities", panel=GRID, help="Parameters y of d a_ov/d ln y, separated by commas; empty for none."),
+        option(
+            "--sensitivities",
+            panel=GRID,
+            help="Parameters y of d a_ov/d ln y, separated by commas; empty for none.",
+        ),
     ] = "alpha,gamma"
 
 
@@ -44,9 +48,9 @@ def overturning(
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
-    With no options: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc, OUTPUT-boundaries.png and,
-    with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the podiums that are done in OUTPUT.partial.nc; --resume goes
-    on with the others.
+    With no options: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc,
+    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the podiums that are
+    done in OUTPUT.partial.nc; --resume goes on with the others.
 
     \b
     Examples:
@@ -70,11 +74,16 @@ def overturning(
     parameters, end = names(search.sensitivities), search.max_acceleration_ratio
     drawn = ("boundaries", "sensitivity") if parameters else ("boundaries",)
     to = outputs(output, "rockjax-overturning").check(drawn)
-    x, pulse = np.linspace(*ascending("--frequency", search.frequency_ratio), search.points), PULSES[search.pulse]
+    x, pulse = (
+        np.linspace(*ascending("--frequency", search.frequency_ratio), search.points),
+        PULSES[search.pulse],
+    )
     if not (end > 0 and math.isfinite(end)):
         raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")
     options = given.options(accuracy)
-    found: list = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
+    found: list = (
+        _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
+    )
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     prepare_pictures()
     with report.progress(len(podiums), "podiums") as bar:
@@ -84,10 +93,17 @@ def overturning(
             else:
                 try:
                     found[k] = rj.overturning_spectrum(
-                        podium, pulse, x, max_acceleration_ratio=end, sensitivities=parameters, options=options
+                        podium,
+                        pulse,
+                        x,
+                        max_acceleration_ratio=end,
+                        sensitivities=parameters,
+                        options=options,
                     )
                 except KeyboardInterrupt:
-                    raise interrupted(to.prefix, found, f"stopped with {k} of {len(podiums)} podiums done") from None
+                    raise interrupted(
+                        to.prefix, found, f"stopped with {k} of {len(podiums)} podiums done"
+                    ) from None
                 report.note(f"podium {k + 1}: {found[k].attrs['scenes']} scenes")
             bar.update()
     from rockjax import plots

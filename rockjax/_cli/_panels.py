@@ -26,7 +26,9 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
         "data_vars": "all",
     }
     rows = [
-        xarray.concat([next(each).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods], "T_s", **join)
+        xarray.concat(
+            [next(each).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods], "T_s", **join
+        )
         for ratio in ratios
     ]
     panels = xarray.concat(rows, "eta_over_gamma", **join)
@@ -37,7 +39,12 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
 
 
 def least(
-    report: Report, lowest: xarray.DataArray, ratios: list[float], periods: list[float], where: str, digits: str
+    report: Report,
+    lowest: xarray.DataArray,
+    ratios: list[float],
+    periods: list[float],
+    where: str,
+    digits: str,
 ) -> None:
     """Say the least overturning acceleration of each panel."""
     values = lowest.transpose("eta_over_gamma", "T_s").values

@@ -25,14 +25,19 @@ def plot(
         ),
     ] = None,
     kind: Annotated[
-        str, option("--kind", panel=OUTPUT, help="Pictures, separated by commas; by default those that the command drew.")
+        str,
+        option(
+            "--kind",
+            panel=OUTPUT,
+            help="Pictures, separated by commas; by default those that the command drew.",
+        ),
     ] = "",
 ) -> None:
     """Draw a file again: spectra, overturning spectra, responses, fragilities, design charts.
 
-    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum: boundaries,
-    sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait, moment-rotation, energy, and
-    animation, a GIF.
+    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum:
+    boundaries, sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait,
+    moment-rotation, energy, and film, a GIF.
 
     \b
     Examples:

@@ -15,7 +15,9 @@ from ._run import Flags, Report, option, prepare
 class Span(Flags):
     t_end: Annotated[
         float | None,
-        option("--t-end", panel=GRID, help="End of the history [s]; by default 30/p after the motion, or 10 T_s."),
+        option(
+            "--t-end", panel=GRID, help="End of the history [s]; by default 30/p after the motion, or 10 T_s."
+        ),
     ] = None
 
 
@@ -31,8 +33,8 @@ def response(
 ) -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
-    animation of it.
+    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and a film of
+    it.
 
     \b
     Examples:

@@ -30,7 +30,9 @@ class Curve(Flags):
     ] = None
     median: Annotated[
         float | None,
-        option("--median", panel=CURVE, help="Instead of a file: median, in SI units of the hazard's measure."),
+        option(
+            "--median", panel=CURVE, help="Instead of a file: median, in SI units of the hazard's measure."
+        ),
     ] = None
     dispersion: Annotated[
         float | None,
@@ -54,7 +56,9 @@ class Site(Flags):
     ] = None
     years: Annotated[
         float,
-        option("--years", panel=OUTPUT, min=0, help="Time in which the probability of failure is wanted [years]."),
+        option(
+            "--years", panel=OUTPUT, min=0, help="Time in which the probability of failure is wanted [years]."
+        ),
     ] = 50.0
 
 
@@ -62,14 +66,17 @@ def risk(
     curve: Curve,
     site: Site,
     report: Report,
-    problem: Annotated[Path | None, argument("Problem file (.toml) with a table [risk].", show_default=False)] = None,
+    problem: Annotated[
+        Path | None, argument("Problem file (.toml) with a table [risk].", show_default=False)
+    ] = None,
     example: Example = None,
     output: Output = "rockjax-risk",
 ) -> None:
     """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
-    Prints frequency, return period, probability in a given time, and how the frequency moves with the structure where the
-    fragility knows it. Writes OUTPUT.nc (hazard, fragility and what each intensity contributes) and OUTPUT-risk.png.
+    Prints frequency, return period, probability in a given time, and how the frequency moves with the
+    structure where the fragility knows it. Writes OUTPUT.nc (hazard, fragility and what each intensity
+    contributes) and OUTPUT-risk.png.
 
     \b
     Examples:
@@ -96,7 +103,10 @@ def risk(
     median, dispersion = contributions.attrs["median"], contributions.attrs["dispersion"]
     report.say(f"fragility: median {median:.4g} {hazard.units}, dispersion {dispersion:.3g}")
     frequency = float(found.frequency)
-    report.say(f"mean annual frequency of overturning: {frequency:.4g}, once in {float(found.return_period):.4g} years")
+    report.say(
+        f"mean annual frequency of overturning: "
+        f"{frequency:.4g}, once in {float(found.return_period):.4g} years"
+    )
     within = float(found.probability(site.years))
     report.say(f"probability in {site.years:g} years: {within:.4g}")
     slopes = {name: float(y) for name, y in found.sensitivities.items()}
@@ -140,7 +150,9 @@ def _fragility(given: Given, curve: Curve) -> Any:
 
     data = load(path)
     if data.attrs["kind"] != "fragility":
-        raise ValueError(f"{path}: holds a {data.attrs['kind']}, not a fragility; `rockjax fragility` makes one")
+        raise ValueError(
+            f"{path}: holds a {data.attrs['kind']}, not a fragility; `rockjax fragility` makes one"
+        )
     return data
 
 

@@ -56,9 +56,12 @@ class Flags:
 
 @dataclasses.dataclass
 class Report(Flags):
-    """What a command says: a summary on stdout or, with --json, one object; progress and remarks on stderr."""
+    """What a command says: a summary on stdout or, with --json, one object; progress and remarks on
+    stderr."""
 
-    quiet: Annotated[bool, option("--quiet", "-q", panel="Output", help="No progress bar, no summary.")] = False
+    quiet: Annotated[bool, option("--quiet", "-q", panel="Output", help="No progress bar, no summary.")] = (
+        False
+    )
     verbose: Annotated[
         bool, option("--verbose", "-v", panel="Output", help="Say what is solved, compiled and kept where.")
     ] = False
@@ -93,7 +96,9 @@ class Report(Flags):
 
         return bar(total, unit, not self.quiet, unit_scale=True)
 
-    def write(self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None) -> None:
+    def write(
+        self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None
+    ) -> None:
         """Write a dataset, and others as groups of its file, with the command that made them."""
         from rockjax._files import write_dataset
 
@@ -129,7 +134,9 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters.values()
     groups = {
-        p.name: hints[p.name] for p in parameters if isinstance(hints[p.name], type) and issubclass(hints[p.name], Flags)
+        p.name: hints[p.name]
+        for p in parameters
+        if isinstance(hints[p.name], type) and issubclass(hints[p.name], Flags)
     }
     options = [inspect.Parameter("ctx", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
     for p in parameters:
@@ -139,7 +146,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         of_field = get_type_hints(groups[p.name], include_extras=True)
         options += [
             inspect.Parameter(
-                field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=of_field[field.name]
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=of_field[field.name],
             )
             for field in dataclasses.fields(groups[p.name])
             if field.init
@@ -208,15 +218,17 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
 
         matplotlib.use("Agg")
     if folder.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # What is traced anew in every run; this process is our own. Of another version nothing is taken: what comes
-        # from here cannot be kept as a program.
+        # What is traced anew in every run; this process is our own. Of another version nothing is taken: what
+        # comes from here cannot be kept as a program.
         jax.config.update("jax_compilation_cache_dir", str(folder.path() / "jax" / kind.source()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report is not None and report.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)
     if report is not None and report.verbose:
         _count_programs()
-        report.note(f"{shlex.join(['rockjax', *sys.argv[1:]])}: jax {jax.__version__} on {jax.default_backend()}")
+        report.note(
+            f"{shlex.join(['rockjax', *sys.argv[1:]])}: jax {jax.__version__} on {jax.default_backend()}"
+        )
 
 
 def prepare_pictures() -> None:
@@ -270,7 +282,10 @@ def interrupted(output: Path, datasets: list, message: str) -> typer.Exit:
 
     if any(data is not None for data in datasets):
         kept = _partial.save(_partial.path_of(output), datasets)
-        typer.echo(f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there", err=True)
+        typer.echo(
+            f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there",
+            err=True,
+        )
     else:
         typer.echo(f"\nrockjax: {message}; nothing to keep", err=True)
     return typer.Exit(INTERRUPTED)

@@ -6,7 +6,18 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ._given import Given, ascending, problem_file
-from ._options import GRID, Accuracy, Example, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume
+from ._options import (
+    GRID,
+    Accuracy,
+    Example,
+    Frequencies,
+    Output,
+    Panels,
+    ProblemFile,
+    Pulse,
+    PulseName,
+    Resume,
+)
 from ._outputs import outputs
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
@@ -32,12 +43,13 @@ def spectrum(
     output: Output = "rockjax-spectrum",
     resume: Resume = False,
 ) -> None:
-    """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of overturning.
+    """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of
+    overturning.
 
-    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are narrowed down between points of
-    the grid; `rockjax overturning` also finds what lies between two points that end alike. Writes OUTPUT.nc,
-    OUTPUT-rotation.png and OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume
-    solves the others.
+    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are narrowed down between
+    points of the grid; `rockjax overturning` also finds what lies between two points that end alike. Writes
+    OUTPUT.nc, OUTPUT-rotation.png and OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in
+    OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:
@@ -68,12 +80,16 @@ def spectrum(
     y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
     total = len(podiums) * grid.points**2
     require_memory("--points", total)
-    report.note(f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes")
+    report.note(
+        f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
+    )
     known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
     prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
-            spectra = rj.rocking_spectra(podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known)
+            spectra = rj.rocking_spectra(
+                podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known
+            )
         spectra = with_boundaries(spectra, podiums, PULSES[grid.pulse], options=options)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None

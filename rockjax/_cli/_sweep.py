@@ -32,14 +32,19 @@ class Grid(Flags):
             panel=GRID,
             metavar="NAME=VALUES",
             help=(
-                "An axis of the grid, once for each: alpha=0.1,0.12,0.15 or alpha=0.1:0.2:11 for 11 values from 0.1 to 0.2, "
+                "An axis of the grid, once for each: alpha=0.1,0.12,0.15 or alpha=0.1:0.2:11 for 11 values "
+                "from 0.1 to 0.2, "
                 "or gamma=1:100:7:log for equal ratios."
             ),
         ),
     ] = ()  # pyright: ignore[reportAssignmentType]
     outputs: Annotated[
         str,
-        option("--outputs", panel=GRID, help="Wanted answers, separated by commas: peak_rotation, peak_shear, margin …"),
+        option(
+            "--outputs",
+            panel=GRID,
+            help="Wanted answers, separated by commas: peak_rotation, peak_shear, margin …",
+        ),
     ] = "peak_rotation"
 
 
@@ -50,14 +55,24 @@ class Machines(Flags):
         option("--chunk", panel=MACHINES, min=1, help="Scenes in a chunk; by default some seconds of them."),
     ] = None
     workers: Annotated[
-        int | None, option("--workers", panel=MACHINES, min=1, help="So many processes on this machine, of one core each.")
+        int | None,
+        option(
+            "--workers", panel=MACHINES, min=1, help="So many processes on this machine, of one core each."
+        ),
     ] = None
     scheduler: Annotated[
         str | None,
-        option("--scheduler", panel=MACHINES, help="A Dask scheduler that runs already: its address, or its file (.json)."),
+        option(
+            "--scheduler",
+            panel=MACHINES,
+            help="A Dask scheduler that runs already: its address, or its file (.json).",
+        ),
     ] = None
     dry_run: Annotated[
-        bool, option("--dry-run", panel=MACHINES, help="Only say how long it will take, and how much memory and disk.")
+        bool,
+        option(
+            "--dry-run", panel=MACHINES, help="Only say how long it will take, and how much memory and disk."
+        ),
     ] = False
 
 
@@ -76,9 +91,9 @@ def sweep(
 ) -> None:
     """Peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
 
-    The axes are numbers of the structure and of the motion; a set of several motions is an axis of its own. Writes a zarr
-    store that xarray opens. However a sweep was stopped, the same command goes on where it was: what is in the store is
-    verified and left.
+    The axes are numbers of the structure and of the motion; a set of several motions is an axis of its own.
+    Writes a zarr store that xarray opens. However a sweep was stopped, the same command goes on where it was:
+    what is in the store is verified and left.
 
     \b
     Examples:
@@ -101,12 +116,19 @@ def sweep(
     grid, machines = given.settings(grid), given.settings(machines)
     axes = _axes(given, grid)
     if not axes:
-        raise ValueError("--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file")
+        raise ValueError(
+            "--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
+        )
     options = given.options(accuracy, outputs=tuple(names(grid.outputs)))
     with given.reader.at("sweep.axes"):
         scenes = rj.grid(podium, _excitation(given, motion, podium), **axes)
     report.note(repr(scenes))
-    call: dict[str, Any] = {"store": store, "options": options, "chunk": machines.chunk, "progress": not report.quiet}
+    call: dict[str, Any] = {
+        "store": store,
+        "options": options,
+        "chunk": machines.chunk,
+        "progress": not report.quiet,
+    }
     with _client(machines) as client:
         if machines.dry_run:
             plan: Any = rj.sweep(*scenes, **call, client=client, dry_run=True)
@@ -187,7 +209,9 @@ def _client(machines: Machines) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     if machines.scheduler is not None:
-        how: dict[str, Any] = {"scheduler_file" if machines.scheduler.endswith(".json") else "address": machines.scheduler}
+        how: dict[str, Any] = {
+            "scheduler_file" if machines.scheduler.endswith(".json") else "address": machines.scheduler
+        }
         with Client(**how) as client:
             yield client
         return

@@ -10,7 +10,8 @@ from typing import Any
 
 
 class _Spoken:
-    """Standard output that may be closed at its other end, as `| head -1` does: what comes after goes nowhere."""
+    """Standard output that may be closed at its other end, as `| head -1` does: what comes after goes
+    nowhere."""
 
     def __init__(self, stream: Any):
         self._stream = stream
@@ -39,7 +40,8 @@ class _Spoken:
 
 @contextlib.contextmanager
 def terminal() -> Iterator[None]:
-    """Write to a terminal or a pipe: a pipe that is closed early is no error, and NO_COLOR leaves text without any codes."""
+    """Write to a terminal or a pipe: a pipe that is closed early is no error, and NO_COLOR leaves text
+    without any codes."""
     if os.environ.get("NO_COLOR"):
         _plain()
     before = sys.stdout

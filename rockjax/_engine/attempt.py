@@ -17,7 +17,9 @@ from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-AT_ONCE = 100  # times the resolution of time: what the end of the scene follows so closely is not told from it
+AT_ONCE = (
+    100  # times the resolution of time: what the end of the scene follows so closely is not told from it
+)
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
 GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
 
@@ -76,7 +78,17 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     error = constant(_error(scene, state, end))
     finite = jnp.isfinite(error)
     return Attempt(
-        h, reaches, stop, reaches & last, fresh, a0, end, error, finite, finite & ((error <= 1) | (h < tiny)), tiny
+        h,
+        reaches,
+        stop,
+        reaches & last,
+        fresh,
+        a0,
+        end,
+        error,
+        finite,
+        finite & ((error <= 1) | (h < tiny)),
+        tiny,
     )
 
 
@@ -110,7 +122,8 @@ def _error(scene: Scene, state: LoopState, trial: Step) -> Value:
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
-    """Natural units of positions and velocities: α and pα, and for the superstructure the sway of the beam's corner."""
+    """Natural units of positions and velocities: α and pα, and for the superstructure the sway of the beam's
+    corner."""
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.elastic:
         sway = c.two_R * c.sin_alpha
@@ -134,15 +147,19 @@ def next_length(scene: Scene, plan: Plan, state: LoopState, h: Value, error: Val
 
 
 def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> tuple[Vector, Vector]:
-    """The state shortly after the end of the step: along the quintic through both of its ends, from the end on."""
+    """The state shortly after the end of the step: along the quintic through both of its ends, from the end
+    on."""
     h = trial.h
     z = safe_ratio(after, h, h > 0)
     # Over a very short step the quintic is a difference of nearly equal numbers, and the mean jerk is enough.
     long = h > 0.01 * scene.longest
     x, v = [], []
-    for x0, v0, a0, x1, v1, a1 in zip(state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True):
+    for x0, v0, a0, x1, v1, a1 in zip(
+        state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
+    ):
         c3, c4, c5 = quintic(x0, v0, a0, x1, v1, a1, h)[3:]
-        # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by differences.
+        # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by
+        # differences.
         d3 = jnp.where(long, c3 + 4 * c4 + 10 * c5, (a1 - a0) * h**2 / 6)
         d4, d5 = jnp.where(long, c4 + 5 * c5, 0.0), jnp.where(long, c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))

@@ -1,9 +1,10 @@
 """Full contact without steps: a linear oscillator under a polynomial ground motion has an exact solution.
 
-Before the first uplift nothing happens but Eq. (4). The ground motion over a panel of time is a polynomial (to rounding
-for smooth pulses, by Chebyshev interpolation; exactly for a sampled record, whose panels are its intervals); under it
-the oscillator moves along another polynomial plus a free vibration. As long as a bound of the demand over the panel
-stays under Eq. (9), the columns provably stay down, and the panel is crossed at once, however stiff the superstructure.
+Before the first uplift nothing happens but Eq. (4). The ground motion over a panel of time is a polynomial
+(to rounding for smooth pulses, by Chebyshev interpolation; exactly for a sampled record, whose panels are its
+intervals); under it the oscillator moves along another polynomial plus a free vibration. As long as a bound
+of the demand over the panel stays under Eq. (9), the columns provably stay down, and the panel is crossed at
+once, however stiff the superstructure.
 
 Where nothing is elastic, nothing moves before the next uplift, which is a root of the excitation.
 """
@@ -55,7 +56,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         state, level = carry
         half, turn, free = kinds[0]
         for k, kind in enumerate(kinds[1:], start=1):
-            half, turn, free = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free))
+            half, turn, free = jax.tree.map(
+                lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free)
+            )
         ground_at, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
         values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
@@ -77,14 +80,18 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
         goes = _size(demand) + c.demand * shaken < c.uplift
         if plan.deformation:
-            goes &= _size(path) + vibration < jnp.maximum(present(state.deformation), scene.atol * c.two_R * c.sin_alpha)
+            goes &= _size(path) + vibration < jnp.maximum(
+                present(state.deformation), scene.atol * c.two_R * c.sin_alpha
+            )
         if plan.shear:
             goes &= _size(spring) + shaken < jnp.maximum(present(state.shear) * c.g, scene.atol * c.uplift)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
         inside = jnp.where(
-            reaches, constant(edge) <= constant(scene.end), state.t + length < constant(jnp.minimum(edge, scene.end))
+            reaches,
+            constant(edge) <= constant(scene.end),
+            state.t + length < constant(jnp.minimum(edge, scene.end)),
         )
         goes &= (zeta < _DAMPED) & inside
 
@@ -94,7 +101,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         u_ddot = -ground_at(constant(event_time)) - (c.omega2 * x + c.damping * v)
         x, v = x + past * v, v + past * u_ddot
         piece = state.piece + reaches.astype(jnp.int32)
-        xs, vs = restart(scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
+        xs, vs = restart(
+            scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece
+        )
         crossed = state._replace(
             t=constant(event_time), event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1
         )
@@ -103,7 +112,12 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
     def may(carry: tuple[LoopState, Index]) -> Flag:
         state, level = carry
-        return (level < len(kinds)) & (state.code == results.RUNNING) & (state.sigma == 0) & (state.t < scene.quiet)
+        return (
+            (level < len(kinds))
+            & (state.code == results.RUNNING)
+            & (state.sigma == 0)
+            & (state.t < scene.quiet)
+        )
 
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
 
@@ -119,8 +133,8 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
     side = constant(-jnp.sign(excitation.piece(piece)(stamp)))
-    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above. A crossing that
-    # falls on a breakpoint, but for rounding, is that of the piece before.
+    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
+    # A crossing that falls on a breakpoint, but for rounding, is that of the piece before.
     edge = excitation.breakpoint(piece - 1)
     on_edge = constant(edge) == stamp
     jump = excitation.piece(piece)(stamp) - excitation.piece(piece - 1)(stamp)
@@ -132,7 +146,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     now = jnp.where(lifts, now, stamp)
     mode = jnp.where(lifts, side, 0.0)
     x, v = restart(scene, stamp, now - constant(now), state.x, state.v, mode, piece)
-    code = jnp.where(lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME))
+    code = jnp.where(
+        lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
+    )
     force = state.shear
     if plan.shear:
         highest = scene.lookahead.highest_time(t, jnp.minimum(lifts_at, end))
@@ -169,7 +185,9 @@ def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
     for row in weights:
         half = row[: len(pairs)]
         folded = sums if np.allclose(row, row[::-1]) else differences
-        combined.append(sum((float(w) * y for w, y in zip(half, folded, strict=True)), jnp.zeros_like(values[0])))
+        combined.append(
+            sum((float(w) * y for w, y in zip(half, folded, strict=True)), jnp.zeros_like(values[0]))
+        )
     return combined
 
 
@@ -178,7 +196,8 @@ def _size(coefficients: list[Value]) -> Value:
 
 
 def _free(zeta: Value, turn: Value) -> tuple[Value, Value, Value, Value]:
-    """The free vibration across a panel: (y, y')(1) from (y, y')(−1), with y'' + 2ζΩy' + Ω²y = 0, Ω = `turn`."""
+    """The free vibration across a panel: (y, y')(1) from (y, y')(−1), with y'' + 2ζΩy' + Ω²y = 0, Ω =
+    `turn`."""
     decay = zeta * turn
     damped = turn * jnp.sqrt(jnp.maximum(1 - zeta**2, 1 - _DAMPED**2))
     fall = jnp.exp(-2 * decay)
@@ -189,8 +208,8 @@ def _free(zeta: Value, turn: Value) -> tuple[Value, Value, Value, Value]:
 def _particular(force: list[Value], zeta: Value, turn: Value, half: Value) -> list[Value]:
     """A solution Σ y_k r^k of y'' + 2ζΩy' + Ω²y = −h²Σ f_k r^k on r ∈ [−1, 1].
 
-    For a stiff oscillator the one that follows the ground motion, a polynomial of the same degree, from the highest
-    power down; for a soft one the Taylor series from rest at r = 0, from the lowest power up.
+    For a stiff oscillator the one that follows the ground motion, a polynomial of the same degree, from the
+    highest power down; for a soft one the Taylor series from rest at r = 0, from the lowest power up.
     """
     zero = jnp.zeros_like(half)
     load = [-(half**2) * f for f in force] + [zero] * (_TERMS - len(force))
@@ -207,12 +226,15 @@ def _particular(force: list[Value], zeta: Value, turn: Value, half: Value) -> li
     square, drag = slow**2, 2 * zeta * slow
     series = [zero, zero]
     for k in range(_TERMS - 2):
-        series.append(hold((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1))))
+        series.append(
+            hold((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1)))
+        )
     return [jnp.where(stiff, a, b) for a, b in zip(following, series, strict=False)]
 
 
 def _interpolation(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes on [−1, 1]; values there to powers of r; values to the last Chebyshev coefficients, none where it is exact."""
+    """Nodes on [−1, 1]; values there to powers of r; values to the last Chebyshev coefficients, none where it
+    is exact."""
     j = np.arange(degree + 1)
     nodes = -np.cos(np.pi * j / degree)
     chebyshev = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))

@@ -1,7 +1,8 @@
-"""Derivatives of one scene whose numbers are known: one program, kept between processes, serves whichever are asked for.
+"""Derivatives of one scene whose numbers are known: one program, kept between processes, serves whichever are
+asked for.
 
-It finds the answers and their derivatives with respect to every number of the podium and the excitation, in one pass. What
-`jax.grad`, `jacfwd` or `jvp` then ask for is a combination of these.
+It finds the answers and their derivatives with respect to every number of the podium and the excitation, in
+one pass. What `jax.grad`, `jacfwd` or `jvp` then ask for is a combination of these.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ def known(leaf: Any) -> bool:
     """Whether the value of a leaf is known, though derivatives with respect to it may be wanted."""
     if not isinstance(leaf, Tracer):
         return True
-    value = getattr(leaf, "to_concrete_value", None)  # of a tracer for derivatives, the value that it is taken at
+    value = getattr(
+        leaf, "to_concrete_value", None
+    )  # of a tracer for derivatives, the value that it is taken at
     return value is not None and value() is not None
 
 
@@ -30,7 +33,8 @@ def known(leaf: Any) -> bool:
 def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any, history: int | None):
     """The answers of a scene from its leaves, with the derivative rule of this module.
 
-    `slopes_of` gives the answers and the derivatives of their floats with respect to the leaves `numbers`, in rows.
+    `slopes_of` gives the answers and the derivatives of their floats with respect to the leaves `numbers`, in
+    rows.
     """
 
     @jax.custom_jvp
@@ -46,7 +50,10 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
         directions = {numbers.index(i): tangents[i] for i in live}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: _along(np.asarray(slope), directions), slopes)
-        return answer, (floats_dot, jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers))
+        return answer, (
+            floats_dot,
+            jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers),
+        )
 
     evaluate.defjvp(rule, symbolic_zeros=True)
     return evaluate
@@ -56,11 +63,14 @@ def _numbers(structure: Any, leaves) -> tuple[int, ...]:
     """Which leaves are numbers of the podium and the excitation."""
     podium, excitation, *_ = structure.children()
     own = range(podium.num_leaves + excitation.num_leaves)
-    return tuple(i for i in own if np.ndim(leaves[i]) == 0 and jnp.issubdtype(jnp.result_type(leaves[i]), jnp.floating))
+    return tuple(
+        i for i in own if np.ndim(leaves[i]) == 0 and jnp.issubdtype(jnp.result_type(leaves[i]), jnp.floating)
+    )
 
 
 def _along(slope: np.ndarray, directions: dict[int, Any]):
-    """The derivative of one answer along directions: as few and as small operations as can be, each of them is compiled."""
+    """The derivative of one answer along directions: as few and as small operations as can be, each of them
+    is compiled."""
     terms = []
     for k, direction in directions.items():
         each = jax.lax.broadcast(direction, slope.shape[1:]) if slope.ndim > 1 else direction
@@ -69,7 +79,8 @@ def _along(slope: np.ndarray, directions: dict[int, Any]):
 
 
 def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, live):
-    """The rule where it has to be traced: with respect to samples, initial states, or inside another transformation."""
+    """The rule where it has to be traced: with respect to samples, initial states, or inside another
+    transformation."""
 
     def of_live(*values):
         leaves = list(primals)

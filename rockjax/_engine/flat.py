@@ -22,7 +22,8 @@ MANY_RADIANS = 50_000  # of a superstructure's vibration on lifted columns
 
 
 class Nodes(NamedTuple):
-    """The accepted steps of a scene: node k holds the state from which the next step starts, after any impact."""
+    """The accepted steps of a scene: node k holds the state from which the next step starts, after any
+    impact."""
 
     t: Float[Array, " n"]  # inf where unused
     x: tuple[Float[Array, " n"], ...]
@@ -83,11 +84,15 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
     state = cross_full_contact(scene, plan, state)
-    state = jax.lax.while_loop(lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state)
+    state = jax.lax.while_loop(
+        lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
+    )
     return closed(scene, state)
 
 
-def run_with_history(scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int) -> tuple[LoopState, Nodes]:
+def run_with_history(
+    scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int
+) -> tuple[LoopState, Nodes]:
     """The state at its end, and its accepted steps on the way."""
 
     def keep(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
@@ -98,25 +103,32 @@ def run_with_history(scene: Scene, plan: Plan, state: LoopState, max_steps: int,
     return _keeping(scene, plan, state, max_steps, keep, _first_node(state, capacity))
 
 
-def record_decisions(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> tuple[LoopState, Decision, Index]:
+def record_decisions(
+    scene: Scene, plan: Plan, state: LoopState, max_steps: int
+) -> tuple[LoopState, Decision, Index]:
     """The state at its end, the decisions of every accepted step, and their number."""
     like = jax.eval_shape(lambda: step(scene, plan, state)[1].decision)
     decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
 
-    def keep(state: LoopState, kept: tuple[Decision, Index], info: StepInfo) -> tuple[LoopState, tuple[Decision, Index]]:
+    def keep(
+        state: LoopState, kept: tuple[Decision, Index], info: StepInfo
+    ) -> tuple[LoopState, tuple[Decision, Index]]:
         decisions, count = kept
         decisions = _put(decisions, jnp.where(info.accepted, count, max_steps), info.decision)
         return state, (decisions, count + info.accepted.astype(jnp.int32))
 
-    state, (decisions, count) = _keeping(scene, plan, state, max_steps, keep, (decisions, jnp.zeros((), jnp.int32)))
+    state, (decisions, count) = _keeping(
+        scene, plan, state, max_steps, keep, (decisions, jnp.zeros((), jnp.int32))
+    )
     return state, decisions, count
 
 
 def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, kept):
     """The state at its end, and what `keep(state, kept, info)` has kept of every step.
 
-    Lanes that have ended keep nothing any more. Were each lane to decide for itself when the loop ends, JAX would choose
-    between old and new buffers as a whole in every step of a vmapped loop, where only a row of them is written.
+    Lanes that have ended keep nothing any more. Were each lane to decide for itself when the loop ends, JAX
+    would choose between old and new buffers as a whole in every step of a vmapped loop, where only a row of
+    them is written.
     """
 
     def body(carry):
@@ -126,7 +138,9 @@ def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, k
         after, kept = keep(after, kept, info._replace(accepted=info.accepted & goes_on))
         return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), kept
 
-    state, kept = jax.lax.while_loop(lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, kept))
+    state, kept = jax.lax.while_loop(
+        lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, kept)
+    )
     return closed(scene, state), kept
 
 
@@ -135,8 +149,9 @@ def replay(
 ) -> tuple[LoopState, Nodes | None]:
     """The state at its end through known decisions, in a loop that reverse mode can walk with bounded memory.
 
-    Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to another, and
-    a step rejected the second time only would leave states and cotangents at different times: hence the recording beforehand.
+    Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to
+    another, and a step rejected the second time only would leave states and cotangents at different times:
+    hence the rehearsal.
     """
 
     def body(carry):
@@ -149,5 +164,7 @@ def replay(
 
     start = (state, None if capacity is None else _first_node(state, capacity), jnp.zeros((), jnp.int32))
     max_steps = decisions.h.shape[0]
-    state, nodes, _ = eqxi.while_loop(lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded")
+    state, nodes, _ = eqxi.while_loop(
+        lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded"
+    )
     return state, nodes

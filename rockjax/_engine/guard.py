@@ -18,10 +18,11 @@ from .state import LoopState, Plan, Scene
 
 
 class Guard(NamedTuple):
-    """σθ while rocking, which may not reach 0 or the overturning angle; in full contact the demand q, within ±q_up.
+    """σθ while rocking, which may not reach 0 or the overturning angle; in full contact the demand q, within
+    ±q_up.
 
-    Over a step, monotone on both sides of at most one turning point. Everything but the two paths and `ending` is a
-    constant for derivatives.
+    Over a step, monotone on both sides of at most one turning point. Everything but the two paths and
+    `ending` is a constant for derivatives.
     """
 
     path: Quintic  # over the step, z ∈ [0, 1]
@@ -41,7 +42,9 @@ class Guard(NamedTuple):
     turns_twice: Flag  # it turns more than once, and may break meanwhile
 
 
-def watch(scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step, fresh: Flag) -> Guard:
+def watch(
+    scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step, fresh: Flag
+) -> Guard:
     """The guard over a step of length h from a state, with accelerations a0, to `end`."""
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
@@ -65,10 +68,14 @@ def watch(scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: V
 
     breaks_before_turn = turned & broken(top)
     breaks_after_turn = broken(last) & ~breaks_before_turn
-    breaks_before_turn, breaks_after_turn = jax.lax.optimization_barrier((breaks_before_turn, breaks_after_turn))
+    breaks_before_turn, breaks_after_turn = jax.lax.optimization_barrier(
+        (breaks_before_turn, breaks_after_turn)
+    )
     edge = jnp.where(breaks_before_turn, top, last)
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
-    inside = crossing(margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one))
+    inside = crossing(
+        margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one)
+    )
     ending = _margin(scene, rocking, at_end, last, ~rises_on)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
@@ -99,10 +106,11 @@ def watch(scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: V
 def _paths(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
 ) -> tuple[Quintic, Quintic]:
-    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear there.
+    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear
+    there.
 
-    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step knows the
-    value only, its slopes are differences of nearly equal numbers.
+    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step
+    knows the value only, its slopes are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -113,7 +121,9 @@ def _paths(
         one = jnp.ones_like(t)
         rate = lambda s: jax.jvp(ground_at, (s,), (one,))[1]
         g0, (g1, g2) = ground_at(t), jax.jvp(rate, (t,), (one,))
-        jerk = acceleration(c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:]))
+        jerk = acceleration(
+            c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:])
+        )
         return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
 
     demand = (*jet(state.t, state.x, state.v, a0), *jet(state.t + h, end.x, end.v, end.a))
@@ -121,14 +131,16 @@ def _paths(
 
 
 def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
-    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the end."""
+    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the
+    end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     return quintic(x0, v0, a0, x1, v1, a1, h), Quintic(x1, v1, 0.5 * a1, zero, zero, zero)
 
 
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
-    """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full contact."""
+    """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full
+    contact."""
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
     limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.overturn_angle), scene.c.uplift)
     scaled = Quintic(*(sign * k for k in guard))
@@ -136,7 +148,8 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
 
 
 def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
-    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a constant."""
+    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a
+    constant."""
     margin = jax.lax.stop_gradient(margin)
     time_past_end = jnp.zeros_like(margin.c0)
     falls = margin.c1 < 0

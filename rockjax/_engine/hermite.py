@@ -1,7 +1,7 @@
 """The quintic Hermite polynomial of a step, on z ∈ [0, 1], and where it turns and crosses zero.
 
-It joins value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant: below the local
-error of a fifth-order method, and good enough to know where to land for any other.
+It joins value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant: below
+the local error of a fifth-order method, and good enough to know where to land for any other.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool
 
 from rockjax._types import Value
 
-# Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of peaks; a
-# crossing only says where to try next.
+# Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of
+# peaks; a crossing only says where to try next.
 _TO_TURN, _TO_CROSS = 5, 4
 
 
@@ -70,8 +70,11 @@ def derivative(coefficients: Sequence[Value]) -> list[Value]:
 
 
 @functools.partial(jax.jit, static_argnames="iterations")
-def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, below: Value, iterations: int) -> Value:
-    """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by bisection.
+def _safeguarded_newton(
+    f: Sequence[Value], lo: Value, hi: Value, above: Value, below: Value, iterations: int
+) -> Value:
+    """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by
+    bisection.
 
     Its values at lo and hi are `above` and `below`.
     """
@@ -89,7 +92,8 @@ def _safeguarded_newton(f: Sequence[Value], lo: Value, hi: Value, above: Value, 
 
 
 def turning_point(polynomial, rising: Bool[Array, ""]) -> Value:
-    """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z = 1."""
+    """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z
+    = 1."""
     sign = jnp.where(rising, 1.0, -1.0)
     slope = [sign * c for c in derivative(polynomial)]
     lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
@@ -101,7 +105,9 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     return _safeguarded_newton(polynomial, lo, hi, polynomial.value(lo), polynomial.value(hi), _TO_CROSS)
 
 
-def turns_more_than_once(polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]) -> Bool[Array, ""]:
+def turns_more_than_once(
+    polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]
+) -> Bool[Array, ""]:
     """Whether the slope, sampled inside, changes sign more than once between z = 0 and z = 1."""
     turns = jnp.zeros((), jnp.int32)
     before = rising

@@ -1,25 +1,27 @@
-"""The overturning margin of a scene: positive where it survives, zero on the boundary, negative where it overturns.
+"""The overturning margin of a scene: positive where it survives, zero on the boundary, negative where it
+overturns.
 
-Energy, over the depth of the potential well from full contact to the overturning angle α_o = overturn_ratio·α. A turning
-point |θ| = θ_m short of α_o had to spare the work against gravity, and against what else turns it back, on what is left
-of the way:
+Energy, over the depth of the potential well from full contact to the overturning angle α_o =
+overturn_ratio·α. A turning point |θ| = θ_m short of α_o had to spare the work against gravity, and against
+what else turns it back, on what is left of the way:
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is what besides gravity turns the column back at that moment, over gravity's own coefficient in Eq. (24), and f⁺
-its positive part. A column that reaches α_o with the speed θ̇ had I θ̇²/2 too much. The inertia I is that of columns, beam
-and superstructure moving as one: so they do where they linger at the saddle.
+where f is what besides gravity turns the column back at that moment, over gravity's own coefficient in Eq.
+(24), and f⁺ its positive part. A column that reaches α_o with the speed θ̇ had I θ̇²/2 too much. The inertia
+I is that of columns, beam and superstructure moving as one: so they do where they linger at the saddle.
 
-So M passes through zero with a slope, whether the columns are pushed over or linger at the saddle after the shaking; one
-slope exactly where gravity alone decides, nearly where the ground still moves or the superstructure sways. Where restrainers
-hold the columns as well, the potential V of (C3) stands for that of gravity, (C21):
+So M passes through zero with a slope, whether the columns are pushed over or linger at the saddle after the
+shaking; one slope exactly where gravity alone decides, nearly where the ground still moves or the
+superstructure sways. Where restrainers hold the columns as well, the potential V of (C3) stands for that of
+gravity, (C21):
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
-The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its fall. Turning
-points come and go with the parameters, and each has its own f: W is kept below w, so that away from the boundary M follows
-the largest rotation, which is continuous.
+The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its
+fall. Turning points come and go with the parameters, and each has its own f: W is kept below w, so that away
+from the boundary M follows the largest rotation, which is continuous.
 """
 
 from __future__ import annotations
@@ -53,22 +55,30 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
 def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """M of a column that reaches the overturning angle with the speed θ̇."""
     if c.restrainers:
-        return -0.5 * _moment(c, overturn_angle, theta_dot**2) / potential(c, jnp.ones_like(theta_dot), overturn_angle)
+        return (
+            -0.5
+            * _moment(c, overturn_angle, theta_dot**2)
+            / potential(c, jnp.ones_like(theta_dot), overturn_angle)
+        )
     _, cos_o = sincos(c.alpha - overturn_angle)
     return -0.5 * (c.inertia + c.centrifugal) * theta_dot**2 / (c.gravity * (cos_o - c.cos_alpha))
 
 
 def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
-    """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that angle."""
+    """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that
+    angle."""
     if c.restrainers:
         one = jnp.ones_like(theta)
         left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
         return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)
     _, cos_o = sincos(c.alpha - overturn_angle)
     _, cos = sincos(c.alpha - theta)
-    return jnp.where(theta < overturn_angle, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / overturn_angle)
+    return jnp.where(
+        theta < overturn_angle, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / overturn_angle
+    )
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Inertia times a rate of the rotation, per N m_c: an angular acceleration, or the square of a velocity."""
+    """Inertia times a rate of the rotation, per N m_c: an angular acceleration, or the square of a
+    velocity."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

@@ -13,8 +13,8 @@ from rockjax._types import Value
 from .hermite import Quintic, derivative, turning_point
 from .ratio import safe_ratio
 
-# An extremum is landed on when it would raise the record and lies well inside the step; near the ends the polynomial is
-# as good as the step itself.
+# An extremum is landed on when it would raise the record and lies well inside the step; near the ends the
+# polynomial is as good as the step itself.
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
 WELL_INSIDE_CUBIC = 1e-4
@@ -30,9 +30,11 @@ class Maximum(NamedTuple):
 
 
 def summit(path, end: float) -> Value:
-    """Where the path turns, if that is within rounding of an end of the step, else the end itself; a constant.
+    """Where the path turns, if that is within rounding of an end of the step, else the end itself; a
+    constant.
 
-    An extremum on which a step ends has the value of that end, but not its derivative: it moves with the parameters.
+    An extremum on which a step ends has the value of that end, but not its derivative: it moves with the
+    parameters.
     """
     path = jax.lax.stop_gradient(path)
     slope, curvature = path.slope(end), path.curvature(end)
@@ -50,8 +52,11 @@ class End(NamedTuple):
 
 
 @functools.partial(jax.jit, static_argnames="inside")
-def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], inside: float = WELL_INSIDE) -> Maximum:
-    """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its ends."""
+def largest(
+    path: Quintic, h: Value, record: Value, ends: tuple[End, End], inside: float = WELL_INSIDE
+) -> Maximum:
+    """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its
+    ends."""
     turned = ends[0].rate * ends[1].rate < 0
     z = turning_point(jax.lax.stop_gradient(path), ends[0].rate > 0)
     value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
@@ -71,7 +76,8 @@ def largest(path: Quintic, h: Value, record: Value, ends: tuple[End, End], insid
 
 
 def spring(deformation: Quintic, omega2: Value, damping: Value, h: Value) -> Quintic:
-    """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length h."""
+    """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length
+    h."""
     rates = [*derivative(deformation), jnp.zeros_like(h)]
     return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 

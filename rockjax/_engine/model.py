@@ -1,10 +1,10 @@
 """The model: equations of motion, uplift demand, impact map and energy, each once, with the paper's numbers.
 
-σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One field serves all of them: with σ = 0
-and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
+σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One field serves all of them:
+with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
 
-States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is elastic,
-(θ, u_t) with an elastic superstructure. Which of the two is known before tracing.
+States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is
+elastic, (θ, u_t) with an elastic superstructure. Which of the two is known before tracing.
 
 Restrainers add what each of them says of an elongation and its rate; their equations are numbered (C1) … in
 docs/control.md. A podium without any never looks at them.
@@ -27,7 +27,8 @@ from .sincos import sincos
 
 
 class Coefficients(NamedTuple):
-    """What the equations need of a podium, computed once per scene. Numbers per N m_c where they carry mass."""
+    """What the equations need of a podium, computed once per scene. Numbers per N m_c where they carry
+    mass."""
 
     alpha: Value
     sin_alpha: Value
@@ -131,9 +132,10 @@ def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
 def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
     """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
 
-    Half as long as it takes to stop, or as long as it has taken to come to its rate. Steps that are no longer close in on a
-    moment without motion in halves, so that their error is that of the method although the forces have no slope there; not
-    in states alone, whose error tells, but in their derivatives as well, whose error does not.
+    Half as long as it takes to stop, or as long as it has taken to come to its rate. Steps that are no longer
+    close in on a moment without motion in halves, so that their error is that of the method although the
+    forces have no slope there; not in states alone, whose error tells, but in their derivatives as well,
+    whose error does not.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     rounded = c.slip / (2 * c.sin_alpha)  # over p
@@ -162,7 +164,8 @@ def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongati
 
 
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
-    """sin ψ, cos ψ and the elongation by one sine and cosine, of θ/2; cos ψ is not to be asked of full contact."""
+    """sin ψ, cos ψ and the elongation by one sine and cosine, of θ/2; cos ψ is not to be asked of full
+    contact."""
     s, cos = sincos(0.5 * theta)
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
     sin_side = sigma * c.sin_alpha
@@ -182,7 +185,8 @@ def _restraint(c: Coefficients, open_by: Elongation, theta_dot: Value) -> tuple[
 
 
 def restraint_at_most(c: Coefficients, theta: Value, theta_dot: Value) -> Value:
-    """A bound of what restrainers take from the right side of Eq. (24), up to |θ| and |θ̇| inside the well, (C20)."""
+    """A bound of what restrainers take from the right side of Eq. (24), up to |θ| and |θ̇| inside the well,
+    (C20)."""
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
     forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, c.slip) for each in c.restrainers)
@@ -206,14 +210,17 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
     return c.two_R * (sigma * c.sin_alpha - s), c.two_R * theta_dot * cos
 
 
-def beam_acceleration(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value) -> Value:
+def beam_acceleration(
+    c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
+) -> Value:
     """Horizontal acceleration of the beam ü_b, Eq. (14)."""
     s, cos = sincos(sigma * c.alpha - theta)
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
 
 def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Vector:
-    """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` = ü_g.
+    """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` =
+    ü_g.
 
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
@@ -229,7 +236,9 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vec
     deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
     rate = v[1] - c.two_R * v[0] * cos
     spring = c.omega2 * deformation + c.damping * rate  # V_s/m_t, Eq. (7)
-    moment = s * (c.centrifugal * v[0] ** 2 * cos - c.gravity) + cos * (c.coupling * spring - c.ground * ground)
+    moment = s * (c.centrifugal * v[0] ** 2 * cos - c.gravity) + cos * (
+        c.coupling * spring - c.ground * ground
+    )
     theta_ddot = jnp.abs(sigma) * _plus(moment, -against) / _plus(c.inertia + c.centrifugal * s**2, added)
     return theta_ddot, -ground - spring
 
@@ -278,7 +287,8 @@ def potential_slope(c: Coefficients, theta: Value) -> Value:
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²], (C17)."""
+    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²],
+    (C17)."""
     s, cos = sincos(sigma * c.alpha - x[0])
     if c.restrainers:
         spin = c.spin
@@ -302,10 +312,11 @@ def damper_power(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> tuple[Value, Value]:
-    """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their difference.
+    """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their
+    difference.
 
-    The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq. (22) takes
-    2ζω_s η (u̇_t − u̇_b)².
+    The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq.
+    (22) takes 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
@@ -318,10 +329,10 @@ def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) ->
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Value:
     """The moment about the edges that holds the frame up, over its value at uplift [–].
 
-    Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground act at the
-    edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15).
-    The columns' centres rise half as fast as the beam. Both are σ at uplift, where v̈_b = 0. Restrainers add their forces
-    times their levers, (C22).
+    Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
+    act at the edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g]
+    with v̈_b of Eq. (15). The columns' centres rise half as fast as the beam. Both are σ at uplift, where
+    v̈_b = 0. Restrainers add their forces times their levers, (C22).
     """
     s, cos = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
@@ -359,7 +370,8 @@ def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
 
 
 def shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector, a: Vector) -> Value:
-    """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration over −g."""
+    """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration
+    over −g."""
     if c.elastic:
         return -(a[1] + ground) / c.g
     return -(beam_acceleration(c, sigma, x[0], v[0], a[0]) + ground) / c.g

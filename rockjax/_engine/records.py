@@ -1,4 +1,5 @@
-"""What a step leaves in the records: the largest rotation, deformation and shear, and the least overturning margin."""
+"""What a step leaves in the records: the largest rotation, deformation and shear, and the least overturning
+margin."""
 
 from __future__ import annotations
 
@@ -18,7 +19,14 @@ from .state import LoopState, Plan, Scene, present
 
 
 def step_peak(
-    scene: Scene, state: LoopState, trial: Attempt, guard: Guard, outcome: StepOutcome, hit: Flag, toppled: Flag, now: Value
+    scene: Scene,
+    state: LoopState,
+    trial: Attempt,
+    guard: Guard,
+    outcome: StepOutcome,
+    hit: Flag,
+    toppled: Flag,
+    now: Value,
 ) -> tuple[Value, Value]:
     """The largest |θ| of the step and its time, with their derivatives."""
     end = summit(guard.path, 1.0)
@@ -102,5 +110,6 @@ def superstructure_maxima(
 
 
 def larger(new: Value, record: Value) -> Value:
-    """The larger of two, with the derivative of one of them: `maximum` would take half of each where they tie."""
+    """The larger of two, with the derivative of one of them: `maximum` would take half of each where they
+    tie."""
     return jnp.where(new > record, new, record)

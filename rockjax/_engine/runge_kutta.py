@@ -1,8 +1,8 @@
 """One explicit Runge–Kutta step for second-order systems, from the tableau of any explicit Diffrax solver.
 
-For x' = v, v' = a(t, x, v) the stage velocities need not be stored: with k_j the stage accelerations,
-x_i = x + c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. Algebraically the same method, with half the sums where
-the acceleration does not depend on the velocity.
+For x' = v, v' = a(t, x, v) the stage velocities need not be stored: with k_j the stage accelerations, x_i = x
++ c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. Algebraically the same method, with half the sums
+where the acceleration does not depend on the velocity.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tableau:
-    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. There is one of each solver."""
+    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. There is one of each
+    solver."""
 
     order: int
     c: np.ndarray
@@ -77,7 +78,9 @@ def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Value | fl
     return total
 
 
-def step(tab: Tableau, acceleration: Acceleration, t: Value, h: Value, x: Vector, v: Vector, a: Vector) -> Step:
+def step(
+    tab: Tableau, acceleration: Acceleration, t: Value, h: Value, x: Vector, v: Vector, a: Vector
+) -> Step:
     """One step of length h from (t, x, v), where the acceleration is already known to be `a`."""
     parts = range(len(x))
     h2 = h * h

@@ -38,7 +38,10 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
-LANDED, FARTHEST = 10.0, 0.02  # times √rtol of the step, and at most: its quintic carries the state over the rest …
+LANDED, FARTHEST = (
+    10.0,
+    0.02,
+)  # times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -51,7 +54,12 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 
 def prepare(
-    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Value | None, options: Options, plan: Plan
+    podium: Podium,
+    excitation: AbstractExcitation,
+    initial: State,
+    t_end: Value | None,
+    options: Options,
+    plan: Plan,
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
@@ -65,7 +73,8 @@ def prepare(
     elif c.restrained_frequency is not None:
         longest = jnp.minimum(longest, 3 / c.restrained_frequency)
     longest = options.stride * longest
-    # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in it.
+    # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in
+    # it.
     closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
@@ -82,7 +91,8 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
-        landing=jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST) * jnp.where(closer, LANDED_CLOSER, 1.0),
+        landing=jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
+        * jnp.where(closer, LANDED_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
@@ -102,7 +112,9 @@ def prepare(
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
     sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
-    code = jnp.where(toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING))
+    code = jnp.where(
+        toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
+    )
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(

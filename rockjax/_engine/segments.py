@@ -1,11 +1,12 @@
-"""The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between segments.
+"""The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between
+segments.
 
-A cross-check for the flat engine and a home for any Diffrax solver. It shares with it the equations, the guard, the impact
-map, the certificate and the direct way of rigid scenes to the next uplift, and corrects what an event alone gets wrong: the
-root on the interpolant is only a first guess, so the segment is solved again to end there and finished by Newton; a guard
-that was broken and met again between the ends of a step is found on a dense sample, and the segment cut there; a segment
-that starts on its own guard starts exactly on it, with a first step that fits the hop; a peak is solved to, not
-interpolated.
+A cross-check for the flat engine and a home for any Diffrax solver. It shares with it the equations, the
+guard, the impact map, the certificate and the direct way of rigid scenes to the next uplift, and corrects
+what an event alone gets wrong: the root on the interpolant is only a first guess, so the segment is solved
+again to end there and finished by Newton; a guard that was broken and met again between the ends of a step is
+found on a dense sample, and the segment cut there; a segment that starts on its own guard starts exactly on
+it, with a first step that fits the hop; a peak is solved to, not interpolated.
 """
 
 from __future__ import annotations
@@ -45,7 +46,11 @@ def run_segments(
     if capacity is not None:
         nodes = blank_nodes(state, capacity)
         nodes = _keep(
-            nodes, state, jnp.full((1,), state.t), tuple(y[None] for y in state.x), tuple(y[None] for y in state.v)
+            nodes,
+            state,
+            jnp.full((1,), state.t),
+            tuple(y[None] for y in state.x),
+            tuple(y[None] for y in state.v),
         )
 
     def running(carry):
@@ -65,7 +70,9 @@ def run_segments(
                 nodes = _keep(nodes, state, *one)
             return state, nodes
 
-        return jax.lax.cond(state.sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), (state, nodes))
+        return jax.lax.cond(
+            state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes)
+        )
 
     state, nodes = jax.lax.while_loop(running, body, (state, nodes))
     code = closed(scene, state).code
@@ -74,7 +81,9 @@ def run_segments(
     return state._replace(code=code), nodes
 
 
-def _keep(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, sigma=None, piece=None, impact_time=None) -> Nodes:
+def _keep(
+    nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, sigma=None, piece=None, impact_time=None
+) -> Nodes:
     """Append nodes; those with a time of inf are padding."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
@@ -140,7 +149,9 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
     hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
     first = jnp.minimum(jnp.minimum(0.05 * scene.longest_excited, hop), stop - t0)
     controller = diffrax.PIDController(
-        rtol=scene.rtol, atol=scene.atol, dtmax=jnp.where(t0 < scene.quiet, scene.longest_excited, scene.longest) / 4
+        rtol=scene.rtol,
+        atol=scene.atol,
+        dtmax=jnp.where(t0 < scene.quiet, scene.longest_excited, scene.longest) / 4,
     )
     term, solver = diffrax.ODETerm(mode.field), options.solver
 
@@ -184,7 +195,8 @@ class _Path(NamedTuple):
         return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
     def missed(self) -> tuple[Flag, Value]:
-        """Whether the guard was broken where the ends of the steps did not see it, and when first (else inf)."""
+        """Whether the guard was broken where the ends of the steps did not see it, and when first (else
+        inf)."""
         mode, c, times = self.mode, self.mode.scene.c, self.times
         values = jax.vmap(mode.guard)(times, *self.samples)
         scale = jnp.where(mode.rocking, c.alpha, c.uplift)
@@ -212,7 +224,8 @@ class _Path(NamedTuple):
         return jax.lax.fori_loop(0, 2, newton, (ended, x, v))
 
     def largest(self, quantity, record) -> tuple[Value, Value]:
-        """(value, time) of the largest |quantity| of the segment: solved to if it lies inside and beats the record."""
+        """(value, time) of the largest |quantity| of the segment: solved to if it lies inside and beats the
+        record."""
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
         here = self.times[k]
@@ -235,7 +248,9 @@ class _Path(NamedTuple):
         lo, _ = jax.lax.fori_loop(0, 40, halve, (lo, hi))
         at = jnp.where(inside, lo, here)
         worth = values[k] > record * (1 - 1e-2)
-        best = jax.lax.cond(worth & inside, lambda: jnp.abs(quantity(at, *self.solve_to(at))), lambda: values[k])
+        best = jax.lax.cond(
+            worth & inside, lambda: jnp.abs(quantity(at, *self.solve_to(at))), lambda: values[k]
+        )
         return best, at
 
 
@@ -329,7 +344,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 
 
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
-    """The state after one segment, or the same state with a cut where the guard was broken unseen; and the nodes kept."""
+    """The state after one segment, or the same state with a cut where the guard was broken unseen; and the
+    nodes kept."""
     path = _path(_mode(scene, state), options, state)
     missed, cut = path.missed()
     end = _arrival(path, state)
@@ -338,7 +354,9 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, end.piece, end.ground), results.SETTLED, code)
     code = jnp.where(end.toppled, results.OVERTURNED, code)
-    advanced = advanced._replace(code=jnp.where(end.finite, code, results.NOT_FINITE).astype(state.code.dtype))
+    advanced = advanced._replace(
+        code=jnp.where(end.finite, code, results.NOT_FINITE).astype(state.code.dtype)
+    )
     count = path.solution.stats["num_accepted_steps"]
     again = state._replace(cut=cut, rejected=state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype))
     after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
@@ -350,7 +368,11 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
         nodes = _keep(nodes, state, inner, xs, vs)
         at = jnp.where(missed, jnp.inf, end.t)[None]
         at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
-        nodes = _keep(nodes, state, at, *at_end, end.sigma, advanced.piece, jnp.where(end.hit, end.t, jnp.nan))
+        nodes = _keep(
+            nodes, state, at, *at_end, end.sigma, advanced.piece, jnp.where(end.hit, end.t, jnp.nan)
+        )
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
-        after = after._replace(code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype))
+        after = after._replace(
+            code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype)
+        )
     return after, nodes

@@ -14,10 +14,10 @@ from .state import LoopState, Plan, Scene, present
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value) -> Flag:
     """Whether everything that is wanted stands, whatever the rest of the excitation does.
 
-    The energy can never exceed `energy_after` again. If that is less than the potential at the recorded peak (or at
-    the top of the well, where the peak is past it), the rotation stays under the record. In full contact only the
-    oscillator holds energy; where its bound and the rest of the ground's acceleration together stay under Eq. (9),
-    the columns never lift again. Deformation and shear have bounds of their own.
+    The energy can never exceed `energy_after` again. If that is less than the potential at the recorded peak
+    (or at the top of the well, where the peak is past it), the rotation stays under the record. In full
+    contact only the oscillator holds energy; where its bound and the rest of the ground's acceleration
+    together stay under Eq. (9), the columns never lift again. Deformation and shear have bounds of their own.
     """
     scene, state = jax.lax.stop_gradient((scene, state))
     c = scene.c
@@ -45,7 +45,9 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
             stays_under &= to_come + c.two_R * angular < present(state.shear) * c.g
         return stays_under & (not plan.impacts)
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.
-    contact = jnp.where(sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf)
+    contact = jnp.where(
+        sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf
+    )
     demand = to_come + c.demand / jnp.sqrt(jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)) * jnp.sqrt(
         2 * jnp.where(sigma == 0, contact, 0.0) * (c.omega2 + c.damping**2)
     )

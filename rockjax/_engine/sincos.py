@@ -1,8 +1,8 @@
 """sin and cos together, from polynomials, with their own derivative rule.
 
-In float64 the compiler calls scalar library routines for them, 10 to 35 ns a lane; inside a rocking structure the
-argument ψ = σα − θ stays within ±π/2, where two polynomials of eight terms are at rounding level and vectorise. Beyond
-(a trial step that overshoots and is rejected) they lose accuracy smoothly: 1e-8 at |ψ| = 3.
+In float64 the compiler calls scalar library routines for them, 10 to 35 ns a lane; inside a rocking structure
+the argument ψ = σα − θ stays within ±π/2, where two polynomials of eight terms are at rounding level and
+vectorise. Beyond (a trial step that overshoots and is rejected) they lose accuracy smoothly: 1e-8 at |ψ| = 3.
 """
 
 import math
@@ -16,7 +16,8 @@ _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
 
 
 def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
-    """A power series in z, shortened by Chebyshev polynomials on [0, _LIMIT] (Lanczos): nearly the best of its length."""
+    """A power series in z, shortened by Chebyshev polynomials on [0, _LIMIT] (Lanczos): nearly the best of
+    its length."""
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1

@@ -1,8 +1,9 @@
 """From a structure and an excitation to the end of the scene, with derivatives.
 
-Derivatives with respect to numbers are a Jacobian found in forward mode alongside the value, in one pass; the rule hands
-it to forward and reverse mode alike, so `jax.grad` costs what `jax.jacfwd` does. With respect to arrays (the samples of a
-record) the loop itself is differentiated, by a form of it that reverse mode can walk with bounded memory.
+Derivatives with respect to numbers are a Jacobian found in forward mode alongside the value, in one pass; the
+rule hands it to forward and reverse mode alike, so `jax.grad` costs what `jax.jacfwd` does. With respect to
+arrays (the samples of a record) the loop itself is differentiated, by a form of it that reverse mode can walk
+with bounded memory.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def solve(
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     """((floats, nodes), (integers and flags, rest of the nodes)) of one scene.
 
-    `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted or not, the
-    programs are those that are kept between processes.
+    `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted
+    or not, the programs are those that are kept between processes.
     """
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
@@ -62,8 +63,10 @@ def _solve(
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-    function, recorded = _functions(structure, plan_for(podium, options, history is not None), options, history)
-    return _differentiable(function, recorded, options.engine == "flat")(*leaves)
+    function, rehearsed = _functions(
+        structure, plan_for(podium, options, history is not None), options, history
+    )
+    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
 
 
 def _solve_with_slopes(
@@ -202,10 +205,13 @@ def _with_jacobian(function, leaves, live):
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """The identity. Event times are held fixed to first order, so a second derivative would be silently wrong."""
+    """The identity. Event times are held fixed to first order, so a second derivative would be silently
+    wrong."""
     return x
 
 
 @_first_order_only.defjvp
 def _first_order_only_jvp(primals, tangents):
-    raise NotImplementedError("rockjax gives first derivatives only: second derivatives through events are not provided")
+    raise NotImplementedError(
+        "rockjax gives first derivatives only: second derivatives through events are not provided"
+    )

@@ -50,7 +50,8 @@ class Scene(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """The automaton's state. Times and steps are constants for derivatives; states at them carry the tangents."""
+    """The automaton's state. Times and steps are constants for derivatives; states at them carry the
+    tangents."""
 
     t: Value
     event_time: Value  # t with its derivative: the moving time of the event or breakpoint that t stands on
@@ -77,7 +78,8 @@ class LoopState(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """All that is discrete about an accepted step. With these, a step can be repeated whatever its rounding."""
+    """All that is discrete about an accepted step. With these, a step can be repeated whatever its
+    rounding."""
 
     h: Value
     reaches: Flag  # the stop
@@ -87,7 +89,8 @@ class Decision(NamedTuple):
 
 
 class StepInfo(NamedTuple):
-    """What may be kept of a trial: whether it was accepted, the time of the impact it ended on (else NaN), and how."""
+    """What may be kept of a trial: whether it was accepted, the time of the impact it ended on (else NaN),
+    and how."""
 
     accepted: Flag
     impact_time: Value

@@ -1,12 +1,12 @@
 """The step: one scene, one trial, read as the automaton it advances.
 
-A trial Runge–Kutta step is taken; a quintic through both of its ends is the guard: σθ while rocking, the demand q in
-full contact. If the guard is broken inside the step, the step is shortened to end there and tried again; once it ends
-on the event (to a small part of its length, the rest by Taylor) the event is applied. So an event costs the
-solver's own accuracy, and nothing about it needs remembering from one trial to the next.
+A trial Runge–Kutta step is taken; a quintic through both of its ends is the guard: σθ while rocking, the
+demand q in full contact. If the guard is broken inside the step, the step is shortened to end there and tried
+again; once it ends on the event (to a small part of its length, the rest by Taylor) the event is applied. So
+an event costs the solver's own accuracy, and nothing about it needs remembering from one trial to the next.
 
-Times, step lengths and roots are constants for derivatives. An event is differentiated by moving the state to it and
-back (`restart`), which is exact in forward and reverse mode.
+Times, step lengths and roots are constants for derivatives. An event is differentiated by moving the state to
+it and back (`restart`), which is exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -41,8 +41,11 @@ from .transitions import restart, transition
 NEARLY = 0.95  # of the uplift demand
 
 
-def step(scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None) -> tuple[LoopState, StepInfo]:
-    """Advance one scene by one trial step; in full contact without anything elastic, to the next uplift at once.
+def step(
+    scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
+) -> tuple[LoopState, StepInfo]:
+    """Advance one scene by one trial step; in full contact without anything elastic, to the next uplift at
+    once.
 
     With a decision, the accepted step that it comes from is repeated.
     """
@@ -56,10 +59,12 @@ def step(scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None =
     )
 
 
-# A function of its own to JAX, as are others inside: traced once for all programs and derivatives that are built of it. The
-# compiler inlines it.
+# A function of its own to JAX, as are others inside: traced once for all programs and derivatives that are
+# built of it. The compiler inlines it.
 @functools.partial(jax.jit, static_argnames="plan")
-def trial(scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None) -> tuple[LoopState, StepInfo]:
+def trial(
+    scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
+) -> tuple[LoopState, StepInfo]:
     """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
     ground_at = scene.excitation.piece(state.piece)
     tried = attempt(scene, plan, state, ground_at, replayed)
@@ -85,7 +90,9 @@ def _classify(
     in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + tiny
     left, slope = guard.ending.value(guard.time_past_end), guard.ending.slope(guard.time_past_end)
     known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
-    lands = guard.converges & (jnp.abs(guard.time_past_end) <= near) & known & ~guard.breaks_before_turn & in_time
+    lands = (
+        guard.converges & (jnp.abs(guard.time_past_end) <= near) & known & ~guard.breaks_before_turn & in_time
+    )
     # What happens at the end of the scene or just before it does not happen any more, but for overturning:
     # answers there move with the end, not with the event.
     over = (
@@ -101,7 +108,9 @@ def _classify(
     # Events and breakpoints move with the parameters: how far past its stamps the step begins and ends.
     newton = safe_ratio(left, slope, lands)
     before = state.event_time - constant(state.event_time)
-    after = jnp.where(lands, guard.time_past_end - newton, jnp.where(trial.reaches, trial.stop - constant(trial.stop), 0.0))
+    after = jnp.where(
+        lands, guard.time_past_end - newton, jnp.where(trial.reaches, trial.stop - constant(trial.stop), 0.0)
+    )
     broken = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~over
     false_uplift = trial.fresh & (constant(state.v[0]) == 0) & broken & (h < 1e-9 / constant(c.p))
     event = jnp.where(broken & ~false_uplift, jnp.maximum(guard.inside, 0.02), jnp.inf)
@@ -110,7 +119,11 @@ def _classify(
     well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     peaks = rocking & guard.rising & guard.turned
     record = guard.top > state.peak * (1 - NEAR_RECORD)
-    margin_at_turn = margin_of_peak(scene, plan, state, ground_at, trial, guard, peaks) if plan.margin else jnp.ones_like(h)
+    margin_at_turn = (
+        margin_of_peak(scene, plan, state, ground_at, trial, guard, peaks)
+        if plan.margin
+        else jnp.ones_like(h)
+    )
     if plan.margin:
         least = present(state.margin)
         record |= constant(margin_at_turn) < least + NEAR_RECORD * (1 - least)
@@ -130,18 +143,30 @@ def _classify(
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
     return jax.lax.optimization_barrier(
-        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, deformation.value, force.value, margin_at_turn)
+        StepOutcome(
+            accepted, cut, lands, after, false_uplift, peaks, deformation.value, force.value, margin_at_turn
+        )
     )
 
 
 def _advance(
-    scene: Scene, plan: Plan, state: LoopState, trial: Attempt, guard: Guard, outcome: StepOutcome, replayed: Decision | None
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    trial: Attempt,
+    guard: Guard,
+    outcome: StepOutcome,
+    replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
     """The state after an accepted step: the automaton's transitions, and the records."""
     constant = jax.lax.stop_gradient
     t, h, sigma, rocking = state.t, trial.h, state.sigma, state.sigma != 0
     accepted, lands, false_uplift = outcome.accepted, outcome.lands, outcome.false_uplift
-    hit, toppled, lifted = lands & rocking & ~guard.rises_on, lands & rocking & guard.rises_on, lands & ~rocking
+    hit, toppled, lifted = (
+        lands & rocking & ~guard.rises_on,
+        lands & rocking & guard.rises_on,
+        lands & ~rocking,
+    )
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
     x, v = state_past(scene, state, trial, outcome.after)
@@ -171,7 +196,9 @@ def _advance(
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, highest, state.peak),
         peak_time=jnp.where(raises, highest_time, state.peak_time),
-        deformation=larger(outcome.deformation, present(state.deformation)) if plan.deformation else state.deformation,
+        deformation=larger(outcome.deformation, present(state.deformation))
+        if plan.deformation
+        else state.deformation,
         shear=larger(outcome.force, present(state.shear)) if plan.shear else state.shear,
         margin=least_margin(scene, state, outcome, x, v, toppled, stamp) if plan.margin else state.margin,
         uplifted=state.uplifted | starts,
@@ -185,8 +212,8 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
-    # Back to the stamp by the field after it. An event that falls on a breakpoint comes before it: from one to the other by
-    # the field between them, where both move their own ways.
+    # Back to the stamp by the field after it. An event that falls on a breakpoint comes before it: from one
+    # to the other by the field between them, where both move their own ways.
     stops = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), delta)
     x, v = restart(scene, stamp, delta - stops, x, v, mode, state.piece)
     x, v = restart(scene, stamp, stops, x, v, mode, piece)

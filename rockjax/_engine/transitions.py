@@ -32,10 +32,11 @@ def transition(
     demand: Value,
     halted: Flag | bool = False,
 ) -> Transition:
-    """The transition of the automaton from the state (x, v) in mode σ, under the ground acceleration that follows.
+    """The transition of the automaton from the state (x, v) in mode σ, under the ground acceleration that
+    follows.
 
-    - `hit`: an impact; `lifted`: an uplift under the demand `demand` before the event; else the mode stays, but columns
-      at rest lift where the ground has jumped
+    - `hit`: an impact; `lifted`: an uplift under the demand `demand` before the event; else the mode stays,
+      but columns at rest lift where the ground has jumped
     - `halted`: a lift that is none: back to full contact
     """
     c, rocking = scene.c, sigma != 0
@@ -51,24 +52,28 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """The mode of columns at rest under the demand q: they lift where |q| exceeds Eq. (9), touching it is not uplift."""
+    """The mode of columns at rest under the demand q: they lift where |q| exceeds Eq. (9), touching it is not
+    uplift."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
 def after_impact(scene: Scene, sigma: Value, theta_dot: Value, q: Value) -> tuple[Value, Value]:
-    """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or uplift anew."""
+    """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or
+    uplift anew."""
     onward = impact(scene.c, theta_dot)
     moves = jnp.abs(onward) > scene.rest
     return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
 
 
 @jax.custom_jvp
-def restart(scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index) -> tuple[Vector, Vector]:
+def restart(
+    scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index
+) -> tuple[Vector, Vector]:
     """The state (x, v) at the time of an event, seen at the fixed time stamp t.
 
-    The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state taken to
-    the event by the field before it, mapped, and brought back by the field after it, the pair is the saltation matrix.
-    The way back is zero in value, so only derivatives pay for it.
+    The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state
+    taken to the event by the field before it, mapped, and brought back by the field after it, the pair is the
+    saltation matrix. The way back is zero in value, so only derivatives pay for it.
     """
     del scene, t, delta, sigma, piece
     return x, v

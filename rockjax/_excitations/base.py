@@ -1,8 +1,9 @@
 """Excitations: callables t ↦ ü_g with support and breakpoints.
 
-An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks `piece(i)` for
-the smooth formula of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)` answers what the engine
-wants to know about the future: when |ü_g| next exceeds the threshold, and how much can still come.
+An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks
+`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `outlook(threshold)`
+answers what the engine wants to know about the future: when |ü_g| next exceeds the threshold, and how much
+can still come.
 """
 
 from __future__ import annotations
@@ -72,16 +73,20 @@ class AbstractExcitation(eqx.Module):
 
     @property
     def panels(self) -> tuple[int, tuple[Number, ...]]:
-        """(degree, lengths [s]) of polynomials that may stand for ü_g: panels to try where the columns stay down.
+        """(degree, lengths [s]) of polynomials that may stand for ü_g: panels to try where the columns stay
+        down.
 
-        How good they are is looked at each time; for a motion that is polynomial between breakpoints, its own degree.
+        How good they are is looked at each time; for a motion that is polynomial between breakpoints, its own
+        degree.
         """
         start, end = self.support
         return 16, ((end - start) / 20, (end - start) / 80)
 
     def scaled(self, factor) -> Self:
         """The same motion times a factor."""
-        raise NotImplementedError(f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`")
+        raise NotImplementedError(
+            f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`"
+        )
 
     @property
     def last_piece(self) -> Any:
@@ -89,12 +94,14 @@ class AbstractExcitation(eqx.Module):
         return self.breakpoints.shape[-1]
 
     def common_form(self) -> AbstractExcitation:
-        """The same motion in a form whose programs serve more of its kind, whatever the length of a record."""
+        """The same motion in a form whose programs serve more of its kind, whatever the length of a
+        record."""
         return self
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a batch."""
+        """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a
+        batch."""
         return {}
 
     def breakpoint(self, index: Index) -> Value:
@@ -110,7 +117,8 @@ class AbstractExcitation(eqx.Module):
         return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
 
     def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece the left."""
+        """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece
+        the left."""
         t = as_float(t)
 
         def at(s):

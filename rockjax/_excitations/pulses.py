@@ -22,7 +22,8 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead
 
 LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in gal that is read as m/s² does
-# sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq. (32).
+# sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
+# (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
@@ -161,7 +162,9 @@ class AbstractPulse(AbstractExcitation):
         left, right = knots[:-1], knots[1:]
         start, end = self.shape(left), self.shape(right)
         # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
-        falls = _bisect(lambda z: level - np.sign(start) * self.shape(z), jnp.asarray(left), jnp.asarray(right))
+        falls = _bisect(
+            lambda z: level - np.sign(start) * self.shape(z), jnp.asarray(left), jnp.asarray(right)
+        )
         rises = _bisect(lambda z: np.sign(end) * self.shape(z) - level, jnp.asarray(left), jnp.asarray(right))
         lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
         trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
@@ -216,7 +219,8 @@ class AntisymmetricRicker(AbstractPulse):
     compact = False
     zeros = (-_z_to_tau(math.sqrt(3)), 0.0, _z_to_tau(math.sqrt(3)))
     turning = tuple(
-        _z_to_tau(sign * math.sqrt(3 + inner * math.sqrt(6))) for sign, inner in ((-1, 1), (-1, -1), (1, -1), (1, 1))
+        _z_to_tau(sign * math.sqrt(3 + inner * math.sqrt(6)))
+        for sign, inner in ((-1, 1), (-1, -1), (1, -1), (1, 1))
     )
 
     @staticmethod

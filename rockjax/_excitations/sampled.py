@@ -1,4 +1,5 @@
-"""Ground motions given by samples: linear between them, zero before the first and after the last, jumps included."""
+"""Ground motions given by samples: linear between them, zero before the first and after the last, jumps
+included."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from .base import AbstractExcitation, AbstractLookahead
 
 
 class Sampling(NamedTuple):
-    """How a motion is sampled: first sample at `start` [s], `count` of them every `dt` [s], times `scale` [–]."""
+    """How a motion is sampled: first sample at `start` [s], `count` of them every `dt` [s], times `scale`
+    [–]."""
 
     start: Any
     dt: Any
@@ -96,7 +98,8 @@ class AbstractSampled(AbstractExcitation):
         # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
-        # Summed from the last sample on: however much fills up a row, the sums are the same to the last digit.
+        # Summed from the last sample on: however much fills up a row, the sums are the same to the last
+        # digit.
         counts = record.counts_of_rows()
         samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
         place = counts - 1 - samples
@@ -114,7 +117,9 @@ class SampledLookahead(AbstractLookahead):
 
     record: AbstractSampled
     threshold: Value | None
-    to_come: Float[Array, "*table n"]  # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero
+    to_come: Float[
+        Array, "*table n"
+    ]  # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero
     highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # of |samples|, unscaled, where exceedances are asked for
 
@@ -141,7 +146,8 @@ class SampledLookahead(AbstractLookahead):
         return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """A linear piece exceeds the threshold where one of its ends does: at t, or at the next such sample."""
+        """A linear piece exceeds the threshold where one of its ends does: at t, or at the next such
+        sample."""
         record, threshold = self.record, self.threshold
         assert threshold is not None
         count = record.sampling.count
@@ -161,7 +167,8 @@ class SampledLookahead(AbstractLookahead):
     def _next_sample(self, first: Index, threshold: Value) -> Index:
         """The first sample from `first` on that exceeds the threshold, `count` where there is none.
 
-        Along a tree of maxima: up past what holds none, down into what does, so that long records cost no more.
+        Along a tree of maxima: up past what holds none, down into what does, so that long records cost no
+        more.
         """
         tree = self.tree
         assert tree is not None
@@ -188,7 +195,8 @@ class SampledLookahead(AbstractLookahead):
 
 
 def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Maxima of pairs, of pairs of pairs …: node k is the larger of nodes 2k and 2k+1, the leaves are the last half."""
+    """Maxima of pairs, of pairs of pairs …: node k is the larger of nodes 2k and 2k+1, the leaves are the
+    last half."""
     n = size.shape[-1]
     width = 1 << (n - 1).bit_length()
     rows = [jnp.pad(size, [(0, 0)] * (size.ndim - 1) + [(0, width - n)])]

@@ -27,8 +27,9 @@ class _BoundedLookahead(AbstractLookahead):
     curvature: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present value and
-        slope stays below the threshold until its own root. Converges quadratically to a crossing."""
+        """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present
+        value and slope stays below the threshold until its own root. Converges quadratically to a
+        crossing."""
         del piece
         threshold = self.threshold
         assert threshold is not None
@@ -51,7 +52,9 @@ class _BoundedLookahead(AbstractLookahead):
 
         t = jnp.maximum(t, self.motion.support[0])
         quiet = self.amplitude <= threshold
-        t, found = jax.lax.while_loop(lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool)))
+        t, found = jax.lax.while_loop(
+            lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool))
+        )
         return jnp.where(found, t, jnp.inf)
 
     def impulse(self, t: Value, piece: Index) -> Value:
@@ -76,7 +79,9 @@ class _BoundedLookahead(AbstractLookahead):
         for _ in range(4):
             bend = jax.grad(slope)(polished)
             step = jnp.where(bend == 0, 0.0, -slope(polished) / jnp.where(bend == 0, 1.0, bend))
-            polished = jnp.clip(polished + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing))
+            polished = jnp.clip(
+                polished + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing)
+            )
         return jnp.where(jnp.abs(formula(polished)) > jnp.abs(formula(best)), polished, best)
 
 
@@ -116,7 +121,9 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
         def inside(t):
             envelope, carrier = omega * t / self.gamma, omega * t + self.nu
-            rate = jnp.sin(envelope) * jnp.cos(carrier) / self.gamma + (1 + jnp.cos(envelope)) * jnp.sin(carrier)
+            rate = jnp.sin(envelope) * jnp.cos(carrier) / self.gamma + (1 + jnp.cos(envelope)) * jnp.sin(
+                carrier
+            )
             return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
 
         return inside
@@ -174,7 +181,8 @@ class Gabor(AbstractExcitation):
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
-        # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the curvature.
+        # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the
+        # curvature.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
         return _bounded_lookahead(motion, threshold, amplitude, curvature)
@@ -182,4 +190,6 @@ class Gabor(AbstractExcitation):
 
 def _bounded_lookahead(motion, threshold, amplitude, curvature) -> AbstractLookahead:
     threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
-    return _BoundedLookahead(motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny))
+    return _BoundedOutlook(
+        motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny)
+    )

@@ -20,7 +20,9 @@ from rockjax._structures import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-UNSAID_PGA = 0.05 * STANDARD_GRAVITY  # of a file in m/s² by the word of the user alone; numbers in g look like that
+UNSAID_PGA = (
+    0.05 * STANDARD_GRAVITY
+)  # of a file in m/s² by the word of the user alone; numbers in g look like that
 DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 
 
@@ -30,7 +32,8 @@ class RecordWarning(PlausibilityWarning):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Accelerogram:
-    """Samples with a name, a source and what the header of the file said; see [`rockjax.Motion`][], which adds to it."""
+    """Samples with a name, a source and what the header of the file said; see [`rockjax.Motion`][], which
+    adds to it."""
 
     acceleration: np.ndarray
     dt: float
@@ -41,13 +44,19 @@ class Accelerogram:
     def __post_init__(self):
         samples = np.array(as_float(self.acceleration, "Motion: acceleration"), float)
         if samples.ndim != 1 or len(samples) < 2:
-            raise ValueError(f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}")
+            raise ValueError(
+                f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}"
+            )
         if not np.isfinite(samples).all():
             k = int(np.argmin(np.isfinite(samples)))
             raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
         single("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
         samples.flags.writeable = False
-        for name, value in {"acceleration": samples, "dt": float(self.dt), "metadata": dict(self.metadata)}.items():
+        for name, value in {
+            "acceleration": samples,
+            "dt": float(self.dt),
+            "metadata": dict(self.metadata),
+        }.items():
             object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
@@ -71,8 +80,8 @@ class Accelerogram:
 
     @functools.cached_property
     def displacement(self) -> np.ndarray:
-        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with their end
-        correction (Euler–Maclaurin), exact for the motion."""
+        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with
+        their end correction (Euler–Maclaurin), exact for the motion."""
         steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
         trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
         return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
@@ -106,14 +115,18 @@ class Accelerogram:
 
 
 def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
-    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say its unit."""
+    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say
+    its unit."""
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warnings.warn(
-            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?", RecordWarning, stacklevel
+            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?",
+            RecordWarning,
+            stacklevel,
         )
     elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
         warnings.warn(
-            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is read with "
+            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is "
+            f"read with "
             "units='g'",
             RecordWarning,
             stacklevel,
@@ -121,7 +134,8 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
     left = abs(float(motion.velocity[-1]))
     if left > DRIFT * motion.pgv:
         warnings.warn(
-            f"{where}: ends with a velocity of {left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
+            f"{where}: ends with a velocity of "
+            f"{left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
             "it is cut; Motion.baseline_corrected() takes it out",
             RecordWarning,
             stacklevel,

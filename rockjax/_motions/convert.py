@@ -1,7 +1,8 @@
 """Ground motions in whatever form they are given, as what is simulated: everything that takes some asks here.
 
-A `Motion`, as readers return it, becomes a `Record`; `Motions`, and lists of either, become a table of `Records`, or a batch
-of pulses of one kind. What is no ground motion is a `ValueError` that names the argument and the call that makes one.
+A `Motion`, as readers return it, becomes a `Record`; `Motions`, and lists of either, become a table of
+`Records`, or a batch of pulses of one kind. What is no ground motion is a `ValueError` that names the
+argument and the call that makes one.
 """
 
 from __future__ import annotations
@@ -38,22 +39,29 @@ class Several(NamedTuple):
 
 
 def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
-    """One motion to simulate with, or a batch that is one excitation already; of several only where there is one."""
+    """One motion to simulate with, or a batch that is one excitation already; of several only where there is
+    one."""
     if isinstance(value, AbstractExcitation):
         return value
     members = several(owner, value, name).members
     if len(members) != 1:
         raise ValueError(
-            f"{owner}: {name} must be one motion, got {len(members)}; give one of them, or all to rockjax.peak_responses"
+            f"{owner}: {name} must be one motion, got "
+            f"{len(members)}; give one of them, or all to rockjax.peak_responses"
         )
     return members[0]
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """A batch of motions in one excitation: records in one table, motions of one other kind as one with arrays."""
+    """A batch of motions in one excitation: records in one table, motions of one other kind as one with
+    arrays."""
     if isinstance(value, Motion):
         return value.record()
-    return value if isinstance(value, AbstractExcitation) else together(owner, several(owner, value, name).members, name)
+    return (
+        value
+        if isinstance(value, AbstractExcitation)
+        else together(owner, several(owner, value, name).members, name)
+    )
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records, list[str] | None]:
@@ -79,7 +87,9 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
         return [value]
     if isinstance(value, Motions):
         return list(value)
-    if isinstance(value, Iterable) and not isinstance(value, str | bytes | AbstractExcitation | np.ndarray | jax.Array):
+    if isinstance(value, Iterable) and not isinstance(
+        value, str | bytes | AbstractExcitation | np.ndarray | jax.Array
+    ):
         found = [motion for entry in value for motion in as_motions(owner, entry, name)]
         if not found:
             raise ValueError(f"{owner}: {name} holds no motion")
@@ -114,7 +124,9 @@ def several(owner: str, value, name: str) -> Several:
         if not members:
             raise ValueError(f"{owner}: {name} holds no motion: at least one is needed")
         named = [part.names for part in parts if part.names is not None]
-        return Several(members, distinct([y for names in named for y in names]) if len(named) == len(parts) else None)
+        return Several(
+            members, distinct([y for names in named for y in names]) if len(named) == len(parts) else None
+        )
     raise ValueError(f"{owner}: {name} must be {WANTED}, got {shown(value)}{_advice(value)}")
 
 
@@ -139,9 +151,12 @@ def _advice(value) -> str:
 def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
     for field in dataclasses.fields(motion):
         value = getattr(motion, field.name)
-        if isinstance(value, jax.Array | np.ndarray) and value.ndim > motion.own_dimensions.get(field.name, 0):
+        if isinstance(value, jax.Array | np.ndarray) and value.ndim > motion.own_dimensions.get(
+            field.name, 0
+        ):
             raise ValueError(
-                f"{owner}: {name} must be a single motion, but its {field.name} is an array, shape {value.shape}; "
+                f"{owner}: {name} must be a single motion, but its "
+                f"{field.name} is an array, shape {value.shape}; "
                 "give a list of motions, or the array as an axis of rockjax.grid"
             )
     return motion
@@ -154,7 +169,9 @@ def _rows(owner: str, records: Records, name: str) -> list[Record]:
         raise ValueError(f"{owner}: {name} is being traced; give a list of records")
     if which.ndim > 1:
         raise ValueError(f"{owner}: {name} must be Records of shape (k,), got shape {which.shape}")
-    scales = np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
+    scales = (
+        np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
+    )
     if scales is None:
         raise ValueError(f"{owner}: the scale of {name} is being traced; give a list of records")
     rows = zip(np.atleast_1d(which).astype(int), np.atleast_1d(scales), strict=True)
@@ -178,7 +195,9 @@ def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], Abs
         return value
     if isinstance(value, AbstractPulse):
         kind = type(value).__name__
-        raise ValueError(f"{owner}: {name} must be {PULSE}, got the instance {shown(value)}; give the class rockjax.{kind}")
+        raise ValueError(
+            f"{owner}: {name} must be {PULSE}, got the instance {shown(value)}; give the class rockjax.{kind}"
+        )
     if isinstance(value, AbstractExcitation | Motion | Motions | type) or not callable(value):
         raise ValueError(f"{owner}: {name} must be {PULSE}, got {shown(value)}")
     return value if isinstance(value, _Pulse) else _Pulse(owner, name, value)
@@ -189,7 +208,8 @@ PULSE = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → 
 
 @dataclasses.dataclass(frozen=True)
 class _Pulse:
-    """A user's function of (a_p, T_p); equal to others of the same, so that what is compiled for it serves again."""
+    """A user's function of (a_p, T_p); equal to others of the same, so that what is compiled for it serves
+    again."""
 
     owner: str
     name: str
@@ -203,11 +223,15 @@ class _Pulse:
         try:
             inspect.signature(self.function).bind(a_p, T_p)
         except TypeError as error:
-            raise ValueError(f"{self.owner}: {self.name} must be {PULSE}; called with (a_p, T_p): {error}") from None
+            raise ValueError(
+                f"{self.owner}: {self.name} must be {PULSE}; called with (a_p, T_p): {error}"
+            ) from None
         except ValueError:  # a builtin without a signature
             pass
         motion = self.function(a_p, T_p)
-        of_kind(self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion")
+        of_kind(
+            self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion"
+        )
         return motion
 
 

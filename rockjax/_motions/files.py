@@ -22,7 +22,9 @@ def check_reading(path: Path, units, dt, component) -> None:
         single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
 
 
-def read(path: str | Path, units: str | None, dt: float | None, component: int | str | None = None) -> Accelerogram:
+def read(
+    path: str | Path, units: str | None, dt: float | None, component: int | str | None = None
+) -> Accelerogram:
     """The ground motion in a file, without a look at whether it makes sense.
 
     Raises `ValueError` that names the file, the line and the cause.
@@ -42,15 +44,25 @@ def read(path: str | Path, units: str | None, dt: float | None, component: int |
     own = found.units
     if own is None and units is None:
         said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
-        said = "its header does not give the unit" if found.metadata["format"] == "PEER" and not found.said else said
-        raise ValueError(f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}")
+        said = (
+            "its header does not give the unit"
+            if found.metadata["format"] == "PEER" and not found.said
+            else said
+        )
+        raise ValueError(
+            f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}"
+        )
     if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out")
+        raise ValueError(
+            f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out"
+        )
     values = found.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
     if found.dt is None and dt is None:
-        raise ValueError(f"{path}: has one column and no times; give dt (on the command line --dt), in seconds")
+        raise ValueError(
+            f"{path}: has one column and no times; give dt (on the command line --dt), in seconds"
+        )
     if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
         raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
     unit = units or own

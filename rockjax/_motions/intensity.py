@@ -1,7 +1,8 @@
 """Intensity measures of ground motions, exact for motions that are linear between samples.
 
-Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy; pyRotd imports
-`pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too, read Sa off at samples.
+Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy;
+pyRotd imports `pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too,
+read Sa off at samples.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
 
 
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
-    """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975) [s]."""
+    """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975)
+    [s]."""
     spent = energy(motion)
     if spent[-1] == 0:
         return 0.0
@@ -55,8 +57,9 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
 
     - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for inside of the
-    intervals and in the free vibration that follows, in which the peak of a slow oscillator may lie.
+    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for
+    inside of the intervals and in the free vibration that follows, in which the peak of a slow oscillator may
+    lie.
     """
     if not (math.isfinite(period) and period >= 0):
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
@@ -115,8 +118,16 @@ def intensity_measures(
         "PGV_PGA": ("s", "PGV/PGA", [m.pgv / m.pga if m.pga > 0 else math.nan for m in motions]),
         "arias_intensity": ("m s-1", "Arias intensity", [arias_intensity(m) for m in motions]),
         "CAV": ("m s-1", "cumulative absolute velocity", [cumulative_absolute_velocity(m) for m in motions]),
-        "D5_95": ("s", "significant duration, 5–95 % of Arias intensity", [significant_duration(m) for m in motions]),
-        "scale": ("1", "factor on the motion as read", [float(m.metadata.get("scale", 1.0)) for m in motions]),
+        "D5_95": (
+            "s",
+            "significant duration, 5–95 % of Arias intensity",
+            [significant_duration(m) for m in motions],
+        ),
+        "scale": (
+            "1",
+            "factor on the motion as read",
+            [float(m.metadata.get("scale", 1.0)) for m in motions],
+        ),
     }
     attrs: dict[str, float] = {"damping_ratio": damping}
     if podium is not None:
@@ -130,7 +141,10 @@ def intensity_measures(
     dims = ("motion",) if several else ()
     put = lambda values: values if several else values[0]
     data = xarray.Dataset(
-        {name: (dims, put(values), {"units": unit, "long_name": words}) for name, (unit, words, values) in columns.items()},
+        {
+            name: (dims, put(values), {"units": unit, "long_name": words})
+            for name, (unit, words, values) in columns.items()
+        },
         coords={"motion": (dims, put([m.name for m in motions])), "period": ("period", T, {"units": "s"})},
         attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )

@@ -25,14 +25,15 @@ def intensity_measures(
 ) -> xarray.Dataset:
     """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
 
-    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the dim `motion`
+    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the
+      dim `motion`
     - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
-    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015): `acceleration_ratio`
-      PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
+    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015):
+      `acceleration_ratio` PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
-    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias intensity, and
-    pseudo-acceleration `Sa` [m/s²] along `period`.
+    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias
+    intensity, and pseudo-acceleration `Sa` [m/s²] along `period`.
 
     Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
     """

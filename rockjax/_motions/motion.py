@@ -36,7 +36,8 @@ class Motion(Accelerogram):
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; kept as a copy that cannot be written to
     - `dt`: sampling interval, > 0 [s]
     - `name`: what to call it; `source`: the file it comes from, None where there is none
-    - `metadata`: what the header of the file says: station, component, event, date, units in the file, filter corners …
+    - `metadata`: what the header of the file says: station, component, event, date, units in the file, filter
+      corners …
 
     Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
     """
@@ -53,18 +54,21 @@ class Motion(Accelerogram):
 
     def _changed(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
         dt = self.dt if dt is None else dt
-        return dataclasses.replace(self, acceleration=acceleration, dt=dt, metadata=dict(self.metadata) | notes)
+        return dataclasses.replace(
+            self, acceleration=acceleration, dt=dt, metadata=dict(self.metadata) | notes
+        )
 
     def resampled(self, dt: float) -> Self:
         """The motion every `dt` [s] instead, band-limited (`scipy.signal.resample_poly`).
 
-        What lies above the lower of the two Nyquist frequencies is filtered out, so that nothing is folded back; what
-        lies below is kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it folds 30 Hz onto 20 Hz, and
-        towards finer samples it is no change at all, for a motion is linear between samples anyway. Resampling by the
-        Fourier transform takes the motion for a periodic one and rings at both ends. The first sample stays at its time.
+        What lies above the lower of the two Nyquist frequencies is filtered out, so that nothing is folded
+        back; what lies below is kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it folds
+        30 Hz onto 20 Hz, and towards finer samples it is no change at all, for a motion is linear between
+        samples anyway. Resampling by the Fourier transform takes the motion for a periodic one and rings at
+        both ends. The first sample stays at its time.
 
-        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two intervals are not
-        in a ratio of whole numbers up to 1000.
+        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two
+        intervals are not in a ratio of whole numbers up to 1000.
         """
         dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
@@ -72,7 +76,8 @@ class Motion(Accelerogram):
         ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
         if not 0 < ratio.numerator <= _RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
             raise ValueError(
-                f"resampled: dt = {dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to {_RATIO}"
+                f"resampled: dt = "
+                f"{dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to {_RATIO}"
             )
         from scipy.signal import resample_poly
 
@@ -81,16 +86,19 @@ class Motion(Accelerogram):
         return self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
 
     def baseline_corrected(self, order: int = 2) -> Self:
-        """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in ü_g.
+        """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in
+        ü_g.
 
-        The polynomial is fitted to the velocity by least squares among those that are zero at the start and meet the
-        velocity at the end, so that the corrected motion begins and ends at rest. `order=1` takes a constant out of the
-        accelerations, 2 a straight line, 3 a parabola.
+        The polynomial is fitted to the velocity by least squares among those that are zero at the start and
+        meet the velocity at the end, so that the corrected motion begins and ends at rest. `order=1` takes a
+        constant out of the accelerations, 2 a straight line, 3 a parabola.
 
         Raises `ValueError` for an order that is not a whole number from 1 to 8.
         """
         if not isinstance(order, int) or isinstance(order, bool) or not 1 <= order <= 8:
-            raise ValueError(f"baseline_corrected: order must be a whole number from 1 to 8, got order = {order!r}")
+            raise ValueError(
+                f"baseline_corrected: order must be a whole number from 1 to 8, got order = {order!r}"
+            )
         s = np.linspace(0.0, 1.0, len(self))  # t over the duration T
         end = self.velocity[-1]
         # v(T) s + Σ c_k (s^k − s): the sum is zero at both ends.
@@ -105,13 +113,15 @@ class Motion(Accelerogram):
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
         """The part between the fractions `lower` and `upper` of the Arias intensity [–].
 
-        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises `ValueError` unless
-        0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
+        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises
+        `ValueError` unless 0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
         """
         for name, value in (("lower", lower), ("upper", upper)):
             single("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
         if not lower < upper:
-            raise ValueError(f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}")
+            raise ValueError(
+                f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}"
+            )
         spent = energy(self)
         if spent[-1] == 0:
             raise ValueError(f"trimmed: {self.name} is zero throughout")
@@ -120,8 +130,9 @@ class Motion(Accelerogram):
         return self._changed(self.acceleration[max(first, 0) : max(last, first + 1) + 1])
 
     def save(self, path: str | Path) -> Path:
-        """Write the motion as PEER's `.AT2` (in g, 8 digits) or as `.csv` (time [s], acceleration [m/s²], exactly),
-        by the suffix of `path`; whole or not at all. [`rockjax.read_motion`][] reads both without further arguments.
+        """Write the motion as PEER's `.AT2` (in g, 8 digits) or as `.csv` (time [s], acceleration [m/s²],
+        exactly), by the suffix of `path`; whole or not at all. [`rockjax.read_motion`][] reads both without
+        further arguments.
 
         Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
         """
@@ -129,12 +140,15 @@ class Motion(Accelerogram):
         if suffix not in (".at2", ".csv"):
             raise ValueError(f"{path}: a motion is saved as .AT2 or .csv, got {Path(path).suffix!r}")
         lines = self._at2() if suffix == ".at2" else self._csv()
-        return write_whole(path, lambda name: Path(name).write_text("\n".join([*lines, ""]), encoding="utf-8"))
+        return write_whole(
+            path, lambda name: Path(name).write_text("\n".join([*lines, ""]), encoding="utf-8")
+        )
 
     def _at2(self) -> list[str]:
         say = lambda key, default: str(self.metadata.get(key) or default).replace(",", ";").replace("\n", " ")
         event, date, station, component = (
-            say(key, default) for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
+            say(key, default)
+            for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
         numbers = [f"{a:15.7E}" for a in self.acceleration / STANDARD_GRAVITY]
         return [
@@ -160,7 +174,9 @@ class Motion(Accelerogram):
         return facts | dict(list(more.items())[:8])
 
     def __repr__(self) -> str:
-        return "\n  ".join([f"Motion {self.name!r}", *(f"{key}: {value}" for key, value in self._facts().items())])
+        return "\n  ".join(
+            [f"Motion {self.name!r}", *(f"{key}: {value}" for key, value in self._facts().items())]
+        )
 
     def _repr_html_(self) -> str:
         return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
@@ -168,9 +184,11 @@ class Motion(Accelerogram):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motions(Sequence[Motion]):
-    """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
+    """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of
+    [`rockjax.Motion`][].
 
-    An index gives a motion, a slice gives motions. Scale factors are in the accelerations already; `scales` tells them.
+    An index gives a motion, a slice gives motions. Scale factors are in the accelerations already; `scales`
+    tells them.
     """
 
     motions: tuple[Motion, ...]
@@ -211,10 +229,13 @@ class Motions(Sequence[Motion]):
         """One [`rockjax.Record`][] per motion, to simulate with."""
         return [motion.record() for motion in self]
 
-    def scaled_to(self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05) -> Motions:
+    def scaled_to(
+        self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05
+    ) -> Motions:
         """Every motion scaled so that `measure` is `value`.
 
-        - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or `"Sa"` [m/s²]
+        - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or
+          `"Sa"` [m/s²]
         - `period`, `damping`: of Sa(T) [s], [–]
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
@@ -231,7 +252,11 @@ class Motions(Sequence[Motion]):
         return self.map(scaled)
 
     def dataset(
-        self, *, periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0), damping: float = 0.05, podium: Podium | None = None
+        self,
+        *,
+        periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
+        damping: float = 0.05,
+        podium: Podium | None = None,
     ) -> xarray.Dataset:
         """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
         return intensity_measures(self, periods=periods, damping=damping, podium=podium)

@@ -1,7 +1,9 @@
-"""The largest displacement of a linear oscillator under a motion that is linear between samples, exact inside of intervals.
+"""The largest displacement of a linear oscillator under a motion that is linear between samples, exact inside
+of intervals.
 
-With z = u̇ − λ̄u and λ = −ζω + iω_d the equation ü + 2ζωu̇ + ω²u = −a(t) is ż = λz − a(t), one complex number in the place of
-two real ones. From sample to sample its solution is known (Nigam & Jennings 1969), and so it is everywhere between them.
+With z = u̇ − λ̄u and λ = −ζω + iω_d the equation ü + 2ζωu̇ + ω²u = −a(t) is ż = λz − a(t), one complex number
+in the place of two real ones. From sample to sample its solution is known (Nigam & Jennings 1969), and so it
+is everywhere between them.
 """
 
 from __future__ import annotations
@@ -69,7 +71,8 @@ class _Oscillator(NamedTuple):
 
 
 def largest_displacement(load: np.ndarray, dt: float, period: float, damping: float) -> float:
-    """max|u| of ü + 2ζωu̇ + ω²u = −a(t) from rest, with a linear between the samples `load` and zero after the last [m].
+    """max|u| of ü + 2ζωu̇ + ω²u = −a(t) from rest, with a linear between the samples `load` and zero after
+    the last [m].
 
     - `load`: samples of a, shape (n,), n ≥ 2 [m/s²]; `dt`: their interval [s]
     - `period`: T > 0 [s]; `damping`: 0 ≤ ζ < 1 [–]

@@ -22,18 +22,21 @@ def read_motion(
 ) -> Motion:
     """The ground motion in a file (host), with what its header says.
 
-    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet (`.V2`, `.V2c`,
-    `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …);
-    text with one column or two (time, acceleration), with comments (`#`, `%`, `!`), one line of headings, and blanks,
-    commas or semicolons between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet
+    (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net
+    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time, acceleration), with comments (`#`,
+    `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's `.npy`; with ObsPy, the
+    extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others say it
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others
+      say it
     - `dt`: sampling interval [s], where the file has neither it nor times
     - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`
 
-    Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground motion, and
-    lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
-    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a fifth of PGV is left at the end.
+    Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground
+    motion, and lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is
+    above 3 g or below 1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a
+    fifth of PGV is left at the end.
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3, unsaid=units is not None)
@@ -51,10 +54,12 @@ def read_suite(
 ) -> Motions:
     """The ground motions in a folder, or in a table (host).
 
-    - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of headings:
-      `file` (relative to the table) and, where wanted, `name`, `scale`, `units`, `dt` and `component`; empty cells are as if
-      left out, and other columns become metadata. A folder that holds a `suite.csv` is read by it
-    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table comes first
+    - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of
+      headings: `file` (relative to the table) and, where wanted, `name`, `scale`, `units`, `dt` and
+      `component`; empty cells are as if left out, and other columns become metadata. A folder that holds a
+      `suite.csv` is read by it
+    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table comes
+      first
     - `scale`: factor on all motions, times that of the table [–]
     - `pattern`: reads these files of a folder only, such as `"*.AT2"`, and no `suite.csv`
 
@@ -70,12 +75,22 @@ def read_suite(
             path = path / TABLE
         else:
             try:
-                files = sorted(p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith("."))
+                files = sorted(
+                    p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith(".")
+                )
             except (ValueError, NotImplementedError, OSError) as error:
                 raise ValueError(f"{path}: pattern {pattern!r} cannot be looked for: {error}") from None
             if not files:
                 raise ValueError(f"{path}: holds no file" + (f" {pattern}" if pattern else ""))
-            return _all(path, [(str(file), {"file": str(file)}) for file in files], units, dt, scale, component, pattern)
+            return _all(
+                path,
+                [(str(file), {"file": str(file)}) for file in files],
+                units,
+                dt,
+                scale,
+                component,
+                pattern,
+            )
     elif pattern is not None:
         raise ValueError(f"{path}: is not a folder; pattern has no meaning")
     return _all(path, _table(path), units, dt, scale, component, "")
@@ -95,13 +110,19 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(cell.strip() for cell in row)]
+            rows = [
+                (reader.line_num, [cell.strip() for cell in row])
+                for row in reader
+                if any(cell.strip() for cell in row)
+            ]
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{path}: is not a table of files: {error}") from None
     if not rows or "file" not in rows[0][1]:
-        raise ValueError(f"{path}:1: needs a row of headings with the column 'file'; known are {', '.join(_COLUMNS)}")
+        raise ValueError(
+            f"{path}:1: needs a row of headings with the column 'file'; known are {', '.join(_COLUMNS)}"
+        )
     _, names = rows[0]
     if len(set(names)) != len(names):
         raise ValueError(f"{path}:{rows[0][0]}: has a heading twice")
@@ -131,7 +152,9 @@ def _cell(where: str, row: dict[str, str], name: str) -> float | None:
     return value
 
 
-def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern) -> Motions:
+def _all(
+    path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
+) -> Motions:
     motions, problems = [], []
     for where, row in rows:
         own = row.get("component", component)
@@ -149,11 +172,21 @@ def _all(path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: f
         check(motion, row["file"], stacklevel=4, unsaid=row.get("units", units) is not None)
         more = {key: value for key, value in row.items() if key not in _COLUMNS}
         motion = Motion(
-            motion.acceleration, motion.dt, row.get("name", motion.name), motion.source, more | dict(motion.metadata)
+            motion.acceleration,
+            motion.dt,
+            row.get("name", motion.name),
+            motion.source,
+            more | dict(motion.metadata),
         )
         factor = scale * (1.0 if own_scale is None else own_scale)
         motions.append(motion.scaled(factor) if factor != 1 else motion)
     if problems:
-        hint = "; a pattern (on the command line --pattern), say '*.AT2', reads only some" if pattern is None else ""
-        raise ValueError("\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems]))
+        hint = (
+            "; a pattern (on the command line --pattern), say '*.AT2', reads only some"
+            if pattern is None
+            else ""
+        )
+        raise ValueError(
+            "\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems])
+        )
     return Motions(tuple(motions))

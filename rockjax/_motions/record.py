@@ -21,7 +21,8 @@ from .files import read
 
 
 class Record(AbstractSampled):
-    """A sampled ground motion, linear between samples and zero before the first and after the last, jumps included.
+    """A sampled ground motion, linear between samples and zero before the first and after the last, jumps
+    included.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
     - `dt`: sampling interval, > 0 [s]
@@ -44,7 +45,9 @@ class Record(AbstractSampled):
         samples = concrete(self.acceleration)
         if samples is not None and not np.isfinite(samples).all():
             where = np.argwhere(~np.isfinite(samples))[0]
-            raise ValueError(f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}")
+            raise ValueError(
+                f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}"
+            )
 
     @classmethod
     def from_file(
@@ -63,7 +66,8 @@ class Record(AbstractSampled):
         - `scale`: factor on the samples [–]
         - `component`: number or name of a channel, where the file has several
 
-        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header says.
+        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header
+        says.
         """
         scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
@@ -76,7 +80,10 @@ class Record(AbstractSampled):
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        return self.t_start[..., None] + jnp.arange(self.acceleration.shape[-1], dtype=self.dt.dtype) * self.dt[..., None]
+        return (
+            self.t_start[..., None]
+            + jnp.arange(self.acceleration.shape[-1], dtype=self.dt.dtype) * self.dt[..., None]
+        )
 
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, scale=factor * self.scale)
@@ -111,7 +118,8 @@ class Record(AbstractSampled):
 
 
 class PaddedRecord(Record):
-    """A record filled up with zeros, so that records of many lengths share their programs; `count` are samples."""
+    """A record filled up with zeros, so that records of many lengths share their programs; `count` are
+    samples."""
 
     count: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=0)
 

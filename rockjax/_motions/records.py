@@ -23,11 +23,13 @@ from .record import Record
 class Records(AbstractSampled):
     """Sampled ground motions of any lengths and intervals, kept once for all scenes: a batch of records.
 
-    `Records.of(records)` is made from single records; as it stands it is a batch of all of them, shape (k,). `pick(j)` is
-    record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With [`rockjax.peak_responses`][]
-    the samples are not copied for each scene, and one program serves records of different lengths.
+    `Records.of(records)` is made from single records; as it stands it is a batch of all of them, shape (k,).
+    `pick(j)` is record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With
+    [`rockjax.peak_responses`][] the samples are not copied for each scene, and one program serves records of
+    different lengths.
 
-    - `acceleration`: samples, shape (k, n), rows filled up with zeros [m/s²]; `counts`: how many are samples, shape (k,)
+    - `acceleration`: samples, shape (k, n), rows filled up with zeros [m/s²]; `counts`: how many are samples,
+      shape (k,)
     - `intervals`: sampling intervals, shape (k,) [s]; `starts`: times of the first samples, shape (k,) [s]
     - `which`: the rows that are meant; `scale`: factor on the samples [–]
     """
@@ -41,20 +43,30 @@ class Records(AbstractSampled):
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
-        """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches among them."""
+        """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches
+        among them."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
-            raise ValueError(f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}")
+            raise ValueError(
+                f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}"
+            )
         records = [record.record() if isinstance(record, Motion) else record for record in records]
         if not records:
             raise ValueError("Records: at least one record is needed, got none")
         for j, record in enumerate(records):
             if not isinstance(record, Record):
                 raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {shown(record)}")
-            if record.acceleration.ndim != 1 or any(jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)):
-                raise ValueError(f"Records: entry {j} must be a single record, got a batch; give a list of records")
+            if record.acceleration.ndim != 1 or any(
+                jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)
+            ):
+                raise ValueError(
+                    f"Records: entry {j} must be a single record, got a batch; give a list of records"
+                )
         counts = np.array([record.acceleration.size for record in records], np.int32)
         longest = int(counts.max())
-        rows = [jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size)) for record in records]
+        rows = [
+            jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size))
+            for record in records
+        ]
         return cls(
             acceleration=jnp.stack(rows),
             counts=jnp.asarray(counts),
@@ -64,11 +76,14 @@ class Records(AbstractSampled):
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is concrete."""
+        """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is
+        concrete."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
         chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
-            raise ValueError(f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {shown(which)}")
+            raise ValueError(
+                f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {shown(which)}"
+            )
         return dataclasses.replace(self, which=which, scale=1.0)
 
     def __len__(self) -> int:
@@ -105,7 +120,9 @@ class Records(AbstractSampled):
         return self.counts[:, None]
 
     def sizes(self) -> Float[Array, "k n"]:
-        samples = jnp.arange(self.acceleration.shape[-1], dtype=self.counts.dtype)[None] < self.counts[:, None]
+        samples = (
+            jnp.arange(self.acceleration.shape[-1], dtype=self.counts.dtype)[None] < self.counts[:, None]
+        )
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
 
     @property

@@ -1,12 +1,13 @@
 """Synthetic ground motions: filtered white noise under an envelope, with a velocity pulse where wanted.
 
-The noise has the spectral density of Kanai (1957) and Tajimi (1960), a soil layer of frequency ω_g and damping ζ_g over
-white noise, with the high-pass of Clough & Penzien (1993), ω_f and ζ_f, that keeps velocity and displacement finite:
+The noise has the spectral density of Kanai (1957) and Tajimi (1960), a soil layer of frequency ω_g and
+damping ζ_g over white noise, with the high-pass of Clough & Penzien (1993), ω_f and ζ_f, that keeps velocity
+and displacement finite:
 
 S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
-The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983): a gamma function with its maximum 1 at ε t_n and
-the value η at t_n, the end. The pulse is that of Mavroeidis & Papageorgiou (2003).
+The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983): a gamma function with its maximum
+1 at ε t_n and the value η at t_n, the end. The pulse is that of Mavroeidis & Papageorgiou (2003).
 """
 
 from __future__ import annotations
@@ -28,9 +29,11 @@ _TAPER = 0.05  # of the duration: the envelope ends at η, this brings it to zer
 
 @dataclasses.dataclass(frozen=True)
 class Soil:
-    """The parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer (1992).
+    """The parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer
+    (1992).
 
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil; `omega_f`, `zeta_f`: of the high-pass
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil; `omega_f`, `zeta_f`: of the
+      high-pass
     """
 
     omega_g: float = 15.0
@@ -47,7 +50,8 @@ def spectral_density(omega, soil: Soil) -> np.ndarray:
 
 
 def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndarray:
-    """Saragoni & Hart's envelope: 1 at `peak` times the duration, `end` at its end; then tapered to zero [–]."""
+    """Saragoni & Hart's envelope: 1 at `peak` times the duration, `end` at its end; then tapered to zero
+    [–]."""
     b = -peak * math.log(end) / (1 + peak * (math.log(peak) - 1))
     s = t / (peak * duration)
     with np.errstate(divide="ignore"):
@@ -57,22 +61,24 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Standard normal numbers, by Box & Muller from the bits of PCG64: these are the same with every NumPy, while what a
-    `Generator` makes of them may change."""
+    """Standard normal numbers, by Box & Muller from the bits of PCG64: these are the same with every NumPy,
+    while what a `Generator` makes of them may change."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Stationary noise with the spectral density; twice as long as needed, for a filter by FFT is periodic."""
+    """Stationary noise with the spectral density; twice as long as needed, for a filter by FFT is
+    periodic."""
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
 def _at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, displaced: bool) -> np.ndarray:
-    """Less `weight` times a constant, and times t where `displaced`, so that velocity (and displacement) end at zero."""
+    """Less `weight` times a constant, and times t where `displaced`, so that velocity (and displacement) end
+    at zero."""
 
     def ends(a):
         motion = Motion(a, dt)
@@ -98,23 +104,25 @@ def synthetic_motions(
     envelope_peak: float = 0.2,
     envelope_end: float = 0.05,
 ) -> Motions:
-    """Synthetic ground motions (host): Clough & Penzien's noise under Saragoni & Hart's envelope, and a pulse.
+    """Synthetic ground motions (host): Clough & Penzien's noise under Saragoni & Hart's envelope, and a
+    pulse.
 
     - `count`: how many, ≥ 1; motion k depends on `seed` and k alone, so that more of them begin with the same
     - `seed`: ≥ 0; the same seed gives the same motions with every version of NumPy, up to rounding
     - `dt`: sampling interval [s]; `duration`: [s]
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
-    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion; added with its centre at the peak of the
-      envelope, or as near as it fits. Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
-      log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil (Kanai 1957, Tajimi 1960), 15 and 0.6 for firm soil
+    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion; added with its centre at the
+      peak of the envelope, or as near as it fits. Mavroeidis & Papageorgiou (2003) find A about 1 m/s close
+      to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil (Kanai 1957, Tajimi 1960), 15 and 0.6
+      for firm soil
     - `omega_f`, `zeta_f`: of the high-pass (Clough & Penzien 1993) [rad/s], [–]
-    - `envelope_peak`, `envelope_end`: where the envelope (Saragoni & Hart 1974) is 1, over the duration, and its value at
-      the end [–]
+    - `envelope_peak`, `envelope_end`: where the envelope (Saragoni & Hart 1974) is 1, over the duration, and
+      its value at the end [–]
 
-    The noise begins and ends at rest and undisplaced: a constant and a straight line under the envelope are taken out. The
-    pulse ends at rest; it may leave the displacement that its phase gives it. Names are synthetic-0001 …, and the metadata
-    say that the motions are synthetic, with all parameters.
+    The noise begins and ends at rest and undisplaced: a constant and a straight line under the envelope are
+    taken out. The pulse ends at rest; it may leave the displacement that its phase gives it. Names are
+    synthetic-0001 …, and the metadata say that the motions are synthetic, with all parameters.
 
     Raises `ValueError` for parameters outside their ranges, and for a pulse longer than the motion.
     """
@@ -128,15 +136,23 @@ def synthetic_motions(
     count, seed = whole(owner, "count", count, 1), whole(owner, "seed", seed, 0)
     samples = round(duration / dt) + 1
     if samples < 50:
-        raise ValueError(f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s")
+        raise ValueError(
+            f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
+        )
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
-        raise ValueError(f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {shown(pulse)}")
+        raise ValueError(
+            f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {shown(pulse)}"
+        )
     pulses = list(pulses)
     for one in pulses:
-        of_kind(owner, "pulse", one, MavroeidisPapageorgiou | None, "a rockjax.MavroeidisPapageorgiou or several")
+        of_kind(
+            owner, "pulse", one, MavroeidisPapageorgiou | None, "a rockjax.MavroeidisPapageorgiou or several"
+        )
     if len(pulses) != count:
-        raise ValueError(f"synthetic_motions: pulse must be one, or one for each of {count} motions, got {len(pulses)}")
+        raise ValueError(
+            f"synthetic_motions: pulse must be one, or one for each of {count} motions, got {len(pulses)}"
+        )
     soil = Soil(omega_g, zeta_g, omega_f, zeta_f)
     t = np.arange(samples) * dt
     weight = envelope(t, t[-1], envelope_peak, envelope_end)
@@ -146,7 +162,13 @@ def synthetic_motions(
         acceleration *= pga / np.abs(acceleration).max()
         if one is not None:
             acceleration = acceleration + _pulse(one, t, envelope_peak)
-        metadata = {"format": "synthetic", "event": "synthetic", "seed": int(seed), "motion": k + 1, "pga_m_s2": pga}
+        metadata = {
+            "format": "synthetic",
+            "event": "synthetic",
+            "seed": int(seed),
+            "motion": k + 1,
+            "pga_m_s2": pga,
+        }
         metadata |= {"model": "Clough-Penzien, Saragoni-Hart"} | dataclasses.asdict(soil)
         metadata |= {"envelope_peak": envelope_peak, "envelope_end": envelope_end}
         if one is not None:
@@ -160,7 +182,9 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
     A, f_p, gamma, nu = (float(x) for x in (pulse.A, pulse.f_p, pulse.gamma, pulse.nu))
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:
-        raise ValueError(f"synthetic_motions: a pulse of {2 * half:g} s does not fit into a duration of {t[-1]:g} s")
+        raise ValueError(
+            f"synthetic_motions: a pulse of {2 * half:g} s does not fit into a duration of {t[-1]:g} s"
+        )
     since = t - min(max(peak * t[-1], half), t[-1] - half)
     acts = np.abs(since) <= half
     w = 2 * math.pi * f_p

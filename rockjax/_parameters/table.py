@@ -1,7 +1,8 @@
-"""The parameters of structures and ground motions: name, symbol, unit, range, meaning, and where each is kept.
+"""The parameters of structures and ground motions: name, symbol, unit, range, meaning, and where each is
+kept.
 
-Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the documentation
-read these tables: a new parameter is an entry here. Nothing here needs JAX.
+Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the
+documentation read these tables: a new parameter is an entry here. Nothing here needs JAX.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ POWER = Range(0.0, 1.0, (False, True))
 class Parameter(NamedTuple):
     """One number of a structure or ground motion.
 
-    - `name`: as axes, options, keys of problem files and variables call it; `symbol`, `unit` (as in datasets, "1" for a
-      ratio), `range`, `meaning`
-    - `place`: where the structure keeps it, attribute after attribute, with the class of a member of a tuple in between:
-      `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for what is worked out
+    - `name`: as axes, options, keys of problem files and variables call it; `symbol`, `unit` (as in datasets,
+      "1" for a ratio), `range`, `meaning`
+    - `place`: where the structure keeps it, attribute after attribute, with the class of a member of a tuple
+      in between: `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for what is worked out
     - `formula`: what the symbol stands for; `note`: what a special value, or none, means
     - `instead_of`: parameters that say the same, of which only one can be given
     - `whole`: whether it is a whole number, which neither varies nor has a derivative
@@ -92,24 +93,67 @@ _TENDON, _DAMPER = "restrainers.Tendon.", "restrainers.Damper."
 STRUCTURE = _named(
     (
         Parameter("alpha", "α", "rad", ANGLE, "slenderness of the columns", "alpha"),
-        Parameter("tan_alpha", "tan α", "1", POSITIVE, "slenderness of the columns", "", "B/H", "", ("alpha",)),
+        Parameter(
+            "tan_alpha", "tan α", "1", POSITIVE, "slenderness of the columns", "", "B/H", "", ("alpha",)
+        ),
         Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
         Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN),
         Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN),
         Parameter(
-            "gamma", "γ", "1", NOT_NEGATIVE, "mass ratio of the beam", "gamma", "m_b/(N m_c)", "0 is a solitary block"
+            "gamma",
+            "γ",
+            "1",
+            NOT_NEGATIVE,
+            "mass ratio of the beam",
+            "gamma",
+            "m_b/(N m_c)",
+            "0 is a solitary block",
         ),
-        Parameter("eta", "η", "1", NOT_NEGATIVE, "mass ratio of the superstructure", "superstructure.eta", "m_t/(N m_c)"),
-        Parameter("T_s", "T_s", "s", POSITIVE, "period of the superstructure", "superstructure.T_s", "", _RIGID),
-        Parameter("zeta", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure", "superstructure.zeta"),
+        Parameter(
+            "eta",
+            "η",
+            "1",
+            NOT_NEGATIVE,
+            "mass ratio of the superstructure",
+            "superstructure.eta",
+            "m_t/(N m_c)",
+        ),
+        Parameter(
+            "T_s", "T_s", "s", POSITIVE, "period of the superstructure", "superstructure.T_s", "", _RIGID
+        ),
+        Parameter(
+            "zeta", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure", "superstructure.zeta"
+        ),
         Parameter("lam", "λ", "1", NOT_NEGATIVE, "inertia factor of a column", "lam", "I_c/(m_c R²)"),
         Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
         Parameter("g", "g", "m s-2", POSITIVE, "acceleration of gravity", "g"),
-        Parameter("prestress", "τ", "1", NOT_NEGATIVE, "initial force of a tendon", _TENDON + "prestress", "P₀/(m_c g)"),
-        Parameter("stiffness", "κ", "1", NOT_NEGATIVE, "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"),
-        Parameter("coefficient", "δ", "1", NOT_NEGATIVE, "damper coefficient", _DAMPER + "coefficient", "C(Rp)^ν/(m_c g)"),
-        Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", "", "1 is a linear damper"),
-        Parameter("inertance_ratio", "μ", "1", NOT_NEGATIVE, "inertance", "restrainers.Inerter.inertance", "b/m_c"),
+        Parameter(
+            "prestress",
+            "τ",
+            "1",
+            NOT_NEGATIVE,
+            "initial force of a tendon",
+            _TENDON + "prestress",
+            "P₀/(m_c g)",
+        ),
+        Parameter(
+            "stiffness", "κ", "1", NOT_NEGATIVE, "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"
+        ),
+        Parameter(
+            "coefficient",
+            "δ",
+            "1",
+            NOT_NEGATIVE,
+            "damper coefficient",
+            _DAMPER + "coefficient",
+            "C(Rp)^ν/(m_c g)",
+        ),
+        Parameter(
+            "exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", "", "1 is a linear damper"
+        ),
+        Parameter(
+            "inertance_ratio", "μ", "1", NOT_NEGATIVE, "inertance", "restrainers.Inerter.inertance", "b/m_c"
+        ),
     )
 )
 
@@ -129,8 +173,17 @@ DIMENSIONS = _named(
         STRUCTURE["g"],
         Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
         Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
-        Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
-        Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note="1 is a linear damper"),
+        Parameter(
+            "damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"
+        ),
+        Parameter(
+            "damper_exponent",
+            "ν",
+            "1",
+            POWER,
+            "exponent of the damper of a column",
+            note="1 is a linear damper",
+        ),
         Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
     )
 )
@@ -139,7 +192,9 @@ DIMENSIONS = _named(
 MOTION = _named(
     (
         Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
-        Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
+        Parameter(
+            "acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)
+        ),
         Parameter("T_p", "T_p", "s", POSITIVE, "period of the pulse"),
         Parameter("frequency_ratio", "ω_p/p", "1", POSITIVE, "frequency of the pulse", instead_of=("T_p",)),
         Parameter("A", "A", "m s-1", ANY, "velocity amplitude of the pulse"),

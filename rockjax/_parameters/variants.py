@@ -1,4 +1,5 @@
-"""Parameters of structures and motions read and set by name: what a podium has, variants of it, pulses by their ratios."""
+"""Parameters of structures and motions read and set by name: what a podium has, variants of it, pulses by
+their ratios."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def has(podium: Podium, parameter: Parameter) -> bool:
 
 
 def read(podium: Podium, name: str) -> Any:
-    """The number that a parameter of this podium is. Raises `ValueError` for a name that is none of its parameters."""
+    """The number that a parameter of this podium is. Raises `ValueError` for a name that is none of its
+    parameters."""
     parameter = _known(podium, name)
     if parameter.place:
         return _kept(podium, parameter.place)
@@ -47,7 +49,8 @@ def read(podium: Podium, name: str) -> Any:
 def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
     """The podium with some of its parameters changed.
 
-    Raises `ValueError` for names that are no parameters of it or that say the same, and for numbers out of range.
+    Raises `ValueError` for names that are no parameters of it or that say the same, and for numbers out of
+    range.
     """
     values = {_known(podium, name).name: value for name, value in values.items()}
     twice = clash(values)
@@ -107,7 +110,10 @@ def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     below: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
         below.setdefault(step, {})[tuple(rest)] = value
-    new = {step: inner[()] if () in inner else _replaced(_kept(holder, step), inner) for step, inner in below.items()}
+    new = {
+        step: inner[()] if () in inner else _replaced(_kept(holder, step), inner)
+        for step, inner in below.items()
+    }
     if isinstance(holder, tuple):
         places = {_member(holder, step): value for step, value in new.items()}
         return tuple(places.get(k, member) for k, member in enumerate(holder))

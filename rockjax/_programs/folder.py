@@ -1,8 +1,9 @@
 """The folder of kept programs: where it is, who may write to it, and how large it grows.
 
-What is in it is run, so it is used only where it belongs to this user and nobody else can write to it. Entries are written
-whole or not at all, carry a checksum, and are taken away, the longest unused first, where they grow beyond the limit.
-Whatever goes wrong here raises nothing but `OSError` and `Damaged`, and nothing is lost by it but time.
+What is in it is run, so it is used only where it belongs to this user and nobody else can write to it.
+Entries are written whole or not at all, carry a checksum, and are taken away, the longest unused first, where
+they grow beyond the limit. Whatever goes wrong here raises nothing but `OSError` and `Damaged`, and nothing
+is lost by it but time.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ def enabled() -> bool:
 
 
 def path() -> Path:
-    """`ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder (`XDG_CACHE_HOME`, or what the platform has for it)."""
+    """`ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder (`XDG_CACHE_HOME`, or what the platform
+    has for it)."""
     chosen = os.environ.get("ROCKJAX_CACHE_DIR")
     if chosen:
         return Path(chosen).expanduser()
@@ -68,7 +70,8 @@ def limit() -> int:
 
 
 def why_unsafe(folder: Path) -> str | None:
-    """Why nothing is read from a folder or file; None where it can be trusted. Raises `OSError` where it is not there."""
+    """Why nothing is read from a folder or file; None where it can be trusted. Raises `OSError` where it is
+    not there."""
     if not hasattr(os, "geteuid"):
         return None  # Windows: the user's folders have access lists of their own
     found = folder.stat()
@@ -89,11 +92,14 @@ def why_unused(folder: Path) -> str | None:
         return None  # it is made when it is needed
     except OSError as error:
         return f"{folder}: {error.strerror}"
-    return unsafe or (None if os.access(folder, os.R_OK | os.W_OK | os.X_OK) else f"{folder} cannot be written")
+    return unsafe or (
+        None if os.access(folder, os.R_OK | os.W_OK | os.X_OK) else f"{folder} cannot be written"
+    )
 
 
 def _ready(folder: Path) -> None:
-    """The folder, made where it is not there yet, for this user only. Raises `OSError` where it cannot be used."""
+    """The folder, made where it is not there yet, for this user only. Raises `OSError` where it cannot be
+    used."""
     if not folder.is_dir():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -109,7 +115,8 @@ def _file(folder: Path, key: str) -> Path:
 def read(folder: Path, key: str) -> bytes | None:
     """What is kept under a key, None where there is nothing.
 
-    Raises `OSError` for a folder or file that cannot be trusted or read, `Damaged` for an entry that is not whole.
+    Raises `OSError` for a folder or file that cannot be trusted or read, `Damaged` for an entry that is not
+    whole.
     """
     name = _file(folder, key)
     try:
@@ -134,7 +141,8 @@ def read(folder: Path, key: str) -> bytes | None:
 
 
 def write(folder: Path, key: str, data: bytes) -> None:
-    """Keep data under a key, and make room. Raises `OSError` where that is not possible, as with a full disk."""
+    """Keep data under a key, and make room. Raises `OSError` where that is not possible, as with a full
+    disk."""
     _ready(folder)
     about = key.encode()
     body = len(about).to_bytes(8, "little") + about + data

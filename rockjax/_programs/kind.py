@@ -1,8 +1,10 @@
-"""What a kept program was made for, as text: equal texts mean the same program, and all that goes into one is in it.
+"""What a kept program was made for, as text: equal texts mean the same program, and all that goes into one is
+in it.
 
-A kind of scene is the structure of its arguments (classes, what is fixed in them, shapes and types of their numbers), the
-versions of the libraries and the source of this package, the settings of JAX, and the processor. Classes and functions of
-the user's own have no such text: they may change from one process to the next without their names changing.
+A kind of scene is the structure of its arguments (classes, what is fixed in them, shapes and types of their
+numbers), the versions of the libraries and the source of this package, the settings of JAX, and the
+processor. Classes and functions of the user's own have no such text: they may change from one process to the
+next without their names changing.
 """
 
 from __future__ import annotations
@@ -24,9 +26,24 @@ import jax
 import numpy as np
 
 _OWN = ("rockjax", "optimise")  # what stands in them is in the text by their source …
-_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # … and in these by their versions
+_LIBRARIES = (
+    "jax",
+    "jaxlib",
+    "numpy",
+    "equinox",
+    "diffrax",
+    "optimistix",
+    "lineax",
+)  # … and in these by their versions
 _WITHOUT = ("_cli", "plots")  # folders whose source is in no program
-_SAY_NOTHING = ("cache", "log", "dump", "traceback", "profil", "hash")  # settings of JAX that do not change a program
+_SAY_NOTHING = (
+    "cache",
+    "log",
+    "dump",
+    "traceback",
+    "profil",
+    "hash",
+)  # settings of JAX that do not change a program
 
 
 class Unknown(Exception):
@@ -96,7 +113,11 @@ def machine() -> str:
 
 def _settings() -> str:
     said = sorted(jax.config.values.items())
-    told = [(name, getattr(jax.config, name, value)) for name, value in said if not any(w in name for w in _SAY_NOTHING)]
+    told = [
+        (name, getattr(jax.config, name, value))
+        for name, value in said
+        if not any(w in name for w in _SAY_NOTHING)
+    ]
     return f"{os.environ.get('XLA_FLAGS', '')} {told!r}"
 
 
@@ -130,8 +151,19 @@ def _processor() -> str:
     """What a compiler looks at of this machine; where it cannot be told, the machine itself."""
     try:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
-        wanted = ("vendor_id", "cpu family", "model", "stepping", "flags", "features", "cpu implementer", "cpu part")
+        wanted = (
+            "vendor_id",
+            "cpu family",
+            "model",
+            "stepping",
+            "flags",
+            "features",
+            "cpu implementer",
+            "cpu part",
+        )
         told = [line for line in lines if line.split(":")[0].strip().lower() in (*wanted, "model name")]
     except OSError:
         told = []
-    return f"{platform.system()} {platform.machine()} " + (" ".join(told) or f"{platform.processor()} {platform.node()}")
+    return f"{platform.system()} {platform.machine()} " + (
+        " ".join(told) or f"{platform.processor()} {platform.node()}"
+    )

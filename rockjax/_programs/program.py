@@ -1,4 +1,5 @@
-"""Functions that are traced and compiled once for each kind of arguments, in this process and in later ones."""
+"""Functions that are traced and compiled once for each kind of arguments, in this process and in later
+ones."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from . import folder, kind
 _LOG = logging.getLogger("rockjax")
 _ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
 _NUMBERS = _ARRAYS | bool | int | float
-# A quarter less compiling; the programs take the same time, for most of what LLVM does at its higher levels is done by then.
+# A quarter less compiling; the programs take the same time, for most of what LLVM does at its higher levels
+# is done by then.
 _QUICK = {"xla_backend_optimization_level": 1}
 _PATIENCE = 2.0  # s of compiling, after which it is said
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
@@ -35,11 +37,13 @@ class _Fixed(NamedTuple):
 
 
 class KeptProgram:
-    """A compiled function of pytrees of arrays and numbers; what else is in them, and `fixed` arguments, is compiled in.
+    """A compiled function of pytrees of arrays and numbers; what else is in them, and `fixed` arguments, is
+    compiled in.
 
-    Known arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs neither
-    tracing nor compiling, and it gives the same answers to the last bit. Everything else, traced arguments above all, goes
-    through `jax.jit` as ever. With `arrays_only`, numbers of Python are compiled in as well.
+    Known arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs
+    neither tracing nor compiling, and it gives the same answers to the last bit. Everything else, traced
+    arguments above all, goes through `jax.jit` as ever. With `arrays_only`, numbers of Python are compiled in
+    as well.
     """
 
     def __init__(
@@ -181,7 +185,8 @@ def _listen() -> None:
 def _compiled(lowered: Any) -> tuple[Any, bool]:
     """The compiled program, and whether it can be kept: not where JAX's own cache had it, if that is in use.
 
-    On the CPU XLA writes out only what it has compiled itself. What it has loaded would be kept without its code.
+    On the CPU XLA writes out only what it has compiled itself. What it has loaded would be kept without its
+    code.
     """
     _listen()
     _FOUND.elsewhere = False
@@ -191,7 +196,8 @@ def _compiled(lowered: Any) -> tuple[Any, bool]:
 
 
 def _without_places(lowered: Any) -> None:
-    """Forget from which lines of source each operation comes: a third of a program's size, and a tenth of its loading."""
+    """Forget from which lines of source each operation comes: a third of a program's size, and a tenth of its
+    loading."""
     from jaxlib.mlir import passmanager
 
     module = lowered.compiler_ir()
@@ -210,7 +216,8 @@ def forget() -> None:
 
 @contextlib.contextmanager
 def anew() -> Iterator[None]:
-    """Inside, everything is traced and compiled anew and nothing is kept: for those who exchange parts of the package."""
+    """Inside, everything is traced and compiled anew and nothing is kept: for those who exchange parts of the
+    package."""
     _ANEW.set()
     forget()
     jax.clear_caches()
@@ -226,7 +233,8 @@ _ANEW = threading.Event()
 
 
 def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
-    """What `make()` gives for a fixed argument, kept like a program: trees of NumPy arrays, lists and named tuples."""
+    """What `make()` gives for a fixed argument, kept like a program: trees of NumPy arrays, lists and named
+    tuples."""
     place = store()
     try:
         text = f"{name}\n{kind.source()}\n{kind.machine()}\n{kind.describe(what)}" if place else None
@@ -318,12 +326,18 @@ def _type(leaf: Any) -> Hashable:
 
 
 def _usual() -> bool:
-    """Whether programs run as usual: on one CPU, and not looked into by one of JAX's settings for debugging."""
+    """Whether programs run as usual: on one CPU, and not looked into by one of JAX's settings for
+    debugging."""
     settings: Any = jax.config
     chosen = settings.jax_default_device
     if jax.default_backend() != "cpu" or not (chosen is None or chosen == "cpu" or chosen == _device()):
         return False
-    unusual = settings.jax_disable_jit, settings.jax_debug_nans, settings.jax_debug_infs, settings.jax_check_tracer_leaks
+    unusual = (
+        settings.jax_disable_jit,
+        settings.jax_debug_nans,
+        settings.jax_debug_infs,
+        settings.jax_check_tracer_leaks,
+    )
     return not any(unusual) and jax.process_count() == 1
 
 
@@ -356,5 +370,9 @@ _SAID = threading.Event()
 def _say(place: Path | None) -> None:
     if not _SAID.is_set():
         _SAID.set()
-        then = f"it is kept in {place}, and the next time only loaded" if place else "it is not kept (ROCKJAX_CACHE is off)"
+        then = (
+            f"it is kept in {place}, and the next time only loaded"
+            if place
+            else "it is not kept (ROCKJAX_CACHE is off)"
+        )
         _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", then)

@@ -48,7 +48,13 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
         return
     start = concrete(excitation.support[0])
     if start is not None and start.ndim == 0:
-        require(owner, "t_end", t_end, lambda v: v > start, f"after the start of the excitation at {float(start):.6g} s")
+        require(
+            owner,
+            "t_end",
+            t_end,
+            lambda v: v > start,
+            f"after the start of the excitation at {float(start):.6g} s",
+        )
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
@@ -56,7 +62,9 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
     limit = concrete(podium.stability_angle / podium.alpha)
     if limit is not None:
         least = float(limit.min())
-        accepted = f"<= θ_s/α = {least:.6g} for the margin: past the stability angle a column may still come back"
+        accepted = (
+            f"<= θ_s/α = {least:.6g} for the margin: past the stability angle a column may still come back"
+        )
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
@@ -77,7 +85,8 @@ def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) 
     uplift = float(np.tan(alpha))  # in g
     if abs(size) / g < uplift <= abs(size):
         doubt(
-            f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at {uplift:.3g} g; "
+            f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at "
+            f"{uplift:.3g} g; "
             f"was it meant in g? rockjax takes m/s²: a_p = {float(size):g} * 9.80665",
             stacklevel=4,
         )

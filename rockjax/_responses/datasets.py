@@ -41,7 +41,11 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     """What a spectrum is of, for the attributes of a file."""
-    return {"pulse": getattr(pulse, "__name__", repr(pulse)), **describe_podium(podium), **describe_options(options)}
+    return {
+        "pulse": getattr(pulse, "__name__", repr(pulse)),
+        **describe_podium(podium),
+        **describe_options(options),
+    }
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:
@@ -61,10 +65,13 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
     """Restrainers as JSON, for an attribute of a file."""
-    numbers = [{field.name: getattr(each, field.name) for field in dataclasses.fields(each)} for each in restrainers]
+    numbers = [
+        {field.name: getattr(each, field.name) for field in dataclasses.fields(each)} for each in restrainers
+    ]
     return json.dumps(
         [
-            {"kind": type(each).__name__} | {name: y if isinstance(y, int) else float(y) for name, y in own.items()}
+            {"kind": type(each).__name__}
+            | {name: y if isinstance(y, int) else float(y) for name, y in own.items()}
             for each, own in zip(restrainers, numbers, strict=True)
         ]
     )
@@ -122,4 +129,8 @@ def describe_options(options: Options) -> dict[str, Any]:
 def describe_versions() -> dict[str, str]:
     """What the numbers were made with, for the attributes of a file."""
     # Diffrax itself takes long to import.
-    return {"rockjax_version": _version.__version__, "jax_version": jax.__version__, "diffrax_version": version("diffrax")}
+    return {
+        "rockjax_version": _version.__version__,
+        "jax_version": jax.__version__,
+        "diffrax_version": version("diffrax"),
+    }

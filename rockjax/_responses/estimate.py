@@ -1,7 +1,8 @@
 """How wrong a scene may be: how far it is from a second solution of the same scene, at another tolerance.
 
-A tenth of the tolerance where there is room for it: then the difference is the error of the first solution, but for a
-tenth. Close to rounding ten times the tolerance: then it is that of the second one, and errs on the safe side.
+A tenth of the tolerance where there is room for it: then the difference is the error of the first solution,
+but for a tenth. Close to rounding ten times the tolerance: then it is that of the second one, and errs on the
+safe side.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from rockjax import _results as results
 from rockjax._options import LEAST_ATOL, Options
 from rockjax._results import Errors
 
-SAFETY = 10.0  # the true error is below this times the estimate, but for one scene in a hundred (docs/stress.md)
+SAFETY = (
+    10.0  # the true error is below this times the estimate, but for one scene in a hundred (docs/stress.md)
+)
 FINER = 0.1
 SHORTER = 0.7  # steps, where it is not the tolerance that sets them
 
@@ -48,6 +51,8 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio,
     rotation = apart("peak_rotation")
     falls = flags["overturned"]
     # What a column has too much when it reaches the overturning angle vanishes on the boundary.
-    close = xp.where(falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio)
+    close = xp.where(
+        falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio
+    )
     undecided = unknown | (falls != others["overturned"]) | close
     return Errors(rotation, apart("peak_deformation"), apart("peak_shear"), undecided)

@@ -40,8 +40,8 @@ class Energies(eqx.Module):
 
     initial + input = mechanical + impacts + damping + dampers + residual:
 
-    - `mechanical`: kinetic energy relative to the ground, strain energy, gravity and tendons, Eqs. (16)–(19); `initial`: at
-      the start
+    - `mechanical`: kinetic energy relative to the ground, strain energy, gravity and tendons, Eqs. (16)–(19);
+      `initial`: at the start
     - `input`: work of the ground since the start, −∫ü_g[(½+γ)u̇_b + η u̇_t] dt
     - `impacts`: lost at the impacts since the start, Eqs. (26), (27)
     - `damping`: lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
@@ -61,7 +61,8 @@ class Energies(eqx.Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end, the method between the nodes, and the tolerance where restrainers depend on it.
+# Podium, excitation, nodes, end, the method between the nodes, and the tolerance where restrainers depend on
+# it.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
@@ -126,14 +127,18 @@ def padded(nodes: Nodes) -> Nodes:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
     more = _room(nodes.t.size, 10)
-    filled = jax.tree.map(lambda y: np.pad(np.asarray(y), (0, more), mode="edge") if jnp.ndim(y) else y, nodes)
+    filled = jax.tree.map(
+        lambda y: np.pad(np.asarray(y), (0, more), mode="edge") if jnp.ndim(y) else y, nodes
+    )
     return filled._replace(
         t=np.pad(np.asarray(nodes.t), (0, more), constant_values=np.inf),
         impact_time=np.pad(np.asarray(nodes.impact_time), (0, more), constant_values=np.nan),
     )
 
 
-def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value) -> _Sample:
+def _sample(
+    c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value
+) -> _Sample:
     """One step of the method from node k to the time t."""
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
@@ -151,7 +156,9 @@ def _sample(c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, metho
 
 def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
     """The node from which the motion at t starts; where `left`, the one before a node at t itself."""
-    passed = jnp.where(left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right"))
+    passed = jnp.where(
+        left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
+    )
     return jnp.clip(passed - 1, 0, nodes.used - 1)
 
 
@@ -192,13 +199,17 @@ def balance(scene: Solved, t, left):
 
     def advance(z, k, stop):
         """State, powers and energy at the part z of a step."""
-        here = _sample(c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k])))
+        here = _sample(
+            c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
+        )
         by_dampers = (damper_power(c, here.sigma, here.x, here.v),) if c.restrainers else ()
         return here, (*power(c, *here), *by_dampers, mechanical_energy(c, *here))
 
     # One program of the step for all of them: compiling it is what takes time.
     places = jnp.asarray(np.append(_PLACES, 1.0), t.dtype)
-    states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(starts, stops)
+    states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(
+        starts, stops
+    )
     lengths = stops - nodes.t[starts]
     given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(_WEIGHTS, t.dtype)) for y in (given, *taken))
     mechanical = held[:, -1]

@@ -45,17 +45,19 @@ VARIABLES = {
 class AbstractPeak(eqx.Module):
     """What every scene answers.
 
-    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached [s]
-    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s] (NaN if not)
+    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached
+      [s]
+    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s]
+      (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that, because what was
-      wanted stood (ask for the output `"impacts"`, or for a history)
+    - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that,
+      because what was wanted stood (ask for the output `"impacts"`, or for a history)
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
-    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the well, 1 where
-      the columns never lift, 0 on the overturning boundary, negative the faster they fall
-    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any). Derivatives
-      of what follows an impact grow like its inverse
+    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the
+      well, 1 where the columns never lift, 0 on the overturning boundary, negative the faster they fall
+    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
+      Derivatives of what follows an impact grow like its inverse
     - `errors`: estimated errors, an [`rockjax.Errors`][], if asked for (else None)
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
@@ -87,12 +89,20 @@ class Peak(AbstractPeak):
     __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
 
     def dataset(self) -> xarray.Dataset:
-        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and `long_name`."""
+        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and
+        `long_name`."""
         import xarray
 
         dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
-        data = xarray.Dataset({name: (dims, values, attrs) for name, values, attrs in peak_variables(self, OUTPUTS)})
-        data.attrs = {"title": "Peak responses", "kind": "peaks", **describe_versions(), "Conventions": CONVENTIONS}
+        data = xarray.Dataset(
+            {name: (dims, values, attrs) for name, values, attrs in peak_variables(self, OUTPUTS)}
+        )
+        data.attrs = {
+            "title": "Peak responses",
+            "kind": "peaks",
+            **describe_versions(),
+            "Conventions": CONVENTIONS,
+        }
         return data
 
 
@@ -125,8 +135,9 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 def _impacts(floats, integers, options: Options, history: bool):
     """The number of impacts, NaN where the scene ended before it stood.
 
-    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a history goes
-    on to rest, or where the columns never lift: they cannot any more without a change of rotation and margin.
+    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a
+    history goes on to rest, or where the columns never lift: they cannot any more without a change of
+    rotation and margin.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
@@ -153,11 +164,16 @@ def raise_without_answer(code: Array) -> None:
         name = results.NAMES[int(codes[first])]
         where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""
         message = results.RESULTS[getattr(results.RESULTS, name)]
-        raise RuntimeError(f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)")
+        raise RuntimeError(
+            f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)"
+        )
 
 
-def peak_variables(peaks: AbstractPeak, outputs: Sequence[str]) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask for."""
+def peak_variables(
+    peaks: AbstractPeak, outputs: Sequence[str]
+) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
+    """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask
+    for."""
     for name, (unit, description, output) in VARIABLES.items():
         if output is None or output in outputs:
             yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
@@ -166,19 +182,32 @@ def peak_variables(peaks: AbstractPeak, outputs: Sequence[str]) -> Iterator[tupl
             unit, description, output = VARIABLES[name]
             if output in outputs:
                 error = np.asarray(getattr(peaks.errors, name))
-                yield f"{name}_error", error, {"units": unit, "long_name": f"estimated error of the {description}"}
+                yield (
+                    f"{name}_error",
+                    error,
+                    {"units": unit, "long_name": f"estimated error of the {description}"},
+                )
         flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
         yield "undecided", np.asarray(peaks.errors.undecided), flags
     code = np.asarray(results.code_of(peaks.result), np.int8)
-    flags = {"flag_values": np.arange(len(results.NAMES), dtype=np.int8), "flag_meanings": " ".join(results.NAMES)}
+    flags = {
+        "flag_values": np.arange(len(results.NAMES), dtype=np.int8),
+        "flag_meanings": " ".join(results.NAMES),
+    }
     yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
-    yield "steps", np.asarray(peaks.stats.steps + peaks.stats.rejected), {"units": "1", "long_name": "trial steps"}
+    yield (
+        "steps",
+        np.asarray(peaks.stats.steps + peaks.stats.rejected),
+        {"units": "1", "long_name": "trial steps"},
+    )
 
 
 def _text(peak: AbstractPeak) -> str:
     """A readable account of one scene, or of the size of a batch."""
     headline, rows = _account(peak)
-    return "\n".join([headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)])
+    return "\n".join(
+        [headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)]
+    )
 
 
 def _html(peak: AbstractPeak) -> str:
@@ -199,10 +228,18 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
     rows = [("peak rotation", rotation)]
     if peak.errors is not None and peak.errors.undecided:
-        rows.append(("undecided: within the estimated error the columns may overturn or not; tighten rtol and atol", ""))
+        rows.append(
+            (
+                "undecided: within the estimated error the columns may overturn or not; tighten rtol and "
+                "atol",
+                "",
+            )
+        )
     if peak.overturned:
         rows.append(("overturned at", f"{float(peak.overturn_time):.6g} s"))
-    rows.append(("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", ""))
+    rows.append(
+        ("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", "")
+    )
     uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
     rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
     rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))

@@ -53,10 +53,10 @@ _IMPACTS = {
 class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion itself.
 
-    `response(t)` is the state at any times within the scene, with the accuracy of the solve: one step of the method from
-    the nearest node before. At an impact it is the state after it, with `left=True` the one before. All methods that take
-    times give NaN before the start and after the end of the scene. A rigid scene that has settled is at rest for good, so
-    it has no end.
+    `response(t)` is the state at any times within the scene, with the accuracy of the solve: one step of the
+    method from the nearest node before. At an impact it is the state after it, with `left=True` the one
+    before. All methods that take times give NaN before the start and after the end of the scene. A rigid
+    scene that has settled is at rest for good, so it has no end.
 
     - `impact_times`: when the columns struck the ground, ascending, padded with NaN under `jit` [s]
     - `times`: nodes of the history, padded with inf under `jit` [s]
@@ -74,7 +74,8 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene rests before."""
+        """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene
+        rests before."""
         start, end = float(self.times[0]), float(self.stats.end_time)
         if not isinstance(self.podium.superstructure, Elastic) and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
@@ -99,16 +100,18 @@ class Response(AbstractPeak):
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """The moment that holds the frame up, over its value at uplift [–].
 
-        In full contact −q/q_up, Eq. (9): between −1 and 1. While rocking the moment of the ground's vertical forces,
-        (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls with the frame; and of
-        the forces of restrainers.
+        In full contact −q/q_up, Eq. (9): between −1 and 1. While rocking the moment of the ground's vertical
+        forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls
+        with the frame; and of the forces of restrainers.
         """
         return self._map(t, restoring_moment)
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
-        """Energy that the dampers of the columns have taken up to times t, per N m_c [m²/s²]; by default at the end.
+        """Energy that the dampers of the columns have taken up to times t, per N m_c [m²/s²]; by default at
+        the end.
 
-        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; what they have taken in all depends on when the scene ends.
+        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; what they have taken in all depends on when the scene
+        ends.
         """
         return self.energies(self.stats.end_time if t is None else t).dampers
 
@@ -119,12 +122,13 @@ class Response(AbstractPeak):
         return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """The history as data (host): states, deformation, ground acceleration, mode, moment and energies at times t.
+        """The history as data (host): states, deformation, ground acceleration, mode, moment and energies at
+        times t.
 
-        By default 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables without a dim,
-        impacts have the dim `impact`, with the rates of rotation before and after. Every variable has `units` and
-        `long_name`; parameters, tolerances and versions are in the attributes. Raises `ValueError` for times that are not
-        1-D.
+        By default 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables
+        without a dim, impacts have the dim `impact`, with the rates of rotation before and after. Every
+        variable has `units` and `long_name`; parameters, tolerances and versions are in the attributes.
+        Raises `ValueError` for times that are not 1-D.
         """
         if t is None:
             t = np.linspace(*self.span, 4001)
@@ -138,7 +142,9 @@ class Response(AbstractPeak):
         samples, energies = self._history(times, left)
         before = samples["theta_dot"][t.size :]
         after = self.nodes.v[0][np.isfinite(self.nodes.impact_time)]
-        samples, energies = jax.tree.map(lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies))
+        samples, energies = jax.tree.map(
+            lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies)
+        )
         impacts = {"impact_times": struck, "theta_dot_before": before, "theta_dot_after": after}
         return _dataset(self, t, samples, energies, impacts)
 
@@ -168,7 +174,11 @@ class Response(AbstractPeak):
 
 
 def _dataset(
-    response: Response, t: np.ndarray, samples: Mapping[str, Any], energies: Energies, impacts: Mapping[str, Any]
+    response: Response,
+    t: np.ndarray,
+    samples: Mapping[str, Any],
+    energies: Energies,
+    impacts: Mapping[str, Any],
 ) -> xarray.Dataset:
     """The dataset of `Response.dataset`, from what was computed at times t."""
     import xarray
@@ -191,7 +201,10 @@ def _dataset(
         },
         coords={"time": ("time", t, {"units": "s", "long_name": "time"})},
     )
-    data["mode"].attrs |= {"flag_values": [-1.0, 0.0, 1.0], "flag_meanings": "rocking_left full_contact rocking_right"}
+    data["mode"].attrs |= {
+        "flag_values": [-1.0, 0.0, 1.0],
+        "flag_meanings": "rocking_left full_contact rocking_right",
+    }
     for name, (unit, description) in _IMPACTS.items():
         data[name] = ("impact", np.asarray(impacts[name]), {"units": unit, "long_name": description})
     unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}

@@ -33,19 +33,23 @@ def peak_response(
 ) -> Peak:
     """Peak response of one scene, without history.
 
-    Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`, `excitation`, `initial`
-    and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
+    Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`,
+    `excitation`, `initial` and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
     - `excitation`: a pulse, a wavelet, a record, a `Motion`; or any other [`rockjax.AbstractExcitation`][]
     - `initial`: the state at the start of the excitation's support
-    - `t_end`: when to stop at the latest [s]; by default the end of the support plus 30/p, or 10 T_s if that is longer
+    - `t_end`: when to stop at the latest [s]; by default the end of the support plus 30/p, or 10 T_s if that
+      is longer
 
-    Raises `ValueError` for inputs that make no sense and, with `options.throw`, `RuntimeError` for a scene that ends
-    without an answer, where values are concrete. Under `jit` look at `result`.
+    Raises `ValueError` for inputs that make no sense and, with `options.throw`, `RuntimeError` for a scene
+    that ends without an answer, where values are concrete. Under `jit` look at `result`.
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
-    return Peak(**peak_fields(floats, integers, options, throw=options.throw), errors=_errors(arguments, floats, integers))
+    return Peak(
+        **peak_fields(floats, integers, options, throw=options.throw),
+        errors=_errors(arguments, floats, integers),
+    )
 
 
 def simulate(
@@ -58,8 +62,9 @@ def simulate(
 ) -> Response:
     """Response history of one scene, to `t_end`, overturning, or (rigid) rest for good.
 
-    Arguments and errors are those of [`rockjax.peak_response`][]; the peaks are the same numbers. Impacts are counted to
-    the end of the history. Under `jit` the history holds `options.history` steps, outside as many as it needs.
+    Arguments and errors are those of [`rockjax.peak_response`][]; the peaks are the same numbers. Impacts are
+    counted to the end of the history. Under `jit` the history holds `options.history` steps, outside as many
+    as it needs.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     capacity = options.history
@@ -83,7 +88,8 @@ def simulate(
 
 
 def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
-    """The nodes that are used, and the times of impact in ascending order; all of them, filled up with NaN, where traced."""
+    """The nodes that are used, and the times of impact in ascending order; all of them, filled up with NaN,
+    where traced."""
     count = concrete(nodes.used)
     if count is None or count.ndim:
         return nodes, jnp.sort(nodes.impact_time)  # NaN last

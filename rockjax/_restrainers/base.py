@@ -1,11 +1,15 @@
-"""What all restrainers have in common: they feel the elongation between the ground and the beam on a column's centre line.
+"""What all restrainers have in common: they feel the elongation between the ground and the beam on a column's
+centre line.
 
-Each joint of a rocking column opens by a chord about its contact corner, so that a device over both joints is longer by
+Each joint of a rocking column opens by a chord about its contact corner, so that a device over both joints is
+longer by
 
-    ℓ = 4R sin α sin(|θ|/2),                                                                                            (C1)
+    ℓ = 4R sin α sin(|θ|/2),
+    (C1)
 
-one over a single joint by half of it. Here lengths are over R, times over 1/p and forces over the static weight of a column
-m_c g: a stretch s = ℓ/R and its rate r = ℓ̇/(Rp). What a device adds to the model is then a function of these two alone.
+one over a single joint by half of it. Here lengths are over R, times over 1/p and forces over the static
+weight of a column m_c g: a stretch s = ℓ/R and its rate r = ℓ̇/(Rp). What a device adds to the model is then
+a function of these two alone.
 """
 
 import abc
@@ -19,7 +23,8 @@ from rockjax._types import Number, Value
 
 
 class AbstractRestrainer(eqx.Module):
-    """A device of each column. To add a kind, say what it does over its own elongation; what it does not do is zero."""
+    """A device of each column. To add a kind, say what it does over its own elongation; what it does not do
+    is zero."""
 
     @property
     @abc.abstractmethod
@@ -37,7 +42,8 @@ class AbstractRestrainer(eqx.Module):
         """Raise `ValueError`, in the name of `owner`, for numbers that make no sense."""
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Force that pulls beam and ground together, over m_c g; below the rate `slip` a jump may be rounded."""
+        """Force that pulls beam and ground together, over m_c g; below the rate `slip` a jump may be
+        rounded."""
         del stretch, rate, slip
         return 0.0
 
@@ -53,7 +59,8 @@ class AbstractRestrainer(eqx.Module):
 
     @property
     def _apparent_mass(self) -> Number | None:
-        """Force over the acceleration of the elongation, over m_c; None where there is none. It passes an impulse."""
+        """Force over the acceleration of the elongation, over m_c; None where there is none. It passes an
+        impulse."""
         return None
 
     @property
@@ -65,7 +72,8 @@ class AbstractRestrainer(eqx.Module):
     def of_block(self, weight: Number, inertia: Number, speed: Number) -> Self:
         """The device of the solitary block that rocks as a frame does which has this one.
 
-        The block has the frame's weight of one column over `weight`, its inertia over `inertia`, its p times `speed`.
+        The block has the frame's weight of one column over `weight`, its inertia over `inertia`, its p times
+        `speed`.
         """
 
     @property
@@ -96,7 +104,8 @@ class AbstractRestrainer(eqx.Module):
 
     @property
     def steep(self) -> bool:
-        """Whether the force has no slope where nothing moves, known before tracing: steps then close in on such moments."""
+        """Whether the force has no slope where nothing moves, known before tracing: steps then close in on
+        such moments."""
         return False
 
     @property

@@ -15,7 +15,8 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as it is known before tracing: no number of the program, so that a linear damper needs no powers."""
+    """The exponent 1 as it is known before tracing: no number of the program, so that a linear damper needs
+    no powers."""
 
     def __new__(cls) -> Linear:
         return super().__new__(cls, 1.0)
@@ -38,12 +39,13 @@ class Damper(AbstractRestrainer):
     """A viscous damper beside every column: force C|ℓ̇|^ν against the rate of the elongation ℓ.
 
     - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
-    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array, also one of 1, is any
+    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array, also one
+      of 1, is any
     - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
 
-    The force is 0 where the rate is: a damper never holds the column. For ν < 1 its slope is infinite there; it is rounded
-    below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for concrete numbers outside these
-    ranges.
+    The force is 0 where the rate is: a damper never holds the column. For ν < 1 its slope is infinite there;
+    it is rounded below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for
+    concrete numbers outside these ranges.
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))

@@ -16,9 +16,9 @@ class Inerter(AbstractRestrainer):
     - `inertance`: μ = b/m_c, ≥ 0 [–]
     - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
 
-    A rigid link in both directions, without play or clutch: it passes an impulse at impacts, which lowers the restitution
-    factor of the laws `"paper"` and `"compatible"`, [`rockjax.Podium.restitution_factor`][]. Raises `ValueError` for
-    concrete numbers outside this range.
+    A rigid link in both directions, without play or clutch: it passes an impulse at impacts, which lowers the
+    restitution factor of the laws `"paper"` and `"compatible"`, [`rockjax.Podium.restitution_factor`][].
+    Raises `ValueError` for concrete numbers outside this range.
     """
 
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))

@@ -29,7 +29,9 @@ def check_restrainers(value: tuple) -> None:
     """Raise `ValueError` for what is no restrainer."""
     for each in value:
         if not isinstance(each, AbstractRestrainer):
-            raise ValueError(f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got one that is {shown(each)}")
+            raise ValueError(
+                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got one that is {shown(each)}"
+            )
 
 
 def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number:
@@ -54,10 +56,11 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
-    """θ_s of (C7): the smallest |θ| in (0, π/2] where gravity and restrainers hold nothing any more; inf if there is none.
+    """θ_s of (C7): the smallest |θ| in (0, π/2] where gravity and restrainers hold nothing any more; inf if
+    there is none.
 
-    `weight` is w = γ+η+½. Up to α both hold, so that the search is between α and π/2: there V' of (C5) falls through zero
-    once at most.
+    `weight` is w = γ+η+½. Up to α both hold, so that the search is between α and π/2: there V' of (C5) falls
+    through zero once at most.
     """
     holding = [each for each in restrainers if each.stores]
     if not holding:
@@ -70,7 +73,9 @@ def _search(alpha: Number, weight: Number, holding: Sequence[AbstractRestrainer]
     def moment(angle):
         """V'(A)/(Rg)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
-        return 2 * weight * jnp.sin(alpha - angle) + lever * sum(each.static_force(stretch) for each in holding)
+        return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
+            each.static_force(stretch) for each in holding
+        )
 
     def newton(angle):
         value, slope = jax.jvp(moment, (angle,), (jnp.ones_like(angle),))

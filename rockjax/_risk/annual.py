@@ -106,11 +106,13 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
     if measure != hazard.measure:
         raise ValueError(
-            f"{owner}: the fragility is over {measure}, the hazard over {hazard.measure}; they must be of one measure"
+            f"{owner}: the fragility is over "
+            f"{measure}, the hazard over {hazard.measure}; they must be of one measure"
         )
     if units != hazard.units:
         raise ValueError(
-            f"{owner}: the fragility is in {units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
+            f"{owner}: the fragility is in "
+            f"{units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
         )
 
 
@@ -120,7 +122,9 @@ def _lognormal(curve: Lognormal, hazard: Hazard):
         parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
         return parts.total, parts
 
-    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(jnp.log(curve.median), curve.dispersion)
+    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
+        jnp.log(curve.median), curve.dispersion
+    )
     some = frequency > 0
     safe = jnp.where(some, frequency, 1.0)
     share = jnp.where(some, (parts.below + parts.above) / safe, 0.0)
@@ -152,7 +156,8 @@ def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualF
     if share[0] > 0:
         raise ValueError(
             f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}; "
-            "what happens below it is not known: add lower levels, or give the fitted curve of rockjax.fragility"
+            "what happens below it is not known: add lower levels, or give the fitted curve of "
+            "rockjax.fragility"
         )
     parts = integral.piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
     total = parts.total
@@ -168,15 +173,17 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of
       median and points
 
-    Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve does, `hazard`
-    [1/year] and `fragility` [–]; and the `given` points of the hazard curve over `point`.
+    Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
+    does, `hazard` [1/year] and `fragility` [–]; and the `given` points of the hazard curve over `point`.
     """
     import xarray
 
     found = annual_frequency(curve, hazard)
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
-            raise ValueError("disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first")
+            raise ValueError(
+                "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
+            )
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))

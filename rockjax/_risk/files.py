@@ -36,11 +36,15 @@ def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
         found = _openquake(path, rows, ",".join(cell for row in comments for cell in row), site)
     else:
         if site is not None:
-            raise ValueError(f"{path}: site is for OpenQuake's files of several sites; this one holds one curve")
+            raise ValueError(
+                f"{path}: site is for OpenQuake's files of several sites; this one holds one curve"
+            )
         found = _two_columns(path, rows)
     units = found["units"]
     if units not in SI:
-        raise ValueError(f"{path}: units {units!r} of {found['measure']} are unknown; known are {', '.join(SI)}")
+        raise ValueError(
+            f"{path}: units {units!r} of {found['measure']} are unknown; known are {', '.join(SI)}"
+        )
     factor, found["units"] = SI[units]
     found["intensity"] = np.asarray(found["intensity"]) * factor
     return found
@@ -56,7 +60,9 @@ def _two_columns(path: str | Path, rows: list[list[str]]) -> dict[str, Any]:
     try:
         x, rate = np.array([[float(cell) for cell in row] for row in rows[1:]]).T
     except ValueError as error:
-        raise ValueError(f"{path}: every line after the header must hold an intensity and an annual rate: {error}") from None
+        raise ValueError(
+            f"{path}: every line after the header must hold an intensity and an annual rate: {error}"
+        ) from None
     return {"intensity": x, "annual_rate": rate, "measure": header["measure"], "units": header["units"]}
 
 
@@ -66,16 +72,22 @@ def _openquake(path: str | Path, rows: list[list[str]], comment: str, site: int 
     years = re.search(r"investigation_time\s*=\s*([0-9.eE+]+)", comment)
     imt = re.search(r"imt\s*=\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", comment)
     if years is None or imt is None:
-        raise ValueError(f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them")
+        raise ValueError(
+            f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them"
+        )
     curves = rows[1:]
     if len(curves) > 1 and site is None:
-        raise ValueError(f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}")
+        raise ValueError(
+            f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}"
+        )
     if site is not None and not 0 <= site < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
     x = np.array([float(header[i].removeprefix("poe-")) for i in columns])
     poe = np.array([float(curves[site or 0][i]) for i in columns])
     if np.any((poe < 0) | (poe > 1)):
-        raise ValueError(f"{path}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}")
+        raise ValueError(
+            f"{path}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
+        )
     # What is certain, or never happens, has no rate: such points say nothing about the curve.
     known = (poe > 0) & (poe < 1)
     if known.sum() < 2:
@@ -109,7 +121,8 @@ def _imt(measure: str) -> tuple[str, float]:
     period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
     if period is None:
         raise ValueError(
-            f"write_fragility_model: OpenQuake has no intensity measure {measure!r}; PGA, PGV and Sa(T s) are known"
+            f"write_fragility_model: OpenQuake has no intensity measure "
+            f"{measure!r}; PGA, PGV and Sa(T s) are known"
         )
     return f"SA({float(period[1]):g})", STANDARD_GRAVITY
 
@@ -130,7 +143,9 @@ def write_fragility_model(
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
     if not curves or len(names) != len(curves):
-        raise ValueError(f"write_fragility_model: needs a name for each of {len(curves)} curves, got {names!r}")
+        raise ValueError(
+            f"write_fragility_model: needs a name for each of {len(curves)} curves, got {names!r}"
+        )
     ET.register_namespace("", NRML)
     root = ET.Element(f"{{{NRML}}}nrml")
     model = ET.SubElement(
@@ -155,7 +170,9 @@ def write_fragility_model(
         moments = {"mean": repr(mean), "stddev": repr(mean * math.sqrt(math.expm1(dispersion**2)))}
         ET.SubElement(function, f"{{{NRML}}}params", {"ls": "overturning", **moments})
     ET.indent(root)
-    return write_whole(path, lambda name: ET.ElementTree(root).write(name, encoding="utf-8", xml_declaration=True))
+    return write_whole(
+        path, lambda name: ET.ElementTree(root).write(name, encoding="utf-8", xml_declaration=True)
+    )
 
 
 def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:

@@ -86,7 +86,9 @@ class RandomPulse(eqx.Module):
 
     def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
         """ü_g of the pulse that u stands for, at times t [m/s²]."""
-        amplitude, period = (y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period)))
+        amplitude, period = (
+            y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period))
+        )
         phase = 2 * math.pi * norm.cdf(u[2])
         pulse = MavroeidisPapageorgiou(amplitude, 1 / period, self.gamma, phase)
         since = t - self.centre
@@ -127,7 +129,9 @@ class GaussianMotion(eqx.Module):
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
             raise ValueError(f"GaussianMotion: n must be a whole number >= 2, got n = {self.n!r}")
-        numbers = {name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")}
+        numbers = {
+            name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")
+        }
         positive("GaussianMotion", **numbers)
         if not callable(self.envelope):
             raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")

@@ -54,7 +54,8 @@ class Hazard(eqx.Module):
         if rate is not None and np.any(np.diff(rate) > 0):
             i = int(np.argmax(np.diff(rate) > 0))
             raise ValueError(
-                f"Hazard: annual_rate must not increase with the intensity, got {rate[i]:g} before {rate[i + 1]:g} per year"
+                f"Hazard: annual_rate must not increase with the intensity, got "
+                f"{rate[i]:g} before {rate[i + 1]:g} per year"
             )
 
     def __call__(self, x: Float[Array, "*m"]) -> Float[Array, "*m"]:

@@ -34,7 +34,9 @@ def slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Arr
     return -jnp.diff(log_rate) / jnp.diff(log_x)
 
 
-def log_rate_at(log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]) -> Float[Array, "*m"]:
+def log_rate_at(
+    log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]
+) -> Float[Array, "*m"]:
     """ln λ at s = ln x, on straight lines in the logarithms; the outer ones go on."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
     return log_rate[i] - slopes(log_x, log_rate)[i] * (s - log_x[i])
@@ -63,10 +65,16 @@ def lognormal(
     # ln(k₀ m^(−k) e^(k²β²/2)), k₀ from the left end of the segment.
     level = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
     shift = k * dispersion
-    between = jnp.exp(level + _log_difference(z[:-1] + shift, z[1:] + shift)) - (share * rate)[1:] + (share * rate)[:-1]
+    between = (
+        jnp.exp(level + _log_difference(z[:-1] + shift, z[1:] + shift))
+        - (share * rate)[1:]
+        + (share * rate)[:-1]
+    )
     below = jnp.exp(level[0] + norm.logcdf(z[0] + shift[0])) - share[0] * rate[0]
     above = jnp.exp(level[-1] + norm.logsf(z[-1] + shift[-1])) + share[-1] * rate[-1]
-    return Parts(jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1]))
+    return Parts(
+        jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1])
+    )
 
 
 def piecewise_linear(

@@ -44,7 +44,9 @@ class AbstractLimitState(abc.ABC):
         bad = np.isnan(value)
         if bad.any():
             at = u[np.argmax(bad)]
-            raise ValueError(f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin")
+            raise ValueError(
+                f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin"
+            )
         return value
 
     @abc.abstractmethod

@@ -86,7 +86,9 @@ def reliability(
     if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
         raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
     limit = OfFunction(G, int(dimension))
-    return probability_of("reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress)
+    return probability_of(
+        "reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress
+    )
 
 
 def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
@@ -117,7 +119,9 @@ def find_design_points(owner: str, limit: AbstractLimitState, directions: np.nda
     """Design points of a limit state that has not failed at the origin. Raises `ValueError` where there are
     none."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
-        raise ValueError(f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'")
+        raise ValueError(
+            f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'"
+        )
     found = design_points(limit, directions)
     if found.beta.size == 0:
         raise ValueError(
@@ -160,7 +164,9 @@ def probability_of(
     return _answer(known[0], estimator.found, limit, method, cov)
 
 
-def _answer(estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float) -> FailureProbability:
+def _answer(
+    estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float
+) -> FailureProbability:
     first = first_order(found)
     low, high = estimate.interval
     off = max(first, 1e-300) / max(estimate.probability, 1e-300)
@@ -186,7 +192,9 @@ def first_order(found: Found) -> float:
     directions = found.u / found.beta[:, None]
     total = 0.0
     for i, beta in enumerate(found.beta):
-        both = sum(_both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i))
+        both = sum(
+            _both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i)
+        )
         total += max(float(stats.norm.sf(beta)) - both, 0.0)
     return total
 

@@ -62,7 +62,9 @@ def limit_of(owner: str, limit: Any, podium: Podium) -> Limit:
         if kind.superstructure and podium.superstructure is None:
             raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
         if kind.elastic and not isinstance(podium.superstructure, Elastic):
-            raise ValueError(f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid")
+            raise ValueError(
+                f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid"
+            )
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
@@ -88,7 +90,9 @@ class OfStructure(AbstractLimitState):
     def _table(self, u: np.ndarray) -> np.ndarray:
         peaks = self._peaks(u)
         value = _signed(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
-        return np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value))
+        return np.where(
+            np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value)
+        )
 
     def _peaks(self, u: np.ndarray):
         whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
@@ -99,7 +103,9 @@ class OfStructure(AbstractLimitState):
         value, (slope, _, _) = self.with_sensitivities(u)
         return value, slope
 
-    def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, Podium, GaussianMotion]]:
+    def with_sensitivities(
+        self, u: np.ndarray
+    ) -> tuple[np.ndarray, tuple[np.ndarray, Podium, GaussianMotion]]:
         """G, and its derivatives by u, by the numbers of the podium and by those of the motion."""
         parts = []
         for start in range(0, len(u), SIDE_BY_SIDE):

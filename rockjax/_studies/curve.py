@@ -31,20 +31,22 @@ def fragility(
 ) -> xarray.Dataset:
     """A lognormal fragility curve from an incremental dynamic analysis, by maximum likelihood (host).
 
-    - `method`: `"capacities"` fits the least overturning intensities, records that never overturn being censored at the
-      highest level; `"stripes"` fits the counts of overturned records at the levels, survivals above the first overturning
-      included
+    - `method`: `"capacities"` fits the least overturning intensities, records that never overturn being
+      censored at the highest level; `"stripes"` fits the counts of overturned records at the levels,
+      survivals above the first overturning included
     - `at`: intensities of the curve, by default 200 up to the highest level
     - `confidence`: of the intervals and the band, in (0, 1); None for the curve alone
 
-    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims `quantity`, `bound`),
-    whose attributes say on how many records it rests; `probability`, `lower`, `upper` over `at`; `observed` over
-    `intensity`, the share of overturned records; and where the analysis has sensitivities, `median_sensitivity` and
-    `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y and d(dispersion)/d ln y.
+    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims
+    `quantity`, `bound`), whose attributes say on how many records it rests; `probability`, `lower`, `upper`
+    over `at`; `observed` over `intensity`, the share of overturned records; and where the analysis has
+    sensitivities, `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y
+    and d(dispersion)/d ln y.
 
-    Intervals of `"capacities"` are by profile likelihood and for lognormal capacities: exact without censored records, for
-    median and dispersion, and of the stated confidence within some per cent with them. Those of `"stripes"` leave out each
-    record in turn (jackknife). A `RuntimeWarning` says where they rest on fewer than five records that overturn.
+    Intervals of `"capacities"` are by profile likelihood and for lognormal capacities: exact without censored
+    records, for median and dispersion, and of the stated confidence within some per cent with them. Those of
+    `"stripes"` leave out each record in turn (jackknife). A `RuntimeWarning` says where they rest on fewer
+    than five records that overturn.
 
     Raises `ValueError` where no curve fits, or no interval, and says why.
     """
@@ -62,8 +64,16 @@ def fragility(
         known, one = np.isfinite(data.capacity), {"units": "1"}
         moved = analysis["sensitivity"].values[:, known] * data.capacity[known]  # d(capacity)/d ln y
         of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(data.capacity, data.limit))
-        curve["median_sensitivity"] = ("parameter", moved @ of_median, one | {"long_name": "d ln(median)/d ln y"})
-        curve["dispersion_sensitivity"] = ("parameter", moved @ of_dispersion, one | {"long_name": "d(dispersion)/d ln y"})
+        curve["median_sensitivity"] = (
+            "parameter",
+            moved @ of_median,
+            one | {"long_name": "d ln(median)/d ln y"},
+        )
+        curve["dispersion_sensitivity"] = (
+            "parameter",
+            moved @ of_dispersion,
+            one | {"long_name": "d(dispersion)/d ln y"},
+        )
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
 
@@ -80,7 +90,9 @@ class _Ensemble(NamedTuple):
     def of(cls, analysis: xarray.Dataset) -> _Ensemble:
         capacity, levels = analysis["capacity"].values, analysis["intensity"].values
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
-        return cls(capacity, np.full(capacity.size, levels[-1]), levels, analysis["overturned"].values.astype(float))
+        return cls(
+            capacity, np.full(capacity.size, levels[-1]), levels, analysis["overturned"].values.astype(float)
+        )
 
     @property
     def trials(self) -> np.ndarray:
@@ -92,9 +104,13 @@ def _check(analysis: xarray.Dataset, method: str, confidence: float | None) -> N
     if method not in ("capacities", "stripes"):
         raise ValueError(f"{owner}: method must be 'capacities' or 'stripes', got {method!r}")
     if getattr(analysis, "attrs", {}).get("kind") != "incremental-dynamic-analysis":
-        raise ValueError(f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got {_short(analysis)}")
+        raise ValueError(
+            f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got {_short(analysis)}"
+        )
     if confidence is not None and not (isinstance(confidence, int | float) and 0 < confidence < 1):
-        raise ValueError(f"{owner}: confidence must be in (0, 1), or None for no intervals, got {confidence!r}")
+        raise ValueError(
+            f"{owner}: confidence must be in (0, 1), or None for no intervals, got {confidence!r}"
+        )
 
 
 def _short(value) -> str:
@@ -120,7 +136,11 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
     return xarray.Dataset(
         {
             "median_capacity": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
-            "dispersion": ((), float(fit.dispersion), one | {"long_name": "standard deviation of its logarithm"}),
+            "dispersion": (
+                (),
+                float(fit.dispersion),
+                one | {"long_name": "standard deviation of its logarithm"},
+            ),
             "probability": (
                 "at",
                 np.asarray(fit.probability(jnp.asarray(x))),
@@ -134,19 +154,27 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
     )
 
 
-def _add_intervals(curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float) -> None:
+def _add_intervals(
+    curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float
+) -> None:
     records, overturn = data.capacity.size, int(np.isfinite(data.capacity).sum())
     rests = overturn if method == "capacities" else records
     if rests < FEW:
         of = "that overturn " if method == "capacities" else ""
         message = (
-            f"fragility: the intervals rest on {rests} records {of}only; from fewer than {FEW} they depend on the "
-            "form of the distribution more than on the records; use more records, or confidence=None for the curve alone"
+            f"fragility: the intervals rest on "
+            f"{rests} records {of}only; from fewer than {FEW} they depend on the "
+            "form of the distribution more than on the records; use more records, or confidence=None for "
+            "the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
     find = _of_capacities if method == "capacities" else _of_stripes
     bounds, probit = find(data, fit, curve["at"].values, confidence)
-    said = {"long_name": f"{confidence:.0%} confidence interval", "records": records, "overturning_records": overturn}
+    said = {
+        "long_name": f"{confidence:.0%} confidence interval",
+        "records": records,
+        "overturning_records": overturn,
+    }
     curve["interval"] = (("quantity", "bound"), bounds, said)
     for name, band in zip(("lower", "upper"), ndtr(probit), strict=True):
         curve[name] = ("at", band, {"units": "1", "long_name": f"{name} bound of the {confidence:.0%} band"})
@@ -155,21 +183,26 @@ def _add_intervals(curve: xarray.Dataset, method: str, data: _Ensemble, fit: Log
     curve.attrs["confidence"] = confidence
 
 
-def _of_capacities(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+def _of_capacities(
+    data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of median and dispersion (2, 2), and of the probit of the curve (2, x)."""
     median, dispersion = float(fit.median), float(fit.dispersion)
     found = of_capacities(Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence)
     return np.exp(np.stack([found.log_median, found.log_dispersion])), found.probit
 
 
-def _of_stripes(data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float) -> tuple[np.ndarray, np.ndarray]:
+def _of_stripes(
+    data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
+) -> tuple[np.ndarray, np.ndarray]:
     """As above."""
     others = data.overturned.sum(axis=0) - data.overturned
     without = _fit_each_counts(data.levels, others, data.trials - 1)
     lost = int(np.sum(~np.isfinite(without.median)))
     if lost:
         raise ValueError(
-            f"fragility: no interval: without one of {lost} of the {len(others)} records the counts do not say the "
+            f"fragility: no interval: without one of "
+            f"{lost} of the {len(others)} records the counts do not say the "
             "dispersion any more; use more records or closer levels, or confidence=None for the curve alone"
         )
 
@@ -202,10 +235,14 @@ def _why_not(method: str, data: _Ensemble) -> str:
     known, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
         if known.size < 2:
-            return f"{known.size} of {total} records overturn up to {data.levels[-1]:g}; raise the highest intensity"
+            return (
+                f"{known.size} of {total} records overturn up to "
+                f"{data.levels[-1]:g}; raise the highest intensity"
+            )
         return f"the capacities of the {known.size} records that overturn do not differ; use other records"
     if not data.overturned.any():
         return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
     return (
-        "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or more; add some"
+        "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or "
+        "more; add some"
     )

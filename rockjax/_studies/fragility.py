@@ -1,4 +1,5 @@
-"""Ensembles of records: incremental dynamic analysis with every boundary, and the distribution of least scales."""
+"""Ensembles of records: incremental dynamic analysis with every boundary, and the distribution of least
+scales."""
 
 from __future__ import annotations
 
@@ -78,24 +79,30 @@ def incremental_dynamic_analysis(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Peak responses to a suite of records at rising intensity, and every intensity where its verdict changes (host).
+    """Peak responses to a suite of records at rising intensity, and every intensity where its verdict changes
+    (host).
 
-    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each, by default those of the motions, or
-      numbers
-    - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all of them
+    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each, by default those of
+      the motions, or numbers
+    - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all
+      of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
-    - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in [`rockjax.overturning_spectrum`][]
-    - `width`: every interval of overturning intensities below the capacity that is wider than this share of the highest
-      level is found, in (0, 0.1]; a record is looked at in up to 1/`width` places from the first that lifts the columns
-    - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked for
+    - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in
+      [`rockjax.overturning_spectrum`][]
+    - `width`: every interval of overturning intensities below the capacity that is wider than this share of
+      the highest level is found, in (0, 0.1]; a record is looked at in up to 1/`width` places from the first
+      that lifts the columns
+    - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked
+      for
     - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
 
-    Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over `record` alone
-    there are `capacity`, the least intensity that overturns (NaN where none up to the highest level does), `boundaries`
-    (further dim `boundary`): survive → overturn → survive …, `certain_width`, the widest interval of intensities below the
-    capacity that may overturn unseen, and `sensitivity` (further dim `parameter`). Boundaries are exact to about 1e-9. Above
-    the capacity rocking through many impacts makes windows of survival within windows without end: there all that
-    `resolution` shows are listed. Raises `ValueError` for inputs that make no sense.
+    Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over
+    `record` alone there are `capacity`, the least intensity that overturns (NaN where none up to the highest
+    level does), `boundaries` (further dim `boundary`): survive → overturn → survive …, `certain_width`, the
+    widest interval of intensities below the capacity that may overturn unseen, and `sensitivity` (further dim
+    `parameter`). Boundaries are exact to about 1e-9. Above the capacity rocking through many impacts makes
+    windows of survival within windows without end: there all that `resolution` shows are listed. Raises
+    `ValueError` for inputs that make no sense.
     """
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
@@ -122,28 +129,45 @@ def incremental_dynamic_analysis(
     peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
     top = float(levels[-1])
-    found = scan(plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width)
+    found = scan(
+        plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width
+    )
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     import xarray
 
     data = xarray.Dataset(
-        {name: (("record", "intensity"), y, attributes) for name, y, attributes in peak_variables(peaks, options.outputs)}
+        {
+            name: (("record", "intensity"), y, attributes)
+            for name, y, attributes in peak_variables(peaks, options.outputs)
+        }
         | {
             "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
-            "boundaries": (("record", "boundary"), places, of | {"long_name": f"{measure.name} where the verdict changes"}),
+            "boundaries": (
+                ("record", "boundary"),
+                places,
+                of | {"long_name": f"{measure.name} where the verdict changes"},
+            ),
             "certain_width": (
                 "record",
                 found.certain,
                 of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
             ),
-            "boundary_impacts": (("record", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
+            "boundary_impacts": (
+                ("record", "boundary"),
+                impacts,
+                {"units": "1", "long_name": "impacts before overturning"},
+            ),
             "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             "intensity": ("intensity", levels, of),
-            "boundary": ("boundary", np.arange(1, places.shape[1] + 1), {"long_name": "boundaries from below"}),
+            "boundary": (
+                "boundary",
+                np.arange(1, places.shape[1] + 1),
+                {"long_name": "boundaries from below"},
+            ),
         },
         attrs={
             "title": "Incremental dynamic analysis",
@@ -174,13 +198,18 @@ def _measure(owner: str, measure: Measure | str, records: Records) -> Measure:
     of_kind(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
     if np.shape(measure.values) != (len(records),):
         raise ValueError(
-            f"{owner}: measure must hold a value for each of {len(records)} records, got shape {np.shape(measure.values)}"
+            f"{owner}: measure must hold a value for each of "
+            f"{len(records)} records, got shape {np.shape(measure.values)}"
         )
-    require(owner, f"measure {measure.name}", measure.values, lambda v: v > 0, "finite and > 0 for every record")
+    require(
+        owner, f"measure {measure.name}", measure.values, lambda v: v > 0, "finite and > 0 for every record"
+    )
     return measure
 
 
-def _sensitivities(podium: Podium, records: Records, scale, names: tuple[str, ...], options: Options) -> np.ndarray:
+def _sensitivities(
+    podium: Podium, records: Records, scale, names: tuple[str, ...], options: Options
+) -> np.ndarray:
     """d ln a/d ln y at boundaries `scale` (k,) of each record: (names, k); NaN where `scale` is."""
     result = np.full((len(names), scale.size), np.nan)
     at = np.flatnonzero(np.isfinite(scale))
@@ -188,14 +217,22 @@ def _sensitivities(podium: Podium, records: Records, scale, names: tuple[str, ..
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)
         found = _along(
-            podium, records, filled, scale[filled], options, names=tuple(names), margin=has_margin(options, podium)
+            podium,
+            records,
+            filled,
+            scale[filled],
+            options,
+            names=tuple(names),
+            margin=has_margin(options, podium),
         )
         result[:, part] = np.asarray(found)[: part.size].T
     return result
 
 
 @KeptProgram
-def _along(podium: Podium, records: Records, which, scale, options: Options, *, names: tuple[str, ...], margin: bool):
+def _along(
+    podium: Podium, records: Records, which, scale, options: Options, *, names: tuple[str, ...], margin: bool
+):
     def one(which, scale):
         def past(logs):
             factor = jnp.exp(logs)
@@ -221,9 +258,9 @@ def overturning_distribution(
 ) -> Lognormal:
     """Median and dispersion of the least overturning scale of a suite; differentiable.
 
-    Works under `jit`, `vmap` and `grad` with respect to every number of `podium`. Records that no scale up to `max_scale`
-    overturns count as beyond it, with derivative zero. NaN where fewer than two records overturn. On the host
-    [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
+    Works under `jit`, `vmap` and `grad` with respect to every number of `podium`. Records that no scale up to
+    `max_scale` overturns count as beyond it, with derivative zero. NaN where fewer than two records overturn.
+    On the host [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
 
     - `measure`: intensity of the unscaled records; the result is in its units, else in scales
     """

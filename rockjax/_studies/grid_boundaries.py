@@ -1,7 +1,8 @@
-"""Boundaries of overturning from a rocking spectrum: what changes between neighbours of its grid, narrowed down.
+"""Boundaries of overturning from a rocking spectrum: what changes between neighbours of its grid, narrowed
+down.
 
-These scenes are of the same kind as those of the grid, so nothing new is compiled. What lies between two neighbours of the
-grid that end alike is not seen; [`rockjax.overturning_spectrum`][] looks closer.
+These scenes are of the same kind as those of the grid, so nothing new is compiled. What lies between two
+neighbours of the grid that end alike is not seen; [`rockjax.overturning_spectrum`][] looks closer.
 """
 
 from __future__ import annotations
@@ -37,10 +38,12 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Rocking spectra with the further variables `minimum` and `boundaries`, as in an overturning spectrum (host).
+    """Rocking spectra with the further variables `minimum` and `boundaries`, as in an overturning spectrum
+    (host).
 
-    Arguments are those of [`rockjax.rocking_spectra`][], whose answer `spectra` is. A column of the grid that overturns in
-    its lowest row has its first boundary there. Ctrl-C raises [`rockjax.Interrupted`][] with the spectra as they were.
+    Arguments are those of [`rockjax.rocking_spectra`][], whose answer `spectra` is. A column of the grid that
+    overturns in its lowest row has its first boundary there. Ctrl-C raises [`rockjax.Interrupted`][] with the
+    spectra as they were.
     """
     kinds: dict[Any, list[int]] = {}
     for k, podium in enumerate(podiums):
@@ -56,7 +59,9 @@ def with_boundaries(
         places = np.empty(0)
         if which.size:
             below = overturned[which, row, column]
-            overturns = _overturns([podiums[k] for k in members], group, pulse, which, column, options, progress)
+            overturns = _overturns(
+                [podiums[k] for k in members], group, pulse, which, column, options, progress
+            )
             try:
                 places = _narrowed(y[row], y[row + 1], below, overturns)
             except Interrupted:
@@ -68,7 +73,13 @@ def with_boundaries(
 
 
 def _overturns(
-    podiums: Sequence[Podium], spectra: Sequence[xarray.Dataset], pulse, which, column, options: Options, progress: Any
+    podiums: Sequence[Podium],
+    spectra: Sequence[xarray.Dataset],
+    pulse,
+    which,
+    column,
+    options: Options,
+    progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """A function: acceleration ratios, one row per interval → whether they overturn."""
     derived = [derived_numbers(podium) for podium in podiums]
@@ -80,7 +91,9 @@ def _overturns(
     together = jax.tree.map(pick, *podiums)
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
-        peaks = responses(together, pulse(ratio * unit, T_p), REST, None, options, progress, threading.Event())
+        peaks = responses(
+            together, pulse(ratio * unit, T_p), REST, None, options, progress, threading.Event()
+        )
         return np.broadcast_to(np.asarray(peaks.overturned), ratio.shape)
 
     return overturns
@@ -98,7 +111,13 @@ def _narrowed(low: np.ndarray, high: np.ndarray, below: np.ndarray, overturns) -
     return 0.5 * (low + high)
 
 
-def _added(data: xarray.Dataset, column: np.ndarray, places: np.ndarray, overturned_at_once: np.ndarray, lowest: float):
+def _added(
+    data: xarray.Dataset,
+    column: np.ndarray,
+    places: np.ndarray,
+    overturned_at_once: np.ndarray,
+    lowest: float,
+):
     at_once = np.flatnonzero(overturned_at_once)
     column = np.concatenate([at_once, column])
     places = np.concatenate([np.full(at_once.size, lowest), places])
@@ -107,9 +126,14 @@ def _added(data: xarray.Dataset, column: np.ndarray, places: np.ndarray, overtur
     count = np.bincount(column, minlength=data.sizes["frequency_ratio"])
     table = np.full((count.size, max(1, int(count.max(initial=0)))), np.nan)
     table[column, np.arange(column.size) - np.searchsorted(column, column)] = places
-    ratio = {"units": "1", "long_name": "a_p/(g tan α) where survival changes, between neighbours of the grid"}
+    ratio = {
+        "units": "1",
+        "long_name": "a_p/(g tan α) where survival changes, between neighbours of the grid",
+    }
     least = ratio | {"long_name": "least overturning a_p/(g tan α) that the grid shows"}
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
         boundaries=(("frequency_ratio", "boundary"), table, ratio),
-    ).assign_coords(boundary=("boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"}))
+    ).assign_coords(
+        boundary=("boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"})
+    )

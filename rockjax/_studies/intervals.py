@@ -1,11 +1,12 @@
 """How certain a fitted fragility curve is: intervals of median, dispersion and probability.
 
-For capacities the likelihood is known. With θ = 1/σ and δ = μ/σ of the logarithms it is concave (Olsen 1978), so that its
-profiles have one maximum. Where no record is censored, the profiles of median and dispersion are functions of Student's t
-and of χ² alone: their bounds are taken where those distributions have them, instead of at the χ² of a large sample, and
-then are exact. With censored records they are taken at the same places.
+For capacities the likelihood is known. With θ = 1/σ and δ = μ/σ of the logarithms it is concave (Olsen 1978),
+so that its profiles have one maximum. Where no record is censored, the profiles of median and dispersion are
+functions of Student's t and of χ² alone: their bounds are taken where those distributions have them, instead
+of at the χ² of a large sample, and then are exact. With censored records they are taken at the same places.
 
-Counts at levels are those of the same records, not independent of each other: there each record is left out in turn.
+Counts at levels are those of the same records, not independent of each other: there each record is left out
+in turn.
 """
 
 from __future__ import annotations
@@ -60,10 +61,13 @@ class Capacities(NamedTuple):
     def likelihood(self, theta, delta):
         """Its logarithm."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
-        return self.known * (np.log(theta) - 0.5 * z2) + self.beyond * log_ndtr(delta - theta * self.log_limit)
+        return self.known * (np.log(theta) - 0.5 * z2) + self.beyond * log_ndtr(
+            delta - theta * self.log_limit
+        )
 
     def best_on(self, x, probit):
-        """The likelihood of the most likely distribution of all whose P(capacity ≤ exp(x)) has this `probit`."""
+        """The likelihood of the most likely distribution of all whose P(capacity ≤ exp(x)) has this
+        `probit`."""
         off, limit = self.mean - x, x - self.log_limit
 
         def falls(log_theta):
@@ -79,7 +83,9 @@ class Capacities(NamedTuple):
         theta = np.exp(-log_dispersion)
 
         def falls(delta):
-            return self.known * (theta * self.mean - delta) + self.beyond * _hazard(delta - theta * self.log_limit)
+            return self.known * (theta * self.mean - delta) + self.beyond * _hazard(
+                delta - theta * self.log_limit
+            )
 
         return self.likelihood(theta, _zero(falls, theta * self.mean))
 
@@ -115,7 +121,8 @@ def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
 
 
 def of_capacities(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
-    """Intervals by profile likelihood of fits to capacities; `at` in units of the median, of a shape that broadcasts."""
+    """Intervals by profile likelihood of fits to capacities; `at` in units of the median, of a shape that
+    broadcasts."""
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     best = capacities.likelihood(1 / dispersion, mu / dispersion)
@@ -128,13 +135,16 @@ def of_capacities(capacities: Capacities, median, dispersion, at, confidence: fl
     x = np.log(at)
     return Intervals(
         both(lambda y: reach - 2 * (best - capacities.best_on(y, 0.0)), mu),
-        np.stack([_dispersion(capacities, np.log(dispersion), best, chi2.ppf(p, n - 1) / n) for p in (high, low)]),
+        np.stack(
+            [_dispersion(capacities, np.log(dispersion), best, chi2.ppf(p, n - 1) / n) for p in (high, low)]
+        ),
         both(lambda q: reach - 2 * (best - capacities.best_on(x, q)), (x - mu) / dispersion),
     )
 
 
 def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
-    """The ln(dispersion) at which the profile stands where it would for a variance `ratio` times the dispersion squared."""
+    """The ln(dispersion) at which the profile stands where it would for a variance `ratio` times the
+    dispersion squared."""
     wanted = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
     def above(y):
@@ -145,7 +155,8 @@ def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarr
 
 
 def of_each_left_out(whole: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
-    """Intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …) each record.
+    """Intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …) each
+    record.
 
     Its bias taken out, with the width of Student's t.
     """

@@ -1,7 +1,8 @@
-"""Lognormal distributions by maximum likelihood: from capacities, some of them beyond a limit, and from counts.
+"""Lognormal distributions by maximum likelihood: from capacities, some of them beyond a limit, and from
+counts.
 
-Both are smooth in the data, so a fitted median has derivatives with respect to every capacity: the implicit function
-theorem at the maximum.
+Both are smooth in the data, so a fitted median has derivatives with respect to every capacity: the implicit
+function theorem at the maximum.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ NARROWEST = 1e-4  # a dispersion smaller than that is none
 
 
 class Lognormal(NamedTuple):
-    """ln x is normal with mean ln(`median`) and standard deviation `dispersion`; NaN where the data do not say."""
+    """ln x is normal with mean ln(`median`) and standard deviation `dispersion`; NaN where the data do not
+    say."""
 
     median: Float[Array, ""]
     dispersion: Float[Array, ""]
@@ -33,9 +35,9 @@ def fit_capacities(
 ) -> Lognormal:
     """The distribution of capacities, those that are not finite being only known to lie above their `limit`.
 
-    Without any of these, median and dispersion are those of the logarithms (with n, not n − 1). `weights` count data
-    several times, or not at all. At least two different capacities are needed. Under `jit`, `vmap`, `grad` with respect to
-    `capacity`.
+    Without any of these, median and dispersion are those of the logarithms (with n, not n − 1). `weights`
+    count data several times, or not at all. At least two different capacities are needed. Under `jit`,
+    `vmap`, `grad` with respect to `capacity`.
     """
     known = jnp.isfinite(capacity)
     w = jnp.ones_like(capacity) if weights is None else weights
@@ -57,9 +59,11 @@ def fit_capacities(
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
-    """The distribution behind `events` of `trials` at levels x (multiple stripes): binomial, with a probit in ln x.
+    """The distribution behind `events` of `trials` at levels x (multiple stripes): binomial, with a probit in
+    ln x.
 
-    Needs levels of overlap: where all events lie above all others, any dispersion small enough fits and the result is NaN.
+    Needs levels of overlap: where all events lie above all others, any dispersion small enough fits and the
+    result is NaN.
     """
     log = jnp.log(x)
     some, spared = events > 0, events < trials
@@ -85,7 +89,9 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
 def _fitted(loss, start, data, fits: Bool[Array, ""]) -> Lognormal:
     """The maximum of a likelihood in (ln median, ln dispersion): where its gradient is zero."""
     constant = jax.lax.stop_gradient
-    near = optx.minimise(loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False)
+    near = optx.minimise(
+        loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
+    )
     gradient = jax.grad(loss)
     # Newton finishes, and gives the derivatives.
     found = optx.root_find(gradient, optx.Newton(1e-12, 1e-12), near.value, data, max_steps=20, throw=False)

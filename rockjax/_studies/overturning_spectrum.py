@@ -53,20 +53,23 @@ def overturning_spectrum(
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
     - `frequency_ratio`: ω_p/p, shape (n,), > 0, ascending
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
-    - `sensitivities`: parameters y of which d a_ov/d ln y is wanted along the minimum: `"alpha"`, `"R"`, `"gamma"`,
-      `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others stay as they are
-    - `method`: `"scan"` scans the amplitudes at every frequency, at `resolution` places and closer where it matters;
-      `"trace"` scans at `scans` frequencies and follows the branches from there, and scans again only where what it has
-      followed cannot be all
-    - `width`: `"scan"` finds every interval of overturning amplitudes below the minimum that is wider than this share of
-      `max_acceleration_ratio`, in (0, 0.1]; above it, and with `"trace"`, no such statement can be made
+    - `sensitivities`: parameters y of which d a_ov/d ln y is wanted along the minimum: `"alpha"`, `"R"`,
+      `"gamma"`, `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others
+      stay as they are
+    - `method`: `"scan"` scans the amplitudes at every frequency, at `resolution` places and closer where it
+      matters; `"trace"` scans at `scans` frequencies and follows the branches from there, and scans again
+      only where what it has followed cannot be all
+    - `width`: `"scan"` finds every interval of overturning amplitudes below the minimum that is wider than
+      this share of `max_acceleration_ratio`, in (0, 0.1]; above it, and with `"trace"`, no such statement can
+      be made
     - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
-    Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing overturns),
-    `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive …), `impacts` before
-    overturning at each boundary (−1 where there is none), `one_sided` where the minimum is about to jump to another
-    branch, `certain_width`, the widest interval that may overturn unseen below the minimum (NaN where none was looked for),
-    and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about 1e-10.
+    Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing
+    overturns), `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive
+    …), `impacts` before overturning at each boundary (−1 where there is none), `one_sided` where the minimum
+    is about to jump to another branch, `certain_width`, the widest interval that may overturn unseen below
+    the minimum (NaN where none was looked for), and `sensitivity` (further dim `parameter`) = d a_ov/d ln y.
+    Boundaries are exact to about 1e-10.
 
     Raises `ValueError` for inputs that make no sense.
     """
@@ -85,7 +88,8 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
     if method == "trace" and not has_margin(options, podium):
         raise ValueError(
-            f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ θ_s/α; use method='scan'"
+            f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ θ_s/α; use "
+            f"method='scan'"
         )
     if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
@@ -116,23 +120,40 @@ def overturning_spectrum(
         pad = lambda y: np.concatenate([y, np.full(length - len(y), np.nan)])
         for name, long_name in (("x", "ω_p/p"), ("y", "a_p/(g tan α)")):
             curves = np.stack([pad(getattr(branch, name)) for branch in found.branches])
-            data[f"branch_{name}"] = (("branch", "point"), curves, {"units": "1", "long_name": f"{long_name} of a branch"})
+            data[f"branch_{name}"] = (
+                ("branch", "point"),
+                curves,
+                {"units": "1", "long_name": f"{long_name} of a branch"},
+            )
     return data
 
 
 def check_overturning_resumes(
-    known: xarray.Dataset, podium: Podium, pulse, frequency_ratio, max_acceleration_ratio, sensitivities, options: Options
+    known: xarray.Dataset,
+    podium: Podium,
+    pulse,
+    frequency_ratio,
+    max_acceleration_ratio,
+    sensitivities,
+    options: Options,
 ) -> None:
-    """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these arguments."""
+    """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these
+    arguments."""
     owner = "overturning_spectrum"
-    attributes = _attributes(podium, pulse, options) | {"max_acceleration_ratio": float(max_acceleration_ratio)}
+    attributes = _attributes(podium, pulse, options) | {
+        "max_acceleration_ratio": float(max_acceleration_ratio)
+    }
     check_resumes(owner, known, attributes, {"frequency_ratio": frequency_ratio})
     if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
         raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    return {"title": "Overturning spectrum", "kind": "overturning-spectrum", **describe(podium, pulse, options)}
+    return {
+        "title": "Overturning spectrum",
+        "kind": "overturning-spectrum",
+        **describe(podium, pulse, options),
+    }
 
 
 def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Options) -> xarray.Dataset:
@@ -143,9 +164,17 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
         {
-            "minimum": ("frequency_ratio", places[:, 0], ratio | {"long_name": "least overturning a_p/(g tan α)"}),
+            "minimum": (
+                "frequency_ratio",
+                places[:, 0],
+                ratio | {"long_name": "least overturning a_p/(g tan α)"},
+            ),
             "boundaries": (("frequency_ratio", "boundary"), places, ratio),
-            "impacts": (("frequency_ratio", "boundary"), impacts, {"units": "1", "long_name": "impacts before overturning"}),
+            "impacts": (
+                ("frequency_ratio", "boundary"),
+                impacts,
+                {"units": "1", "long_name": "impacts before overturning"},
+            ),
             "one_sided": (
                 "frequency_ratio",
                 found.dip < ONE_SIDED_BELOW,
@@ -158,7 +187,11 @@ def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Opti
             ),
         },
         coords={
-            "boundary": ("boundary", np.arange(1, places.shape[1] + 1), {"long_name": "boundaries from below"}),
+            "boundary": (
+                "boundary",
+                np.arange(1, places.shape[1] + 1),
+                {"long_name": "boundaries from below"},
+            ),
             "frequency_ratio": ("frequency_ratio", x, about("frequency_ratio")),
             "T_p": ("frequency_ratio", T_p, about("T_p")),
             "minimum_a_p": (
@@ -180,7 +213,13 @@ def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], opti
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
         found = _along(
-            podium, a_p[filled], T_p[filled], options, pulse=pulse, names=names, margin=has_margin(options, podium)
+            podium,
+            a_p[filled],
+            T_p[filled],
+            options,
+            pulse=pulse,
+            names=names,
+            margin=has_margin(options, podium),
         )
         result[:, part] = np.asarray(found)[: part.size].T
     return result

@@ -15,7 +15,8 @@ from rockjax._structures import Podium
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
-    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`, or for two that say the same."""
+    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`, or for two that
+    say the same."""
     names = _checks.texts(owner, "sensitivities", names)
     known = [*variants.parameters_of(podium), *more]
     for name in names:
@@ -23,7 +24,9 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
             raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
     twice = clash(names)
     if twice is not None:
-        raise ValueError(f"{owner}: sensitivities name {twice[0]} and {twice[1]}, of which one at a time can vary")
+        raise ValueError(
+            f"{owner}: sensitivities name {twice[0]} and {twice[1]}, of which one at a time can vary"
+        )
 
 
 def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"]) -> Podium:
@@ -34,10 +37,13 @@ def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"]) ->
     )
 
 
-def along_boundary(footing: Callable[[Float[Array, " n+1"]], Float[Array, ""]], number: int, dtype) -> Float[Array, " n"]:
+def along_boundary(
+    footing: Callable[[Float[Array, " n+1"]], Float[Array, ""]], number: int, dtype
+) -> Float[Array, " n"]:
     """d ln a/d ln y by the implicit function theorem, NaN where it says nothing.
 
-    `footing` has a zero on the boundary; it is a function of ln a and of `number` logarithms ln y, relative to now.
+    `footing` has a zero on the boundary; it is a function of ln a and of `number` logarithms ln y, relative
+    to now.
     """
     slope = jax.jacfwd(footing)(jnp.zeros(1 + number, dtype))
     usable = (slope[0] != 0) & jnp.all(jnp.isfinite(slope))

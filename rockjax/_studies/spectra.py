@@ -49,15 +49,22 @@ def rocking_spectrum(
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
     - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
 
-    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as variables
-    (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and `undecided`), the dimensional axes
-    `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
-    `ValueError` for axes that are not 1-D, finite and in range.
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as
+    variables (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and
+    `undecided`), the dimensional axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters,
+    tolerances and versions in the attributes. Raises `ValueError` for axes that are not 1-D, finite and in
+    range.
     """
     known = None if resume is None else [resume]
     try:
         (spectrum,) = rocking_spectra(
-            [podium], pulse, frequency_ratio, acceleration_ratio, options=options, progress=progress, resume=known
+            [podium],
+            pulse,
+            frequency_ratio,
+            acceleration_ratio,
+            options=options,
+            progress=progress,
+            resume=known,
         )
     except Interrupted as interrupted:
         raise Interrupted(str(interrupted), interrupted.partial[0]) from None
@@ -74,13 +81,14 @@ def rocking_spectra(
     progress: Any = False,
     resume: Sequence[xarray.Dataset | None] | None = None,
 ) -> list[xarray.Dataset]:
-    """Rocking spectra of several podiums over the same axes (host), each as from [`rockjax.rocking_spectrum`][].
+    """Rocking spectra of several podiums over the same axes (host), each as from
+    [`rockjax.rocking_spectrum`][].
 
-    Podiums of the same kind (elastic or not, the same restitution law) share one batch: faster than one after another.
-    Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
+    Podiums of the same kind (elastic or not, the same restitution law) share one batch: faster than one after
+    another. Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
 
-    - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not solved again.
-      Raises `ValueError` where they belong to other podiums, axes, options or versions
+    - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not
+      solved again. Raises `ValueError` where they belong to other podiums, axes, options or versions
     """
     owner = "rocking_spectrum"
     of_kind(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
@@ -89,8 +97,12 @@ def rocking_spectra(
     pulse = as_pulse(owner, pulse)
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
-        raise ValueError("rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses")
-    require_memory("rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size)
+        raise ValueError(
+            "rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses"
+        )
+    require_memory(
+        "rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
+    )
     kinds = _kinds(podiums)
     import_meanwhile(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
@@ -170,20 +182,31 @@ def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarr
     }
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
-            raise ValueError(f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}")
+            raise ValueError(
+                f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}"
+            )
     require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
-    require("rocking_spectrum", "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    require(
+        "rocking_spectrum",
+        "acceleration_ratio",
+        axes["acceleration_ratio"],
+        lambda v: v >= 0,
+        "finite and >= 0",
+    )
     return axes
 
 
-def _known(owner: str, resume, podiums: Sequence[Podium], pulse, axes: dict[str, np.ndarray], options: Options) -> list:
+def _known(
+    owner: str, resume, podiums: Sequence[Podium], pulse, axes: dict[str, np.ndarray], options: Options
+) -> list:
     """What is solved already, checked: a spectrum or None for each podium."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
     known = list(resume) if resume is not None else [None] * len(podiums)
     if len(known) != len(podiums):
         raise ValueError(
-            f"rocking_spectrum: resume must hold one spectrum or None per podium, got {len(known)} for {len(podiums)}"
+            f"rocking_spectrum: resume must hold one spectrum or None per podium, got "
+            f"{len(known)} for {len(podiums)}"
         )
     for podium, data in zip(podiums, known, strict=True):
         if data is not None:
@@ -212,7 +235,9 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
     return new
 
 
-def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]) -> None:
+def check_resumes(
+    owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]
+) -> None:
     """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
     if not hasattr(known, "coords"):
         raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
@@ -222,7 +247,9 @@ def check_resumes(owner: str, known: xarray.Dataset, attributes: dict[str, Any],
     for name, value in attributes.items():
         found = known.attrs.get(name)
         if found != value:
-            raise ValueError(f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}")
+            raise ValueError(
+                f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}"
+            )
 
 
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
@@ -253,7 +280,9 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
     """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
     if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
-        raise ValueError(f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}")
+        raise ValueError(
+            f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}"
+        )
     ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
     least = ratio.min("acceleration_ratio")
     least.attrs = {"units": "1", "long_name": "minimum overturning a_p/(g tan α), read off the grid"}

@@ -1,4 +1,5 @@
-"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write what they answer."""
+"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write what they
+answer."""
 
 from __future__ import annotations
 
@@ -61,7 +62,8 @@ class _Skeleton(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Numbers]:
-    """The store and its scenes, read once by each process. Raises `RuntimeError` where it is not what was asked for."""
+    """The store and its scenes, read once by each process. Raises `RuntimeError` where it is not what was
+    asked for."""
     store = Store.open(path)
     if store is None:
         raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
@@ -69,15 +71,21 @@ def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Nu
         raise RuntimeError(f"{path}: is of another sweep")
     for name, text in describe_versions().items():
         if store.about.get(name, text) != text:
-            raise RuntimeError(f"{path}: made with {name.removesuffix('_version')} {store.about[name]}, here is {text}")
+            raise RuntimeError(
+                f"{path}: made with {name.removesuffix('_version')} {store.about[name]}, here is {text}"
+            )
     return store, Numbers(store.inputs(), skeleton.tree, store.layout.shape)
 
 
-def solved(arguments: Arguments, options: Options, threads: int | None, devices: Devices, progress: Any) -> Peak:
+def solved(
+    arguments: Arguments, options: Options, threads: int | None, devices: Devices, progress: Any
+) -> Peak:
     """The batch of some scenes of a sweep, on a CPU by so many threads."""
     podiums, excitations, initial, t_end = arguments
     stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
-    return responses(podiums, excitations, initial, t_end, options, progress, stop, **_workers(devices, threads))
+    return responses(
+        podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads)
+    )
 
 
 def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:

@@ -26,9 +26,11 @@ Coords = dict[str, np.ndarray]
 
 
 class Grid(NamedTuple):
-    """Scenes of every combination: arguments of [`rockjax.peak_responses`][], and of [`rockjax.sweep`][] with `coords`.
+    """Scenes of every combination: arguments of [`rockjax.peak_responses`][], and of [`rockjax.sweep`][] with
+    `coords`.
 
-    - `structures`, `excitations`: a podium and a motion whose numbers are arrays that broadcast to the shape of the grid
+    - `structures`, `excitations`: a podium and a motion whose numbers are arrays that broadcast to the shape
+      of the grid
     - `coords`: the axes in order, each with its labels
     """
 
@@ -60,29 +62,34 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     """A grid of scenes over named axes, in the order of their names (host).
 
     - `structure`: the podium that the others are variants of
-    - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list of records), which then are
-      the first axis, `motion`
-    - `axes`: the values along each axis. Of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`,
-      `restitution` (where it is a factor) and, of its superstructure, `eta`, `T_s`, `zeta`. Of any motion a factor `scale`;
-      of a single one any number, such as `a_p`, `T_p`, `f_p`; of a single pulse also `acceleration_ratio` = a_p/(g tan α)
-      and `frequency_ratio` = ω_p/p of each podium. A number of the motion that is named as one of the podium's is
-      `excitation.gamma`, given as `**{"excitation.gamma": …}`
+    - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list of records),
+      which then are the first axis, `motion`
+    - `axes`: the values along each axis. Of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`,
+      `gamma`, `lam`, `g`, `restitution` (where it is a factor) and, of its superstructure, `eta`, `T_s`,
+      `zeta`. Of any motion a factor `scale`; of a single one any number, such as `a_p`, `T_p`, `f_p`; of a
+      single pulse also `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of each podium. A
+      number of the motion that is named as one of the podium's is `excitation.gamma`, given as
+      `**{"excitation.gamma": …}`
 
     Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
 
-    Raises `ValueError` for a podium that holds arrays already, for names that mean nothing here or contradict each other,
-    and for values that are not one-dimensional or that make no podium or motion.
+    Raises `ValueError` for a podium that holds arrays already, for names that mean nothing here or contradict
+    each other, and for values that are not one-dimensional or that make no podium or motion.
     """
     of_kind("grid", "structure", structure, Podium, "a rockjax.Podium")
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
-        raise ValueError(f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes")
+        raise ValueError(
+            f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes"
+        )
     motion, labels = _motions(excitation)
     coords: Coords = {} if labels is None else {"motion": labels}
     for name, values in axes.items():
         values = np.asarray(as_float(values, f"grid: {name}"))
         if values.ndim != 1 or not len(values):
-            raise ValueError(f"grid: {name} must be one-dimensional with a value or more, got the shape {values.shape}")
+            raise ValueError(
+                f"grid: {name} must be one-dimensional with a value or more, got the shape {values.shape}"
+            )
         coords[name] = values
     _check_names(structure, motion, tuple(axes), single=labels is None)
     along = {
@@ -110,7 +117,9 @@ def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
         members, _ = several("grid", excitation, "excitation")
         return members[0], None
     members, names = several("grid", excitation, "excitation")
-    return together("grid", members, "excitation"), np.arange(len(members)) if names is None else np.array(names)
+    return together("grid", members, "excitation"), np.arange(len(members)) if names is None else np.array(
+        names
+    )
 
 
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
@@ -122,10 +131,14 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
     known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
     for name in names:
         if name not in known:
-            raise ValueError(f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}")
+            raise ValueError(
+                f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}"
+            )
     twice = clash(names)
     if twice is not None:
-        raise ValueError(f"grid: {twice[0]} and {twice[1]} say the same of a scene: give one of them as an axis")
+        raise ValueError(
+            f"grid: {twice[0]} and {twice[1]} say the same of a scene: give one of them as an axis"
+        )
 
 
 def _numbers(motion: AbstractExcitation) -> list[str]:
@@ -140,7 +153,9 @@ def _name(field: str) -> str:
 
 
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
-    changes: dict[str, Any] = {field: along[_name(field)] for field in _numbers(base) if _name(field) in along}
+    changes: dict[str, Any] = {
+        field: along[_name(field)] for field in _numbers(base) if _name(field) in along
+    }
     check_values("grid", {name: along[name] for name in _RATIOS if name in along})
     if "acceleration_ratio" in along:
         changes["a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])

@@ -17,8 +17,8 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 class Numbers(NamedTuple):
     """Every number of (structures, excitations, initial, t_end).
 
-    - `named`: arrays, or what can be cut like arrays: the axes of the grid, each whole or of length 1, then those of one
-      scene; what is common to all scenes has no axes of the grid
+    - `named`: arrays, or what can be cut like arrays: the axes of the grid, each whole or of length 1, then
+      those of one scene; what is common to all scenes has no axes of the grid
     - `skeleton`: the arguments with names in the place of their numbers; `shape`: of the grid
     """
 
@@ -83,8 +83,16 @@ class Numbers(NamedTuple):
 
     def varying(self) -> dict[str, np.ndarray]:
         """The single numbers that have axes of the grid."""
-        return {name: self.named[name] for name, own in self._own().items() if own == 0 and self._batched(name, own)}
+        return {
+            name: self.named[name]
+            for name, own in self._own().items()
+            if own == 0 and self._batched(name, own)
+        }
 
     def common(self) -> dict[str, np.ndarray]:
         """The single numbers that all scenes share."""
-        return {name: self.named[name] for name, own in self._own().items() if own == 0 and not self._batched(name, own)}
+        return {
+            name: self.named[name]
+            for name, own in self._own().items()
+            if own == 0 and not self._batched(name, own)
+        }

@@ -18,16 +18,20 @@ from .study import SweepSpec
 
 SAMPLE = (256, 16384)  # scenes
 SHARE = 50  # of so many scenes one
-# Wall time of a chunk: long against the writing of its files, which takes some hundredths; short against what a fault costs.
+# Wall time of a chunk: long against the writing of its files, which takes some hundredths; short against what
+# a fault costs.
 CHUNK_SECONDS = 2.5, 10.0
-CHUNKS_EACH = 8  # at least so many for each that solves them, where they are not too short: nobody waits long for the last
+# At least so many for each that solves them, where they are not too short: nobody waits long for the last.
+CHUNKS_EACH = 8
 
 
 class Pilot(NamedTuple):
     """A sample of the scenes, solved.
 
-    - `scenes`: their numbers; `steps`: trial steps of each; `core_seconds`: for one trial step, of one core [s]
-    - `variables`: what answers look like; `bytes_`: a scene in the store; `resident`: memory of the process [bytes]
+    - `scenes`: their numbers; `steps`: trial steps of each; `core_seconds`: for one trial step, of one core
+      [s]
+    - `variables`: what answers look like; `bytes_`: a scene in the store; `resident`: memory of the process
+      [bytes]
     """
 
     scenes: np.ndarray
@@ -77,12 +81,15 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     (short, of_few), (seconds, of_all) = timed
     # What a call costs besides its steps is not what a chunk costs.
     slope = (seconds - short) / (of_all - of_few) if of_all > of_few else 0.0
-    per_step = (slope if slope > 0 else seconds / of_all) * min(cores_of(devices, threads), -(-count // LANES))
+    per_step = (slope if slope > 0 else seconds / of_all) * min(
+        cores_of(devices, threads), -(-count // LANES)
+    )
     return Pilot(scenes, steps, per_step, variables, compressed_size(kept) / count, _resident())
 
 
 def _resident() -> int:
-    """The most memory that this process has had, with the compiler at work; now, where the system does not tell [bytes]."""
+    """The most memory that this process has had, with the compiler at work; now, where the system does not
+    tell [bytes]."""
     import psutil
 
     now = psutil.Process().memory_info().rss

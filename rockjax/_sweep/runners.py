@@ -113,9 +113,13 @@ def _result(task: Any) -> Any:
     try:
         return task.result()
     except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
-        raise RuntimeError(f"sweep: the scheduler is lost, or has dropped the work ({_line(error)}); {kept}") from error
+        raise RuntimeError(
+            f"sweep: the scheduler is lost, or has dropped the work ({_line(error)}); {kept}"
+        ) from error
     except KilledWorker as error:
-        raise RuntimeError(f"sweep: workers died over one chunk again and again ({_line(error)}); {kept}") from error
+        raise RuntimeError(
+            f"sweep: workers died over one chunk again and again ({_line(error)}); {kept}"
+        ) from error
 
 
 def _line(error: BaseException) -> str:

@@ -1,9 +1,10 @@
 """The zarr store of a sweep: arrays that xarray opens, in chunks of scenes that are written one by one.
 
-At the root are the answers, an array for each, with the axes of the sweep as dimensions. The group `inputs` holds every
-number that the scenes were made of; the group `progress` one row for each chunk, written after the chunk's answers: a
-chunk without its row is not there, and one whose answers do not have the row's checksum is damaged. Whoever writes a
-chunk writes the same bytes, so that it may be written twice, by two processes at once, or after a fault.
+At the root are the answers, an array for each, with the axes of the sweep as dimensions. The group `inputs`
+holds every number that the scenes were made of; the group `progress` one row for each chunk, written after
+the chunk's answers: a chunk without its row is not there, and one whose answers do not have the row's
+checksum is damaged. Whoever writes a chunk writes the same bytes, so that it may be written twice, by two
+processes at once, or after a fault.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class TakenError(Exception):
 
 
 class ChunkRecord(NamedTuple):
-    """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an answer."""
+    """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an
+    answer."""
 
     checksum: float
     seconds: float
@@ -85,14 +87,17 @@ class ChunkLayout(NamedTuple):
     def sizes(self) -> np.ndarray:
         """Scenes in every chunk, shape (number,)."""
         along = [
-            np.minimum(b, n - b * np.arange(m)) for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
+            np.minimum(b, n - b * np.arange(m))
+            for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
         ]
         return np.prod(np.meshgrid(*along, indexing="ij"), axis=0).reshape(-1)
 
     def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
         """The chunks in which scenes are, by their numbers in the order of the grid."""
         place = np.unravel_index(scenes, self.shape)
-        return np.ravel_multi_index([j // b for j, b in zip(place, self.block, strict=True)], self.chunks_along)
+        return np.ravel_multi_index(
+            [j // b for j, b in zip(place, self.block, strict=True)], self.chunks_along
+        )
 
 
 class Variable(NamedTuple):
@@ -112,7 +117,9 @@ class Variable(NamedTuple):
 def stored_as(values: np.ndarray, attrs: Mapping[str, Any]) -> Variable:
     """How an answer is kept; counts need no 64 bits."""
     dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
-    return Variable(dtype, {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()})
+    return Variable(
+        dtype, {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
+    )
 
 
 def checksum(parts: Mapping[str, np.ndarray]) -> float:
@@ -167,7 +174,9 @@ class Store:
                 return None
             if _about(group):
                 return cls(path, group)
-        raise ValueError(f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it")
+        raise ValueError(
+            f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it"
+        )
 
     @classmethod
     def create(
@@ -181,7 +190,8 @@ class Store:
         expected: np.ndarray,
         attrs: Mapping[str, Any],
     ) -> Store:
-        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as a guess.
+        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as
+        a guess.
 
         Raises `TakenError` where another process was faster; its store is left as it is.
         """
@@ -197,21 +207,32 @@ class Store:
             more: Any = {"compressors": _codecs()}
             for name, variable in variables.items():
                 group.create_array(
-                    name, shape=layout.shape, dtype=variable.dtype, chunks=layout.block, fill_value=variable.missing,
-                    dimension_names=tuple(dims), attributes=variable.attrs, **more,
-                )  # fmt: skip
+                    name,
+                    shape=layout.shape,
+                    dtype=variable.dtype,
+                    chunks=layout.block,
+                    fill_value=variable.missing,
+                    dimension_names=tuple(dims),
+                    attributes=variable.attrs,
+                    **more,
+                )
             for name, values in inputs.items():
                 size = values.shape if values.size <= _LONG else _cut(values.shape, layout)
                 kind = {"shape": values.shape, "dtype": values.dtype, "chunks": size}
                 group.create_array(f"inputs/{name}", **kind, **more)[...] = values
             progress = group.create_group("progress")
             progress.create_array(
-                "rows", shape=(layout.number, len(ChunkRecord._fields)), dtype="f8", chunks=(1, len(ChunkRecord._fields)),
-                fill_value=np.nan, attributes={"columns": list(ChunkRecord._fields)}, **more,
-            )  # fmt: skip
-            progress.create_array("expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more)[...] = (
-                expected
+                "rows",
+                shape=(layout.number, len(ChunkRecord._fields)),
+                dtype="f8",
+                chunks=(1, len(ChunkRecord._fields)),
+                fill_value=np.nan,
+                attributes={"columns": list(ChunkRecord._fields)},
+                **more,
             )
+            progress.create_array(
+                "expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more
+            )[...] = expected
             group.attrs.update(attrs)
             progress.attrs[_ABOUT] = {**about, "variables": list(variables)}
         opened = cls.open(path)
@@ -219,7 +240,8 @@ class Store:
         return opened
 
     def inputs(self) -> dict[str, Any]:
-        """The numbers that the scenes were made of; long ones stay in the store until some of them are wanted."""
+        """The numbers that the scenes were made of; long ones stay in the store until some of them are
+        wanted."""
         group: Any = self.group["inputs"]
         return {
             name: array if array.size > _LONG and array.chunks != array.shape else array[...]
@@ -253,10 +275,16 @@ class Store:
                 checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables})
                 == ChunkRecord(*row).checksum
             )
-        except (OSError, RuntimeError, ValueError):  # what zarr's codecs raise for bytes that are none of theirs
+        except (
+            OSError,
+            RuntimeError,
+            ValueError,
+        ):  # what zarr's codecs raise for bytes that are none of theirs
             return False
 
-    def write(self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float) -> ChunkRecord:
+    def write(
+        self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float
+    ) -> ChunkRecord:
         """The answers of a chunk, and then its row.
 
         Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
@@ -287,7 +315,8 @@ def _about(group: zarr.Group) -> dict[str, Any]:
 
 
 def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Chunks of numbers that have the axes of the grid first, such as serve a chunk of answers; others are not cut."""
+    """Chunks of numbers that have the axes of the grid first, such as serve a chunk of answers; others are
+    not cut."""
     axes = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < axes:
         return shape
@@ -296,7 +325,10 @@ def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
 
 def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
     names = [str(name) for name in array.dims]
-    return tuple(n if len(names) == 1 and n < _LONG else blocks[name] for name, n in zip(names, array.shape, strict=True))
+    return tuple(
+        n if len(names) == 1 and n < _LONG else blocks[name]
+        for name, n in zip(names, array.shape, strict=True)
+    )
 
 
 def located(path: str | Path) -> str:
@@ -310,7 +342,8 @@ def is_local(path: str) -> bool:
 
 @contextlib.contextmanager
 def _in_one_move(path: str) -> Iterator[str]:
-    """A folder beside the target, which gets its name once it is whole. (Behind a URL the attributes come last.)"""
+    """A folder beside the target, which gets its name once it is whole. (Behind a URL the attributes come
+    last.)"""
     if not is_local(path):
         yield path
         return
@@ -356,7 +389,8 @@ def _readable(path: str) -> Iterator[None]:
             raise  # says it already
         what = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
         raise ValueError(
-            f"{path}: {what}, so that this sweep cannot be gone on with; put the file back from a copy, or move "
+            f"{path}: {what}, so that this sweep cannot be gone on with; put the file back from a copy, or "
+            f"move "
             "the store away: the same call then begins a new one"
         ) from error
 
@@ -388,7 +422,11 @@ def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
     for values in parts.values():
         values = values.reshape(-1)
         array = zarr.create_array(
-            zarr.storage.MemoryStore(), shape=values.shape, dtype=values.dtype, chunks=values.shape, compressors=_codecs()
+            zarr.storage.MemoryStore(),
+            shape=values.shape,
+            dtype=values.dtype,
+            chunks=values.shape,
+            compressors=_codecs(),
         )
         array[...] = values
         total += array.nbytes_stored()

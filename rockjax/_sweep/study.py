@@ -1,4 +1,5 @@
-"""What a sweep is of: the numbers of its scenes, the names and labels of their axes, and how they are solved."""
+"""What a sweep is of: the numbers of its scenes, the names and labels of their axes, and how they are
+solved."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from .store import FORMAT, ChunkLayout, Store, digest, fingerprint
 
 
 class SweepSpec(NamedTuple):
-    """What is swept: the numbers of the scenes, the names and labels of their axes, and how they are solved."""
+    """What is swept: the numbers of the scenes, the names and labels of their axes, and how they are
+    solved."""
 
     numbers: Numbers
     dims: tuple[str, ...]
@@ -79,10 +81,14 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
     if coords is None:
         return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
     if isinstance(coords, str):
-        raise ValueError(f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]")
+        raise ValueError(
+            f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]"
+        )
     dims = texts("sweep", "coords", coords)
     if len(dims) != len(shape):
-        raise ValueError(f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}")
+        raise ValueError(
+            f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}"
+        )
     if len(set(dims)) < len(dims):
         raise ValueError(f"sweep: coords names an axis twice: {list(dims)}")
     labels = {name: np.asarray(y) for name, y in coords.items()} if isinstance(coords, Mapping) else {}
@@ -98,7 +104,8 @@ def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
     differences = list(_differences(found.about, study.about(layout)))
     if differences:
         raise ValueError(
-            f"{found.path}: is of another sweep: {'; '.join(differences[:4])}; give another path, remove it, or make the "
+            f"{found.path}: is of another sweep: "
+            f"{'; '.join(differences[:4])}; give another path, remove it, or make the "
             "call that it was made with"
         )
 
@@ -112,7 +119,8 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
             yield f"made with {name.removesuffix('_version')} {there[name]}, this is {here[name]}"
     for name in ("precision", "dims", "shape", "kinds"):
         if there[name] != here[name]:
-            yield f"its {name} {'is' if name in ('precision', 'shape') else 'are'} {there[name]}, not {here[name]}"
+            verb = "is" if name in ("precision", "shape") else "are"
+            yield f"its {name} {verb} {there[name]}, not {here[name]}"
     if there["shape"] == here["shape"] and there["chunk"] != here["chunk"]:
         yield f"its chunks are {there['chunk']}, not {here['chunk']}"
     for name, value in here["options"].items():

@@ -1,8 +1,8 @@
 """Sweeps: any number of scenes in chunks, on one machine or many, kept chunk by chunk in a zarr store.
 
-Each chunk is one call of the batch path. What runs them beside each other and elsewhere, and runs them again where a
-machine fails, is Dask; here is only what a chunk is, in which order they are given away, and what has to be the same
-for a store to be gone on with.
+Each chunk is one call of the batch path. What runs them beside each other and elsewhere, and runs them again
+where a machine fails, is Dask; here is only what a chunk is, in which order they are given away, and what has
+to be the same for a store to be gone on with.
 """
 
 from __future__ import annotations
@@ -53,36 +53,46 @@ def sweep(
 ) -> xarray.Dataset | SweepPlan:
     """Peak responses of any number of scenes, chunk by chunk into a zarr store (host).
 
-    Scenes are those of [`rockjax.peak_responses`][]: every number of `structures`, `excitations`, `initial` and `t_end` may
-    be an array, and together they broadcast to the shape of the sweep. [`rockjax.grid`][] makes them for a grid, with
-    `coords`; arrays of one length make a table of scenes.
+    Scenes are those of [`rockjax.peak_responses`][]: every number of `structures`, `excitations`, `initial`
+    and `t_end` may be an array, and together they broadcast to the shape of the sweep. [`rockjax.grid`][]
+    makes them for a grid, with `coords`; arrays of one length make a table of scenes.
 
-    The same call goes on where an earlier one was stopped, by whatever: chunks that are in the store are verified by
-    their checksums and left, what is missing or damaged is solved. Returns the store as a lazy `xarray.Dataset`, the
-    numbers that vary as its coordinates. Scenes that end without an answer keep their `result`, and a `RuntimeWarning`
-    counts them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the dataset as it is.
+    The same call goes on where an earlier one was stopped, by whatever: chunks that are in the store are
+    verified by their checksums and left, what is missing or damaged is solved. Returns the store as a lazy
+    `xarray.Dataset`, the numbers that vary as its coordinates. Scenes that end without an answer keep their
+    `result`, and a `RuntimeWarning` counts them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
+    the dataset as it is.
 
-    - `coords`: the names of the axes in order, with their labels or alone; `scene` for a table where it is not given
-    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this name
+    - `coords`: the names of the axes in order, with their labels or alone; `scene` for a table where it is
+      not given
+    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this
+      name
     - `outputs`: which answers are wanted, as in [`rockjax.Options`][]
     - `chunk`: scenes in a chunk; by default as many as take some seconds
-    - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by all cores here
-    - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this machine.
-      Without it the cores of the CPU, or all GPUs where JAX has some
+    - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by
+      all cores here
+    - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this
+      machine. Without it the cores of the CPU, or all GPUs where JAX has some
     - `progress`: a bar with the time left, by what chunks are expected to cost
-    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the time, memory and disk that all of them
-      will take; nothing is written
+    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the time, memory and disk that
+      all of them will take; nothing is written
 
-    Raises `ValueError` for inputs that make no sense, and for a store of another sweep: other numbers, other options,
-    another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail; `ImportError` without
-    the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
+    Raises `ValueError` for inputs that make no sense, and for a store of another sweep: other numbers, other
+    options, another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail;
+    `ImportError` without the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
     """
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
     _check_chunk(chunk)
     of_kind("sweep", "store", store, str | Path, "a folder or a URL")
-    if devices is not None and devices != "all" and (isinstance(devices, str) or not isinstance(devices, Sequence)):
-        raise ValueError(f"sweep: devices must be 'all', some of jax.local_devices() or None, got {devices!r}")
+    if (
+        devices is not None
+        and devices != "all"
+        and (isinstance(devices, str) or not isinstance(devices, Sequence))
+    ):
+        raise ValueError(
+            f"sweep: devices must be 'all', some of jax.local_devices() or None, got {devices!r}"
+        )
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
@@ -101,7 +111,8 @@ def sweep(
     data = found.dataset()
     if stopped is not None:
         message = (
-            f"stopped with {bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
+            f"stopped with "
+            f"{bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
         )
         raise Interrupted(message, data) from stopped
     failed = int(np.nansum(found.rows()[:, ChunkRecord._fields.index("failed")]))
@@ -134,14 +145,19 @@ def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: i
 
 
 def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Chunks that are to be solved, the costliest first, so that none is waited for at the end; and those that are done."""
+    """Chunks that are to be solved, the costliest first, so that none is waited for at the end; and those
+    that are done."""
     from tqdm import tqdm
 
     rows = found.rows()
     done = np.isfinite(rows[:, 0])
-    for k in tqdm(np.flatnonzero(done), desc="verifying", unit=" chunks", disable=not progress or not done.any()):
+    for k in tqdm(
+        np.flatnonzero(done), desc="verifying", unit=" chunks", disable=not progress or not done.any()
+    ):
         if not found.intact(int(k), rows[k]):
-            warnings.warn(f"{found.path}: chunk {k} is damaged, and is solved again", RuntimeWarning, stacklevel=3)
+            warnings.warn(
+                f"{found.path}: chunk {k} is damaged, and is solved again", RuntimeWarning, stacklevel=3
+            )
             found.forget(int(k))
             done[k] = False
     expected = found.expected
@@ -153,9 +169,10 @@ def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
 class SweepPlan:
     """What a sweep will take, measured on a sample of its scenes.
 
-    - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the store already
-    - `steps`: trial steps that are left; `core_seconds`: what they take one core [s]; `cores`: those there are;
-      `seconds`: time to wait [s]
+    - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the
+      store already
+    - `steps`: trial steps that are left; `core_seconds`: what they take one core [s]; `cores`: those there
+      are; `seconds`: time to wait [s]
     - `memory`: of the process that solves a chunk [bytes]; `disk`: of the whole store at most, for
       neighbours on a grid are more alike than the sample is [bytes]
     - `store`: where it will be
@@ -181,7 +198,10 @@ class SweepPlan:
             ("scenes", f"{self.scenes} ({axes})" + (f", {self.done} solved" if self.done else "")),
             ("chunks", f"{self.chunks}, each {of_chunk}"),
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
-            ("time", f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)"),
+            (
+                "time",
+                f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)",
+            ),
             ("memory", f"{readable_bytes(self.memory)} in each process"),
             ("disk", f"up to {readable_bytes(self.disk)} in {self.store}"),
         ]
@@ -196,7 +216,12 @@ def _duration(seconds: float) -> str:
 
 
 def _plan(
-    study: SweepSpec, layout: ChunkLayout, pilot: Pilot, found: Store | None, where: LocalRunner | DaskRunner, path: str
+    study: SweepSpec,
+    layout: ChunkLayout,
+    pilot: Pilot,
+    found: Store | None,
+    where: LocalRunner | DaskRunner,
+    path: str,
 ) -> SweepPlan:
     expected = pilot.expected(layout)
     done = np.zeros(layout.number, bool) if found is None else np.isfinite(found.rows()[:, 0])

@@ -1,4 +1,5 @@
-"""Pictures. Functions that take an `Axes` (or make one) return it, the others a `Figure`; nothing is shown or saved here.
+"""Pictures. Functions that take an `Axes` (or make one) return it, the others a `Figure`; nothing is shown or
+saved here.
 
 Figures made here have the style `STYLE`; settings and axes of the user stay as they are.
 """

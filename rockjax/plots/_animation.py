@@ -54,11 +54,12 @@ def animation(
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the animation, > 0
     - `start`, `end`: part of the scene to show [s]; all of it by default
-    - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the history
+    - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the
+      history
 
-    Columns of width 2B and height 2H tilt about their edges, the beam moves by u_b and v_b, Eq. (13), the elastic
-    superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; theirs are for the eye.
-    Raises `ValueError` for numbers out of range.
+    Columns of width 2B and height 2H tilt about their edges, the beam moves by u_b and v_b, Eq. (13), the
+    elastic superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; theirs
+    are for the eye. Raises `ValueError` for numbers out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:
@@ -69,18 +70,25 @@ def animation(
     t = data["time"].values
     first, last = (t[0] if start is None else start), (t[-1] if end is None else end)
     if not t[0] <= first < last <= t[-1]:
-        raise ValueError(f"{owner}: start < end must be within the history, {t[0]:g} … {t[-1]:g} s, got {first:g}, {last:g}")
+        raise ValueError(
+            f"{owner}: start < end must be within the history, "
+            f"{t[0]:g} … {t[-1]:g} s, got {first:g}, {last:g}"
+        )
     times = np.arange(first, last + 1e-9, speed / fps)
     with in_style():
         stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
         return _Animation(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
 
 
-def save_animation(path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options) -> Path:
-    """Write the animation of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where there is an ffmpeg.
+def save_animation(
+    path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options
+) -> Path:
+    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where there is
+    an ffmpeg.
 
-    That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of `animation`.
-    Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there is none.
+    That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of
+    `animation`. Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there
+    is none.
     """
     path, fps = Path(path), options.get("fps", 25.0)
     if path.suffix not in (".gif", ".mp4"):
@@ -103,7 +111,8 @@ def _ffmpeg() -> str:
         return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
     except (ImportError, RuntimeError):
         raise RuntimeError(
-            "plots.save_animation: .mp4 needs ffmpeg, which was not found; `pip install imageio-ffmpeg` brings one, "
+            "plots.save_animation: .mp4 needs ffmpeg, which was not found; `pip install imageio-ffmpeg` "
+            "brings one, "
             "or write a .gif"
         ) from None
 
@@ -120,7 +129,9 @@ def _displacement(data: xarray.Dataset) -> np.ndarray:
 class _Stage:
     """The figure, and how it looks at each time."""
 
-    def __init__(self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool):
+    def __init__(
+        self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool
+    ):
         a, t = data.attrs, data["time"].values
         self.times, self.alpha, self.R = times, a["alpha_rad"], a["R_m"]
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
@@ -139,7 +150,9 @@ class _Stage:
         self._build(scene, a)
         notes = ["to scale" if exaggerate == 1 else f"motion × {exaggerate:g}"]
         notes += [] if speed == 1 else [f"{speed:g} × real time"]
-        scene.text(0.98, 0.98, "\n".join(notes), transform=scene.transAxes, ha="right", va="top", color="0.35")
+        scene.text(
+            0.98, 0.98, "\n".join(notes), transform=scene.transAxes, ha="right", va="top", color="0.35"
+        )
         self.clock = scene.text(0.02, 0.98, "", transform=scene.transAxes, va="top")
         below.axhline(0, color="0.7", lw=0.6)
         below.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
@@ -152,7 +165,9 @@ class _Stage:
 
     def _build(self, ax: Axes, attributes) -> None:
         def part(colour: str, **more) -> Polygon:
-            polygon = Polygon(np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | more)
+            polygon = Polygon(
+                np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | more
+            )
             ax.add_patch(polygon)
             return polygon
 
@@ -187,7 +202,10 @@ class _Stage:
         theta, ground = self.theta[k], self.ground[k]
         u, v = (float(y) for y in self._moves(k))
         half, side = 0.5 * self.width, -1 if theta < 0 else 1
-        upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (side * half, 0)
+        upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (
+            side * half,
+            0,
+        )
         # A positive rotation is clockwise, about the right edge.
         turn = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
         for foot, patch in zip(self.feet, self.columns, strict=True):
@@ -200,8 +218,12 @@ class _Stage:
         if self.stick and self.box is not None:
             z = np.linspace(0, 1, 21)
             for line, place in zip(self.stick, (-0.45, 0.45), strict=True):
-                line.set_data(at + place * self.half + self.sway[k] * (3 - 2 * z) * z**2, base + 0.8 * self.height * z)
-            self.box.set_xy(_box(at + self.sway[k], base + 0.8 * self.height, 0.6 * self.half, 0.3 * self.height))
+                line.set_data(
+                    at + place * self.half + self.sway[k] * (3 - 2 * z) * z**2, base + 0.8 * self.height * z
+                )
+            self.box.set_xy(
+                _box(at + self.sway[k], base + 0.8 * self.height, 0.6 * self.half, 0.3 * self.height)
+            )
         self.soil.set_xy(self.corners + np.array([ground, 0]))
         self.clock.set_text(f"t = {self.times[k]:6.2f} s")
         self.cursor.set_data([self.times[k]], [self.ratio[k]])

@@ -19,14 +19,22 @@ from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled
 if TYPE_CHECKING:
     import xarray
 
-_SYMBOLS = {"alpha": r"\alpha", "gamma": r"\gamma", "eta": r"\eta", "lam": r"\lambda", "zeta": r"\zeta", "restitution": "e"}
+_SYMBOLS = {
+    "alpha": r"\alpha",
+    "gamma": r"\gamma",
+    "eta": r"\eta",
+    "lam": r"\lambda",
+    "zeta": r"\zeta",
+    "restitution": "e",
+}
 
 
 @on_axes
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Minimum overturning acceleration over frequency of a rocking spectrum.
 
-    Where the spectrum holds refined boundaries they are drawn; else what is read off its grid, with its steps.
+    Where the spectrum holds refined boundaries they are drawn; else what is read off its grid, with its
+    steps.
     """
     assert ax is not None
     if "boundaries" in dataset:
@@ -40,14 +48,16 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 
 @styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
-    """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per T_s."""
+    """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per
+    T_s."""
     read_off = "" if "boundaries" in panels else ", read off the grid"
     return _curves(panels, overturning_curve, f"Minimum overturning acceleration{read_off}")
 
 
 @styled
 def overturning_boundaries(panels: xarray.Dataset) -> Figure:
-    """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them shaded.
+    """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them
+    shaded.
 
     `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -82,10 +92,11 @@ def _top(dataset: xarray.Dataset) -> float:
 
 @on_axes
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
-    """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour, shaded.
+    """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour,
+    shaded.
 
-    Where the minimum jumps to another branch its ends are joined by a dotted line; a triangle marks where it ends, because
-    nothing up to the end of the search overturns beside it. `ax.legend()` names what was drawn.
+    Where the minimum jumps to another branch its ends are joined by a dotted line; a triangle marks where it
+    ends, because nothing up to the end of the search overturns beside it. `ax.legend()` names what was drawn.
     """
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
@@ -94,19 +105,25 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     windows = _windows(x, dataset["boundaries"].values, _top(dataset))
     if windows:
         ax.add_collection(PolyCollection(windows, facecolor=curve.get_color(), edgecolor="none", alpha=0.4))
-        _explain(ax, "windows of survival", lambda label: ax.add_collection(PolyCollection([], fc="0.6", label=label)))
+        _explain(
+            ax,
+            "windows of survival",
+            lambda label: ax.add_collection(PolyCollection([], fc="0.6", label=label)),
+        )
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
     return ax
 
 
 def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
-    """Polygons of survival above the minimum: at each x from every second boundary to the next one, joined to the windows
-    of the next x that overlap them; where there is none, half the way there."""
+    """Polygons of survival above the minimum: at each x from every second boundary to the next one, joined to
+    the windows of the next x that overlap them; where there is none, half the way there."""
     found: list[list[tuple[float, float]]] = []
     for row in boundaries:
         begins, ends = row[1::2], row[2::2]
         ends = np.append(ends, np.full(begins.size - ends.size, np.nan))
-        found.append([(a, top if np.isnan(b) else b) for a, b in zip(begins, ends, strict=True) if np.isfinite(a)])
+        found.append(
+            [(a, top if np.isnan(b) else b) for a, b in zip(begins, ends, strict=True) if np.isfinite(a)]
+        )
     polygons = []
     for k in range(x.size - 1):
         here, there, middle = found[k], found[k + 1], 0.5 * (x[k] + x[k + 1])
@@ -132,7 +149,9 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
     for k in jumps:
         ax.plot(x[k : k + 2], y[k : k + 2], color=curve.get_color(), **bridge)
     if jumps.size:
-        _explain(ax, "jump to another branch", lambda label: ax.plot([], [], color="0.4", label=label, **bridge))
+        _explain(
+            ax, "jump to another branch", lambda label: ax.plot([], [], color="0.4", label=label, **bridge)
+        )
     return curve
 
 
@@ -143,7 +162,11 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour:
     if ends.any():
         mark = {"marker": "^", "ms": 5, "mfc": "none", "ls": "none"}
         ax.plot(x[ends], minimum[ends], color=colour, **mark)
-        _explain(ax, f"ends: none beyond, up to {top:g}", lambda label: ax.plot([], [], color="0.4", label=label, **mark))
+        _explain(
+            ax,
+            f"ends: none beyond, up to {top:g}",
+            lambda label: ax.plot([], [], color="0.4", label=label, **mark),
+        )
 
 
 def _explain(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:

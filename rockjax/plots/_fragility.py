@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     import xarray
 
 # Above the axes, where they cover nothing.
-ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.01), "borderaxespad": 0.0, "frameon": False}
+ABOVE: dict[str, Any] = {
+    "loc": "lower left",
+    "bbox_to_anchor": (0.0, 1.01),
+    "borderaxespad": 0.0,
+    "frameon": False,
+}
 BAND = 0.2  # opacity
 
 
@@ -29,8 +34,8 @@ def _label(name: str, of: str) -> str:
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Intensity over peak rotation, a curve for each record; where a record overturns there is no point.
 
-    At the limit state, crosses are the least intensities that overturn, and dashes those at which survival returns or ends
-    again: windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, crosses are the least intensities that overturn, and dashes those at which survival
+    returns or ends again: windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -42,8 +47,12 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     further = boundaries[:, 1:][np.isfinite(boundaries[:, 1:])]
     at_limit = {"ls": "none", "clip_on": False}
     ax.plot(np.full(further.size, ratio), further, "_", ms=9, mew=0.6, color=COLOURS[2], zorder=3, **at_limit)
-    ax.plot(np.full(len(boundaries), ratio), boundaries[:, 0], "x", ms=6, color=COLOURS[1], zorder=4, **at_limit)
-    marks = [Line2D([], [], color="0.55", marker=".", ms=3, lw=0.7, label="records, at levels that they survive")]
+    ax.plot(
+        np.full(len(boundaries), ratio), boundaries[:, 0], "x", ms=6, color=COLOURS[1], zorder=4, **at_limit
+    )
+    marks = [
+        Line2D([], [], color="0.55", marker=".", ms=3, lw=0.7, label="records, at levels that they survive")
+    ]
     marks.append(Line2D([], [], color=COLOURS[1], marker="x", ls="", label="first overturning of a record"))
     if further.size:
         windows = "survival returns or ends again: windows of survival"
@@ -60,11 +69,13 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
 
 
 @on_axes
-def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]) -> Axes:
+def fragility(
+    dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]
+) -> Axes:
     """Probability of overturning over intensity with its confidence band, over the shares that were observed.
 
-    `dataset` is from [`rockjax.fragility`][]. Crosses are the first overturning
-    of the records, circles the shares at the levels. Several may be drawn into one `ax`, each with a `label` and a `colour`.
+    `dataset` is from [`rockjax.fragility`][]. Crosses are the first overturning of the records, circles the
+    shares at the levels. Several may be drawn into one `ax`, each with a `label` and a `colour`.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -83,7 +94,15 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
     share = (np.arange(capacity.size) + 0.5) / values.size
     ax.plot(capacity, share, "x", ms=5, color=colour, label="first overturning of the records")
     observed, levels = dataset["observed"].values, dataset["intensity"].values
-    ax.plot(levels, observed, "o", ms=4, mfc="none", color=colour, label=_stripes(capacity, values.size, levels, observed))
+    ax.plot(
+        levels,
+        observed,
+        "o",
+        ms=4,
+        mfc="none",
+        color=colour,
+        label=_stripes(capacity, values.size, levels, observed),
+    )
     ax.set(
         xlabel=_label(dataset.attrs["measure"], dataset["at"].attrs["units"]),
         ylabel="probability of overturning",
@@ -96,11 +115,15 @@ def fragility(dataset: xarray.Dataset, ax: Axes | None = None, label: str | None
 
 
 def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """What the shares at the levels are, and why they are less than those of the first overturning where they are."""
+    """What the shares at the levels are, and why they are less than those of the first overturning where they
+    are."""
     first = np.searchsorted(capacity, levels, side="right") / records
     if np.all(observed >= first - 1e-9):
         return "share overturned at a level"
-    return "share overturned at a level: less, as records survive again\nin windows above their first overturning"
+    return (
+        "share overturned at a level: less, as records survive again\nin windows above their first "
+        "overturning"
+    )
 
 
 def _legend(ax: Axes) -> None:
@@ -114,5 +137,7 @@ def _legend(ax: Axes) -> None:
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
         else:
             entries.append((handle, text))
-    entries += [(Line2D([], [], color="0.3", marker=shape, mfc="none", ls=""), text) for shape, text in marks.items()]
+    entries += [
+        (Line2D([], [], color="0.3", marker=shape, mfc="none", ls=""), text) for shape, text in marks.items()
+    ]
     ax.legend([handle for handle, _ in entries], [text for _, text in entries], **ABOVE)

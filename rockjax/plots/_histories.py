@@ -35,13 +35,16 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
     if isinstance(response, Response):
         return response.dataset()
     if getattr(response, "attrs", {}).get("kind") != "response":
-        raise ValueError("plots: expected a rockjax.Response or its dataset, with the attribute kind = 'response'")
+        raise ValueError(
+            "plots: expected a rockjax.Response or its dataset, with the attribute kind = 'response'"
+        )
     return response
 
 
 @on_axes
 def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """θ/α over time with impacts, first uplift and peak; the strip below tells full contact from rocking left and right."""
+    """θ/α over time with impacts, first uplift and peak; the strip below tells full contact from rocking left
+    and right."""
     assert ax is not None
     data = as_history(response)
     t, ratio = data["time"].values, data["theta"].values / data.attrs["alpha_rad"]
@@ -65,7 +68,9 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
 
 
 def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
-    peak, at = (float(data[name]) if name in data else 0.0 for name in ("peak_rotation", "peak_rotation_time"))
+    peak, at = (
+        float(data[name]) if name in data else 0.0 for name in ("peak_rotation", "peak_rotation_time")
+    )
     if not peak > 0:
         return
     # Between two samples the sign is that of the larger one.
@@ -83,7 +88,9 @@ def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
     for sigma, (name, colour) in _PHASES.items():
         spans = [(t[i], t[j] - t[i]) for i, j in zip(starts, stops, strict=True) if mode[i] == sigma]
         if spans:
-            ax.broken_barh(spans, (0, 0.045), transform=ax.get_xaxis_transform(), facecolor=colour, lw=0, label=name)
+            ax.broken_barh(
+                spans, (0, 0.045), transform=ax.get_xaxis_transform(), facecolor=colour, lw=0, label=name
+            )
 
 
 @on_axes
@@ -99,7 +106,9 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
     """Ground acceleration over time [g]."""
     assert ax is not None
     data = as_history(response)
-    return _line(data, data["ground_acceleration"].values / data.attrs["g_m_s2"], r"$\ddot u_g$ [g]", COLOURS[0], ax)
+    return _line(
+        data, data["ground_acceleration"].values / data.attrs["g_m_s2"], r"$\ddot u_g$ [g]", COLOURS[0], ax
+    )
 
 
 def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
@@ -114,14 +123,16 @@ def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax:
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their separatrices.
 
-    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. With tendons it is at ±θ_s, where there
-    is one. The separatrices are those of the frame with its superstructure rigid, without ground motion, impacts and
-    dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. With tendons it is at
+    ±θ_s, where there is one. The separatrices are those of the frame with its superstructure rigid, without
+    ground motion, impacts and dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
     alpha, unit = data.attrs["alpha_rad"], data.attrs["alpha_rad"] * data.attrs["p_rad_s"]
-    times, before, after = (data[name].values for name in ("impact_times", "theta_dot_before", "theta_dot_after"))
+    times, before, after = (
+        data[name].values for name in ("impact_times", "theta_dot_before", "theta_dot_after")
+    )
     # At an impact the curve ends at the rate before and begins again at the rate after.
     gap = np.full_like(times, np.nan)
     zero = np.zeros_like(times)
@@ -136,7 +147,12 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     rate = separatrix(data, ratio * alpha) / unit
     for sign in (1, -1):
         ax.plot(
-            ratio, sign * rate, color="0.55", ls="--", lw=1.0, label="separatrix, rigid and undamped" if sign > 0 else None
+            ratio,
+            sign * rate,
+            color="0.55",
+            ls="--",
+            lw=1.0,
+            label="separatrix, rigid and undamped" if sign > 0 else None,
         )
     if top < reach:
         at = r"\alpha" if top == 1 else r"\theta_s"
@@ -163,12 +179,15 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     depth = potential(c, jnp.ones(()), jnp.asarray(saddle(podium))) - held
     spin = c.spin
     if c.apparent_mass is not None:
-        spin = spin + c.apparent_mass * (podium.R * elongation(c, jnp.ones(()), jnp.asarray(theta)).lever) ** 2
+        spin = (
+            spin + c.apparent_mass * (podium.R * elongation(c, jnp.ones(()), jnp.asarray(theta)).lever) ** 2
+        )
     return np.sqrt(np.maximum(2 * np.asarray(depth / spin), 0.0))
 
 
 def saddle(podium: Podium) -> float:
-    """|θ| at the top of the potential well [rad]: α without tendons, π/2 where they hold the columns at every rotation."""
+    """|θ| at the top of the potential well [rad]: α without tendons, π/2 where they hold the columns at every
+    rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -176,10 +195,10 @@ def saddle(podium: Podium) -> float:
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
 
-    In full contact (θ = 0) it is what is asked of the frame, −q/q_up of Eq. (9), between −1 and 1. While rocking it is the
-    moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1 to 0 at θ = α, of the
-    vertical inertia of beam, columns and superstructure, Eq. (15), and of restrainers. The thick line is what weights and
-    tendons do at rest.
+    In full contact (θ = 0) it is what is asked of the frame, −q/q_up of Eq. (9), between −1 and 1. While
+    rocking it is the moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls
+    from 1 to 0 at θ = α, of the vertical inertia of beam, columns and superstructure, Eq. (15), and of
+    restrainers. The thick line is what weights and tendons do at rest.
     """
     assert ax is not None
     data = as_history(response)
@@ -190,14 +209,20 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     podium = podium_of(data.attrs)
     weights, label = np.sin(alpha - theta) / np.sin(alpha), r"weights alone, $\sin\psi\,/\,\sin\alpha$"
     if podium.restrainers:
-        slope = np.asarray(jax.vmap(functools.partial(potential_slope, coefficients(podium)))(jnp.asarray(theta)))
+        slope = np.asarray(
+            jax.vmap(functools.partial(potential_slope, coefficients(podium)))(jnp.asarray(theta))
+        )
         weights, label = slope / slope[0], "weights and tendons at rest"
     backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-weights[::-1], weights])
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.axvline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(*backbone, color="0.7", ls="-", lw=4, label=label)
     ax.plot(ratio, moment, color=COLOURS[2], ls="-", lw=0.9, label="response")
-    ax.set(xlabel=ROTATION, ylabel=r"restoring moment $M_r\,/\,M_r(\mathrm{uplift})$", xlim=(-1.05 * reach, 1.05 * reach))
+    ax.set(
+        xlabel=ROTATION,
+        ylabel=r"restoring moment $M_r\,/\,M_r(\mathrm{uplift})$",
+        xlim=(-1.05 * reach, 1.05 * reach),
+    )
     ax.grid(True, alpha=0.3)
     ax.legend(loc="upper left")
     return ax
@@ -207,8 +232,8 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Energy over time, in parts of P(α), what it takes to overturn at rest: `Response.energies`.
 
-    The work of the ground is what the frame has as mechanical energy, plus what impacts and damper have taken. What is
-    left open, the residual, measures the error of the history.
+    The work of the ground is what the frame has as mechanical energy, plus what impacts and damper have
+    taken. What is left open, the residual, measures the error of the history.
     """
     assert ax is not None
     data = as_history(response)
@@ -226,7 +251,14 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))
     most = float(np.nanmax(np.abs(residual)))
-    ax.plot(t, residual, color="0.5", lw=0.8, ls="-", label=f"residual, at most {most:.0e}" if most else "residual, 0")
+    ax.plot(
+        t,
+        residual,
+        color="0.5",
+        lw=0.8,
+        ls="-",
+        label=f"residual, at most {most:.0e}" if most else "residual, 0",
+    )
     ax.set(xlabel=TIME, ylabel=r"energy / $P(\alpha)$", xlim=(t[0], t[-1]))
     ax.grid(True, alpha=0.3)
     ax.legend(loc="best")
@@ -235,7 +267,8 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 @styled
 def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground acceleration."""
+    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground
+    acceleration."""
     figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
     if isinstance(response, Response):
         response = response.dataset(np.linspace(*response.span, points))

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 
 def grid_of_panels(
-    rows: int, columns: int, width: float, height: float, right: float, sharey: Literal["all", "row"] = "all", left=0.65
+    rows: int,
+    columns: int,
+    width: float,
+    height: float,
+    right: float,
+    sharey: Literal["all", "row"] = "all",
+    left=0.65,
 ) -> tuple[Figure, np.ndarray, float]:
     """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
 
@@ -27,7 +33,9 @@ def grid_of_panels(
     figure = plt.figure(figsize=(w, h))
     spacing = {"wspace": apart / width, "hspace": stacked / height}
     sides = {"left": left / w, "right": 1 - right / w, "bottom": below / h, "top": 1 - above / h}
-    axes = figure.subplots(rows, columns, sharex=True, sharey=sharey, squeeze=False, gridspec_kw=sides | spacing)
+    axes = figure.subplots(
+        rows, columns, sharex=True, sharey=sharey, squeeze=False, gridspec_kw=sides | spacing
+    )
     return figure, axes, sides["right"]
 
 
@@ -38,11 +46,14 @@ def head(figure: Figure, title: str, panels: xarray.Dataset) -> None:
 
 
 def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
-    """One legend for all panels, to the right of them, where it covers nothing; `beside` in inches from the last one."""
+    """One legend for all panels, to the right of them, where it covers nothing; `beside` in inches from the
+    last one."""
     entries: dict[str, Artist] = {}
     for ax in axes.flat:
         handles, labels = ax.get_legend_handles_labels()
-        entries |= {label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries}
+        entries |= {
+            label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries
+        }
     x = axes[0, -1].get_position().x1 + beside / figure.get_figwidth()
     # Curves first, then what marks at them mean.
     known = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
@@ -73,5 +84,7 @@ def period_of(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
 
 
 def _is_block(panels: xarray.Dataset) -> bool:
-    ratios = np.atleast_1d(panels["eta_over_gamma"].values) if "eta_over_gamma" in panels.coords else np.zeros(1)
+    ratios = (
+        np.atleast_1d(panels["eta_over_gamma"].values) if "eta_over_gamma" in panels.coords else np.zeros(1)
+    )
     return panels.attrs["gamma"] == 0 and not np.any(ratios) and not panels.attrs.get("eta")

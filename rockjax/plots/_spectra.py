@@ -38,13 +38,17 @@ def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Col
     first: Axes = np.ravel(np.asarray(axes, object))[0]
     contours = next((drawn for drawn in first.collections if isinstance(drawn, ContourSet)), None)
     if contours is None:
-        raise ValueError("rotation_bar: the axes hold no rocking spectrum; draw one with plots.rocking_spectrum first")
+        raise ValueError(
+            "rotation_bar: the axes hold no rocking spectrum; draw one with plots.rocking_spectrum first"
+        )
     place: dict[str, Any] = {"ax": axes} if cax is None else {"cax": cax}
     figure: Any = first.figure
     return figure.colorbar(contours, **place, **{"label": r"peak rotation $\max|\theta|\,/\,\alpha$", **bar})
 
 
-def dimensional_axes(dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True) -> Axes:
+def dimensional_axes(
+    dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True
+) -> Axes:
     """Second axes: pulse period T_p on top, peak ground acceleration on the right."""
     p = dataset.attrs["p_rad_s"]
     unit = math.tan(dataset.attrs["alpha_rad"])

@@ -41,14 +41,15 @@ STYLE: dict[str, Any] = {
 
 
 def in_style():
-    """The context of our style. A backend that was loaded inside would have its interactive mode taken back at the end,
-    and a notebook would not show the figures of later cells; so it is loaded before."""
+    """The context of our style. A backend that was loaded inside would have its interactive mode taken back
+    at the end, and a notebook would not show the figures of later cells; so it is loaded before."""
     plt.draw_if_interactive()
     return plt.style.context(STYLE)
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """For functions that make a whole figure: they make it in our style and leave the user's settings as they are."""
+    """For functions that make a whole figure: they make it in our style and leave the user's settings as they
+    are."""
 
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -59,7 +60,8 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
-    """For functions (data, ax=None, …): without axes they make a figure in our style; given axes keep theirs."""
+    """For functions (data, ax=None, …): without axes they make a figure in our style; given axes keep
+    theirs."""
 
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> Axes:

@@ -9,7 +9,14 @@ import rockjax as rj
 from rockjax._batch import memory
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
-FIELDS = ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "overturn_time", "smallest_impact_speed")
+FIELDS = (
+    "peak_rotation",
+    "peak_deformation",
+    "peak_shear",
+    "uplift_time",
+    "overturn_time",
+    "smallest_impact_speed",
+)
 
 
 def amplitudes(n):
@@ -30,7 +37,9 @@ def test_one_scene_is_its_place_in_the_batch(name):
     batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10))
     single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)) for a in a_p]
     same(batch, jax.tree.map(lambda *y: np.stack(y), *single))
-    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)))(jnp.asarray(a_p))
+    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)))(
+        jnp.asarray(a_p)
+    )
     same(batch, mapped)
     assert batch.overturned.any()
     assert not batch.overturned.all()
@@ -99,7 +108,9 @@ def test_one_scene_without_answer_does_not_cost_the_others():
     podium = elastic(0.5)
     with pytest.warns(RuntimeWarning, match="out_of_steps"):
         peaks = rj.peak_responses(
-            podium, rj.Ricker(np.array([0.0, 3.0]), 1.0), options=rj.Options(max_steps=150, outputs=("peak_rotation",))
+            podium,
+            rj.Ricker(np.array([0.0, 3.0]), 1.0),
+            options=rj.Options(max_steps=150, outputs=("peak_rotation",)),
         )
     assert peaks.peak_rotation.shape == (2,)
     with warnings.catch_warnings():
@@ -153,7 +164,9 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 def test_rows_are_stored_once_however_many_scenes_share_them():
     from rockjax._batch.scenes import broadcast
 
-    scenes, shape = broadcast("", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None)
+    scenes, shape = broadcast(
+        "", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None
+    )
     assert shape == (3, 400)
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * 500 + 400 + 50
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
@@ -163,7 +176,9 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
 
 def test_the_segments_engine_is_not_silently_replaced():
     with pytest.raises(ValueError, match="engine"):
-        rj.peak_responses(PODIUMS["rigid"], rj.Ricker(amplitudes(3), 1.0), options=rj.Options(engine="segments"))
+        rj.peak_responses(
+            PODIUMS["rigid"], rj.Ricker(amplitudes(3), 1.0), options=rj.Options(engine="segments")
+        )
 
 
 def test_podiums_of_several_kinds_share_one_call():

@@ -75,10 +75,14 @@ def apart(a: rj.Peak, b: rj.Peak, where=...) -> float:
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         x, y = x[where], y[where]
         known = np.isfinite(x)
-        if not np.array_equal(x[~known], y[~known], equal_nan=True) or (x.dtype != float and not np.array_equal(x, y)):
+        if not np.array_equal(x[~known], y[~known], equal_nan=True) or (
+            x.dtype != float and not np.array_equal(x, y)
+        ):
             return np.inf
         if x.dtype == float and known.any():
-            worst = max(worst, float(np.max(np.abs(x[known] - y[known])) / max(1e-300, np.max(np.abs(x[known])))))
+            worst = max(
+                worst, float(np.max(np.abs(x[known] - y[known])) / max(1e-300, np.max(np.abs(x[known]))))
+            )
     return worst
 
 
@@ -100,7 +104,11 @@ def report() -> dict:
             except rj.Interrupted as interrupted:
                 some = interrupted.partial
                 ended = np.asarray(some.result != rj.RESULTS.interrupted)
-                found["stopped"] = {"ended": int(ended.sum()), "of": ended.size, "apart": apart(some, alone, ended)}
+                found["stopped"] = {
+                    "ended": int(ended.sum()),
+                    "of": ended.size,
+                    "apart": apart(some, alone, ended),
+                }
     return found
 
 
@@ -114,11 +122,18 @@ def found():
     }
     done = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.batch.test_devices"],
-        cwd=root, capture_output=True, text=True, timeout=300,
-        env=os.environ | cache | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": str(DEVICES), "PYTHONPATH": str(root)},
-    )  # fmt: skip
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ
+        | cache
+        | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": str(DEVICES), "PYTHONPATH": str(root)},
+    )
     assert done.returncode == 0, done.stderr
-    assert not [line for line in done.stderr.splitlines() if not line.startswith("compiling a program")], done.stderr
+    assert not [line for line in done.stderr.splitlines() if not line.startswith("compiling a program")], (
+        done.stderr
+    )
     return json.loads(done.stdout)
 
 
@@ -177,7 +192,9 @@ def test_a_default_device_is_where_batches_run(monkeypatch):
     (device, *_) = jax.local_devices()
     assert isinstance(executor(""), ThreadExecutor)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    monkeypatch.setattr(jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend])
+    monkeypatch.setattr(
+        jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend]
+    )
     monkeypatch.setattr(rj._batch.executors, "DeviceExecutor", list)
     assert executor("") == ["a", "b"]
     assert executor("", threads=2).hosts == 2
@@ -203,13 +220,16 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == (64, 1024)
-    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17)  # of a record of 100 samples, and its padding
+    monkeypatch.setattr(
+        rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17
+    )  # of a record of 100 samples, and its padding
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 
 @pytest.mark.parametrize("name", ["elastic, errors, out of steps", "rigid, a suite in one table"])
 def test_a_program_for_accelerators_is_made_of_what_they_have(name):
-    """In float64 throughout, and with nothing that a compiler for GPUs would have to know by name or ask the host for."""
+    """In float64 throughout, and with nothing that a compiler for GPUs would have to know by name or ask the
+    host for."""
     podium, motion, how, _ = CASES[name]
     who = DeviceExecutor(jax.local_devices()[:1])
     who.platform = "cuda"

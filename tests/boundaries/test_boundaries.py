@@ -1,4 +1,5 @@
-"""Searches for the first boundary, on margins that are made up: what is there is known exactly. And on records."""
+"""Searches for the first boundary, on margins that are made up: what is there is known exactly. And on
+records."""
 
 import math
 from typing import Any, NamedTuple, cast
@@ -18,7 +19,8 @@ OPTIONS = rj.Options(rtol=1e-9, atol=1e-11)
 
 
 class Motion(NamedTuple):
-    """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an answer, a dip."""
+    """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an
+    answer, a dip."""
 
     windows: Any = ()
     wrong: Any = ()  # windows that only scenes of the looser accuracy see
@@ -84,7 +86,9 @@ def drawn(count: int, seed: int) -> list[Motion]:
 def test_no_window_wider_than_the_width_is_missed_in_a_batch(monkeypatch):
     motions = drawn(150, 1)
     found = scanned(motions, monkeypatch)
-    assert found.crossings.table(len(motions))[0][:, 0] == pytest.approx([m.first() for m in motions], rel=1e-9)
+    assert found.crossings.table(len(motions))[0][:, 0] == pytest.approx(
+        [m.first() for m in motions], rel=1e-9
+    )
     assert np.all(found.certain <= WIDTH)
     assert found.scenes < len(motions) * (1 / WIDTH + 500)
 
@@ -127,7 +131,8 @@ def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
 
 
 def test_dips_are_followed_down(monkeypatch):
-    """A dip between the places that are looked at is seen at its lowest, a window narrower than the width opened."""
+    """A dip between the places that are looked at is seen at its lowest, a window narrower than the width
+    opened."""
     dip, window = Motion([(0.7, 0.8)], dip=0.01), Motion([(0.7, 0.8)], dip=-0.001)
     assert scanned([dip], monkeypatch).dip == pytest.approx([0.01], abs=1e-3)
     assert float(in_program(dip).dip) == pytest.approx(0.01, abs=1e-3)
@@ -139,11 +144,15 @@ def test_dips_are_followed_down(monkeypatch):
 RIGID = PODIUMS["rigid"].replace(superstructure=rj.Rigid(50.0))
 TOP = 10 * G * 0.15
 SHAKEN = rj.synthetic_motions(5, seed=5, duration=10.0, dt=0.02, pga=1.0).records()[4]
-WINDOW = 0.288251, 0.288373  # of this range the record overturns the podium there; the next wider window is at 0.4077
+WINDOW = (
+    0.288251,
+    0.288373,
+)  # of this range the record overturns the podium there; the next wider window is at 0.4077
 
 
 def test_a_narrow_window_under_a_record_is_found():
-    """1.2e-4 of the range wide, and no sign of it beside it: second differences of 128 scales found 0.4077."""
+    """1.2e-4 of the range wide, and no sign of it beside it: second differences of 128 scales found
+    0.4077."""
     width = 1e-4
     found = rj.overturning_boundary(RIGID, SHAKEN, max_scale=TOP, width=width)
     assert WINDOW[0] - 5e-4 < float(found.scale) / TOP < WINDOW[0] + 1e-6
@@ -171,7 +180,8 @@ def test_windows_of_records_under_jit_and_vmap():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"), [({"width": 0.0}, "width"), ({"width": 0.5}, "width"), ({"resolution": 3}, "resolution")]
+    ("change", "words"),
+    [({"width": 0.0}, "width"), ({"width": 0.5}, "width"), ({"resolution": 3}, "resolution")],
 )
 def test_searches_that_make_no_sense(change, words):
     with pytest.raises(ValueError, match=words):

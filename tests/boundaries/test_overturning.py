@@ -1,4 +1,5 @@
-"""Overturning margin, boundaries and their derivatives: published roots, an independent integrator, finite differences."""
+"""Overturning margin, boundaries and their derivatives: published roots, an independent integrator, finite
+differences."""
 
 import math
 
@@ -27,7 +28,8 @@ def block(alpha, p, e=None):
 
 THIRD = math.atan(1 / 3)
 OF = lambda b, h: math.sqrt(0.75 * 9.81 / math.hypot(b, h))  # p of a block of half width b and half height h
-# Solitary blocks under one pulse: (α, p, e, pulse, T_p, root of the linearised equations, of the full ones), in g.
+# Solitary blocks under one pulse: (α, p, e, pulse, T_p, root of the linearised equations, of the full ones),
+# in g.
 ROOTS = {
     "half-sine, b=.2 h=.6": (THIRD, OF(0.2, 0.6), None, rj.HalfSine, 1.0, 0.554586, 0.574724),
     "one-cosine, b=.5 h=1.5": (THIRD, OF(0.5, 1.5), None, rj.OneCosine, 1.0, None, 0.625845),
@@ -50,7 +52,8 @@ def test_published_roots(name):
 
 
 def test_windows_of_survival():
-    """The block at ω_p = 15.7 with velocity factor .9: overturns from 2.22322 g, survives again 2.61697–3.43694 g.
+    """The block at ω_p = 15.7 with velocity factor .9: overturns from 2.22322 g, survives again
+    2.61697–3.43694 g.
 
     The second number needs columns that may pass α and come back.
     """
@@ -65,20 +68,27 @@ def test_windows_of_survival():
     assert found.y[0] == pytest.approx(2.22322, abs=1e-5)
     assert found.y[1:3] == pytest.approx([2.61697, 3.43694], abs=1e-5)
     assert list(found.overturns[:3]) == [True, False, True]
-    least = rj.overturning_acceleration(podium, rj.OneSine, 2 * math.pi / 15.7, max_acceleration_ratio=16.0, options=wide)
+    least = rj.overturning_acceleration(
+        podium, rj.OneSine, 2 * math.pi / 15.7, max_acceleration_ratio=16.0, options=wide
+    )
     assert float(least) / 9.81 == pytest.approx(found.y[0], rel=1e-10)
 
 
 def test_thin_bands_are_found():
-    """All fifteen changes of the frame of Section 4 at ω_p/p = 2, some of them 5e-4 apart; a finer scan finds no more."""
+    """All fifteen changes of the frame of Section 4 at ω_p/p = 2, some of them 5e-4 apart; a finer scan finds
+    no more."""
     p = float(FRAME.p)
-    at = lambda n: scan(lambda x, y: (FRAME, rj.Ricker(y * UNIT, 2 * np.pi / (x * p))), [2.0], (0.0, 12.0), n, BOUNDARY)
+    at = lambda n: scan(
+        lambda x, y: (FRAME, rj.Ricker(y * UNIT, 2 * np.pi / (x * p))), [2.0], (0.0, 12.0), n, BOUNDARY
+    )
     coarse, fine = at(128), at(2048)
     assert len(coarse.crossings.y) == 15
     assert coarse.crossings.y == pytest.approx(fine.crossings.y, rel=1e-10)
     assert coarse.scenes < 0.7 * fine.scenes  # below the first change both are as close as the width asks
     assert list(coarse.crossings.overturns) == [k % 2 == 0 for k in range(15)]
-    published = scan(lambda x, y: (FRAME, rj.Ricker(y * UNIT, x)), [1.4187], (0.0, 12.0), 128, BOUNDARY).crossings.y
+    published = scan(
+        lambda x, y: (FRAME, rj.Ricker(y * UNIT, x)), [1.4187], (0.0, 12.0), 128, BOUNDARY
+    ).crossings.y
     assert published[[0, 1, -1]] == pytest.approx([2.1038, 2.3107, 2.528], abs=1e-4)
 
 
@@ -125,7 +135,9 @@ def test_margin_far_from_the_boundary():
     slope = jax.grad(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=MARGIN).margin)
     for ratio in (1.5, 2.5, 4.0, 8.0):
         h = 1e-5 * UNIT
-        at = lambda s, ratio=ratio: float(rj.peak_response(podium, rj.Ricker(ratio * UNIT + s, 1.0), options=MARGIN).margin)
+        at = lambda s, ratio=ratio: float(
+            rj.peak_response(podium, rj.Ricker(ratio * UNIT + s, 1.0), options=MARGIN).margin
+        )
         assert float(slope(ratio * UNIT)) == pytest.approx((at(h) - at(-h)) / (2 * h), rel=1e-6)
 
 
@@ -179,14 +191,19 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
 
     Against central differences of boundaries that the batch path has found.
     """
-    drawn = [jax.tree.flatten(pair) for pair in random_structures(number, kind, np.random.default_rng([3, len(kind)]))]
+    drawn = [
+        jax.tree.flatten(pair)
+        for pair in random_structures(number, kind, np.random.default_rng([3, len(kind)]))
+    ]
     structure = drawn[0][1]
     here = np.array([[float(y) for y in leaves] for leaves, _ in drawn])
     count, numbers = here.shape
     # In logarithms: every number of every structure by ±h and ±2h.
     h = 1e-5
     steps = h * np.array([1, -1, 2, -2])
-    moved = here[:, None, None] * (1 + steps[:, None, None] * np.eye(numbers))  # structure, step, number moved, number
+    moved = here[:, None, None] * (
+        1 + steps[:, None, None] * np.eye(numbers)
+    )  # structure, step, number moved, number
     table = moved.reshape(-1, numbers)
 
     def plane(line, y):
@@ -220,7 +237,10 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
         assert np.all(error[smooth] < 1e-5 + own_error[smooth]), k
     assert checked >= 5 * number
     assert folds < 0.15 * checked
-    print(f"{checked} derivatives, worst error {worst:.1e} of the largest, {folds} too close to a fold for differences")
+    print(
+        f"{checked} derivatives, worst error "
+        f"{worst:.1e} of the largest, {folds} too close to a fold for differences"
+    )
 
 
 @pytest.mark.slow
@@ -253,9 +273,12 @@ def test_nothing_overturns():
 
 
 def test_the_jump_to_another_branch_is_flagged():
-    """Where the lower branch of the frame is about to open, the dip of the margin below the minimum vanishes."""
+    """Where the lower branch of the frame is about to open, the dip of the margin below the minimum
+    vanishes."""
     p = float(FRAME.p)
-    boundary = lambda x: rj.overturning_boundary(FRAME, rj.Ricker(UNIT, 2 * math.pi / (x * p)), max_scale=12.0)
+    boundary = lambda x: rj.overturning_boundary(
+        FRAME, rj.Ricker(UNIT, 2 * math.pi / (x * p)), max_scale=12.0
+    )
     # The fold of the lower branch, by bisection of the jump.
     lo, hi = 1.9, 2.2
     assert float(boundary(lo).scale) < 2.2 < float(boundary(hi).scale)
@@ -271,9 +294,13 @@ def test_scale_of_a_record():
     podium, record = PODIUMS["rigid"], shaking()
     scale = float(rj.overturning_scale(podium, record, max_scale=8.0))
     assert math.isfinite(scale)
-    peaks = rj.peak_responses(podium, record.scaled(np.array([scale * (1 - 1e-8), scale * (1 + 1e-8)])), options=MARGIN)
+    peaks = rj.peak_responses(
+        podium, record.scaled(np.array([scale * (1 - 1e-8), scale * (1 + 1e-8)])), options=MARGIN
+    )
     assert list(peaks.overturned) == [False, True]
-    slope = jax.grad(lambda alpha: rj.overturning_scale(podium.replace(alpha=alpha), record, max_scale=8.0))(ALPHA)
+    slope = jax.grad(lambda alpha: rj.overturning_scale(podium.replace(alpha=alpha), record, max_scale=8.0))(
+        ALPHA
+    )
     h = 1e-6
     at = lambda alpha: float(rj.overturning_scale(podium.replace(alpha=alpha), record, max_scale=8.0))
     assert float(slope) == pytest.approx((at(ALPHA + h) - at(ALPHA - h)) / (2 * h), rel=1e-5)
@@ -289,13 +316,18 @@ def test_spectrum_by_scans_and_by_continuation():
     assert np.array_equal(both, np.isfinite(traced["minimum"].values))
     assert scanned["minimum"].values[both] == pytest.approx(traced["minimum"].values[both], rel=1e-9)
     # By similarity: R scales times, a_ov is a function of T_p p.
-    slopes = scanned["sensitivity"].sel(parameter="R").values, scanned["sensitivity"].sel(parameter="T_p").values
+    slopes = (
+        scanned["sensitivity"].sel(parameter="R").values,
+        scanned["sensitivity"].sel(parameter="T_p").values,
+    )
     assert slopes[0][both] == pytest.approx(-0.5 * slopes[1][both], rel=1e-6)
     exact = float(rj.overturning_acceleration(FRAME, rj.Ricker, float(scanned["T_p"][30]))) / UNIT
     assert float(scanned["minimum"][30]) == pytest.approx(exact, rel=1e-10)
     # Folds included: the traced lower branch turns back.
-    turns = [np.any(np.diff(branch[np.isfinite(branch)]) > 0) and np.any(np.diff(branch[np.isfinite(branch)]) < 0)
-             for branch in traced["branch_x"].values]  # fmt: skip
+    turns = [
+        np.any(np.diff(branch[np.isfinite(branch)]) > 0) and np.any(np.diff(branch[np.isfinite(branch)]) < 0)
+        for branch in traced["branch_x"].values
+    ]
     assert any(turns)
 
 
@@ -342,7 +374,9 @@ def test_bad_boundaries_are_refused():
     with pytest.raises(ValueError, match="needs engine='flat'"):
         rj.Options(outputs=("margin",), engine="segments")
     with pytest.raises(ValueError, match="overturn_ratio must be <= θ_s/α = 1 for the margin"):
-        rj.peak_response(rj.Podium(alpha=0.3, R=2.0), pulse(), options=rj.Options(outputs=("margin",), overturn_ratio=1.5))
+        rj.peak_response(
+            rj.Podium(alpha=0.3, R=2.0), pulse(), options=rj.Options(outputs=("margin",), overturn_ratio=1.5)
+        )
     assert options(1e-8).outputs  # the default is untouched
 
 
@@ -356,11 +390,14 @@ def test_bad_boundaries_are_refused():
     ],
 )
 def test_the_frame_of_zhou_du_and_han(pulse, T_p, printed):
-    """Zhou, Du & Han (2019), an independent group: the least overturning acceleration in g, to the last printed digit."""
+    """Zhou, Du & Han (2019), an independent group: the least overturning acceleration in g, to the last
+    printed digit."""
     frame = rj.Podium(alpha=np.arctan(1.5 / 7), R=3.58, gamma=13.23)
     sine = np.sin(frame.alpha) ** 2
     theirs = (1 - 1.5 * sine + 3 * 13.23 * np.cos(2 * frame.alpha)) / (1 + 3 * 13.23)
     assert float(frame.restitution_factor) == pytest.approx(float(theirs), abs=1e-12)
     ratio = np.r_[np.linspace(0.1, printed - 0.001, 63), printed + 0.001]
-    peaks = rj.peak_responses(frame, pulse(ratio * float(frame.g), T_p), options=rj.Options(outputs=("peak_rotation",)))
+    peaks = rj.peak_responses(
+        frame, pulse(ratio * float(frame.g), T_p), options=rj.Options(outputs=("peak_rotation",))
+    )
     assert np.asarray(peaks.overturned).tolist() == 63 * [False] + [True]

@@ -87,7 +87,9 @@ def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
     assert said["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
     assert said["overturn_time"] is None
     # Options go before the file, here the other set and its second motion, an acceleration and the columns.
-    code, out, _ = run("response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c")
+    code, out, _ = run(
+        "response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c"
+    )
     assert code == 0
     assert "peak rotation" in out
     c = attributes("c.nc")
@@ -123,7 +125,9 @@ def test_a_scene_without_an_answer_is_one(run, tmp_path):
 
 
 def test_a_spectrum_of_a_file(run, tmp_path):
-    code, out, err = run("spectrum", PROBLEMS / "spectrum.toml", "--points", 5, "--T-s", "0", "--verbose", "-o", "a")
+    code, out, err = run(
+        "spectrum", PROBLEMS / "spectrum.toml", "--points", 5, "--T-s", "0", "--verbose", "-o", "a"
+    )
     assert code == 0
     assert "1 podiums × 5 frequencies × 5 accelerations: 25 scenes" in err
     assert "programs in" in err
@@ -134,7 +138,9 @@ def test_a_spectrum_of_a_file(run, tmp_path):
     assert float(data["eta_over_gamma"][0]) == 5.0
     podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
     options = rj.Options(outputs=("peak_rotation",))
-    one = rj.rocking_spectrum(podium, rj.OneSine, data["frequency_ratio"], data["acceleration_ratio"], options=options)
+    one = rj.rocking_spectrum(
+        podium, rj.OneSine, data["frequency_ratio"], data["acceleration_ratio"], options=options
+    )
     np.testing.assert_array_equal(data["peak_rotation"].squeeze(), one["peak_rotation"])
     assert sorted(os.listdir()) == ["a-overturning.png", "a-rotation.png", "a.nc"]
 
@@ -147,7 +153,9 @@ def panels(*arguments, table=None):
     context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
     names = list(_options.Panels().values())
     flags = _options.Panels(**{name: context.params[name] for name in names})
-    flags.given = frozenset(name for name in names if context.get_parameter_source(name).name == "COMMANDLINE")
+    flags.given = frozenset(
+        name for name in names if context.get_parameter_source(name).name == "COMMANDLINE"
+    )
     given = _given.Given("spectrum", None, flags)
     given.table = table or {}
     return given.panels(flags)
@@ -169,7 +177,9 @@ def test_panels_are_what_options_and_file_say():
     (podium,), ratios, periods, _ = panels(table=block)
     assert podium.superstructure is None
     assert (ratios, periods) == ([0.0], [0.0])
-    assert float(panels("--R", 3, "--tan-alpha", 0.1, table=block).podiums[0].alpha) == pytest.approx(math.atan(0.1))
+    assert float(panels("--R", 3, "--tan-alpha", 0.1, table=block).podiums[0].alpha) == pytest.approx(
+        math.atan(0.1)
+    )
     many = panels("--gamma", 4, "--eta-over-gamma", "1,2", table=block)
     assert [float(podium.eta) for podium in many.podiums] == [4, 8]
 
@@ -181,8 +191,14 @@ WRONG = [
     ("spectrum worse.toml", "worse.toml: spektrum: is not known; known are structure, motions"),
     ("overturning points.toml", "points.toml: overturning.points: must be a whole number ≥ 2, got -3"),
     ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
-    ("response good.toml --motion c", "response.motion: must name a set under [motions], got 'c'; there are a, b"),
-    ("response good.toml --motion a", "motions.a: holds 2 motions: which? ([response] number, or --number, 1 to 2)"),
+    (
+        "response good.toml --motion c",
+        "response.motion: must name a set under [motions], got 'c'; there are a, b",
+    ),
+    (
+        "response good.toml --motion a",
+        "motions.a: holds 2 motions: which? ([response] number, or --number, 1 to 2)",
+    ),
     ("response good.toml --motion a --number 3", "there is no number 3"),
     ("response good.toml --motion a --T-p 2", "which --T-p cannot change one by one"),
     ("response good.toml --motion b --scale 2", "motions.b: holds a pulse; --scale has no meaning for it"),
@@ -191,15 +207,24 @@ WRONG = [
     ("response --alpha 0.1 --tan-alpha 0.1", "--tan-alpha and --alpha: give one of them"),
     ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p: give one of them"),
     ("response --width 0.4", "--height is missing: dimensions need --width, --height and --column-mass"),
-    ("response --width 0.4 --R 2", "--R and --width: give the structure by ratios or by dimensions, not both"),
+    (
+        "response --width 0.4 --R 2",
+        "--R and --width: give the structure by ratios or by dimensions, not both",
+    ),
     ("response --restitution lawless", "restitution must be 'paper', 'compatible' or a factor"),
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
     ("response --T-p -1", "motion.T_p: must be > 0, got -1.0"),
     ("response --tan-alpha -0.15", "structure.tan_alpha: must be a number > 0, got -0.15"),
     ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
     ("response list.toml", "list.toml: structure.R: must be a number > 0, got [1.0, 2.0]"),
-    ("response steps.toml --motion b", "steps.toml with --motion: options.stride: must be a number > 0, got '0.5'"),
-    ("spectrum turned.toml", "turned.toml: spectrum.frequency_ratio: must be two numbers [lowest, highest] with 0 <"),
+    (
+        "response steps.toml --motion b",
+        "steps.toml with --motion: options.stride: must be a number > 0, got '0.5'",
+    ),
+    (
+        "spectrum turned.toml",
+        "turned.toml: spectrum.frequency_ratio: must be two numbers [lowest, highest] with 0 <",
+    ),
     ("design goals.toml", "goals.toml: targets[0].limit: must be a number > 0, got '0.4'"),
     ("spectrum --frequency 8 1", "--frequency: must have 0 < lowest < highest, got 8 and 1"),
     ("spectrum --acceleration 12 1", "--acceleration: must have 0 <= lowest < highest, got 12 and 1"),
@@ -211,11 +236,23 @@ WRONG = [
     ("response -o data.mat", "--output data.mat: .mat is not written here"),
     ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
     ("design", "design: needs a problem file (TOML), or --example column"),
-    ("design --example table", "--example: must be one of column, fragility, response, risk, spectrum, sweep, got 'table'"),
-    ("response good.toml --example response", "--example: stands for a problem file; good.toml is one already"),
-    ("sweep --axis tan_alpha=-0.1,0.2", "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0.1"),
+    (
+        "design --example table",
+        "--example: must be one of column, fragility, response, risk, spectrum, sweep, got 'table'",
+    ),
+    (
+        "response good.toml --example response",
+        "--example: stands for a problem file; good.toml is one already",
+    ),
+    (
+        "sweep --axis tan_alpha=-0.1,0.2",
+        "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0.1",
+    ),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
-    ("response --record record.txt", "record.txt: does not say in what units; give units (on the command line --units)"),
+    (
+        "response --record record.txt",
+        "record.txt: does not say in what units; give units (on the command line --units)",
+    ),
     ("response --record record.txt --units ft", "'ft' is not one of 'g', 'm/s2'"),
     ("response --record record.txt --T-p 2", "--record and --T-p: give a pulse or a record, not both"),
     ("response --units g", "--units: is of a record; give --record FILE"),
@@ -263,7 +300,11 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
         ("list", GOOD.replace("R = 1.0", "R = [1.0, 2.0]")),
         ("steps", GOOD + '[options]\nstride = "0.5"\n'),
         ("turned", GOOD + "[spectrum]\nfrequency_ratio = [8.0, 1.0]\n"),
-        ("goals", GOOD + '[vary]\nR = [1.0, 2.0]\n[[targets]]\nkind = "peak-rotation"\nlimit = "0.4"\nmotions = "a"\n'),
+        (
+            "goals",
+            GOOD
+            + '[vary]\nR = [1.0, 2.0]\n[[targets]]\nkind = "peak-rotation"\nlimit = "0.4"\nmotions = "a"\n',
+        ),
     ):
         (tmp_path / f"{name}.toml").write_text(text)
     (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
@@ -354,7 +395,12 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
 @pytest.mark.slow
 def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     """The example with fewer records and levels, and then the same records from files."""
-    text = (PROBLEMS / "fragility.toml").read_text().replace("synthetic = 20", "synthetic = 5").replace("15.0", "8.0")
+    text = (
+        (PROBLEMS / "fragility.toml")
+        .read_text()
+        .replace("synthetic = 20", "synthetic = 5")
+        .replace("15.0", "8.0")
+    )
     (tmp_path / "small.toml").write_text(text.replace('["alpha", "gamma"]', "[]"))
     few = ("--levels", 3, "--intensity", 0.3, 0.9)
     code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
@@ -374,7 +420,9 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     for name in said["files"][1:]:
         (tmp_path / name).unlink()
     assert run("plot", "a.nc")[0] == 0
-    assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [picture[:8] for picture in drawn]
+    assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [
+        picture[:8] for picture in drawn
+    ]
     # With slopes of each capacity, here put in by hand, that of the median is said and written.
     analysis["sensitivity"] = ("parameter", "record"), np.array([[1.0] * 5, [-0.5] * 5])
     analysis = analysis.assign_coords(parameter=["alpha", "gamma"])
@@ -383,7 +431,9 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
         patch.setattr(rj, "incremental_dynamic_analysis", lambda *_, **given: asked.append(given) or analysis)
         code, out, err = run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d")
         assert code == 0, err
-        said = json.loads(run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1])
+        said = json.loads(
+            run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1]
+        )
     assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
     expected = rj.fragility(analysis, confidence=None)["median_sensitivity"].values
     assert expected[0] == pytest.approx(-2 * expected[1])
@@ -428,7 +478,8 @@ def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
 
 def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     (tmp_path / "p.toml").write_text(
-        '[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "alpha"\n'
+        "[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "
+        '"alpha"\n'
     )
 
     monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops(3)))
@@ -443,7 +494,17 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     assert "wrote d-convergence.png" in out
 
 
-COMMANDS = ("spectrum", "overturning", "response", "fragility", "design", "motions", "synthetic", "plot", "cache")
+COMMANDS = (
+    "spectrum",
+    "overturning",
+    "response",
+    "fragility",
+    "design",
+    "motions",
+    "synthetic",
+    "plot",
+    "cache",
+)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -486,9 +547,14 @@ def test_examples_survive_80_columns(run, monkeypatch, name):
 
 def test_no_colour_means_no_codes():
     for variables, coded in (({}, True), ({"NO_COLOR": "1"}, False)):
-        environment = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | {"FORCE_COLOR": "1"}
+        environment = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | {
+            "FORCE_COLOR": "1"
+        }
         done = subprocess.run(
-            [sys.executable, "-m", "rockjax", "--help"], capture_output=True, text=True, env=environment | variables
+            [sys.executable, "-m", "rockjax", "--help"],
+            capture_output=True,
+            text=True,
+            env=environment | variables,
         )
         assert "Rocking podium structures" in done.stdout
         assert ("\x1b[" in done.stdout) is coded
@@ -512,7 +578,11 @@ def test_version_and_completion(run, monkeypatch):
         ("rockjax response --restitution comp", "compatible"),
         ("rockjax fragility --meas", "--measure"),
     ):
-        environment = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1), "_ROCKJAX_COMPLETE": "complete_bash"}
+        environment = {
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(line.split()) - 1),
+            "_ROCKJAX_COMPLETE": "complete_bash",
+        }
         result = RUN.invoke(app, [], prog_name="rockjax", env=environment)
         assert words in result.output.split(), result.output
 
@@ -549,7 +619,9 @@ def modules_of(command):
     environment = os.environ | {"PYTHONPROFILEIMPORTTIME": "1"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert done.returncode == 0, done.stderr
-    return {line.split("|")[-1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    return {
+        line.split("|")[-1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")
+    }
 
 
 def test_every_public_name_is_there():
@@ -581,7 +653,18 @@ def test_a_response_of_the_example(run):
 @pytest.mark.slow
 def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     prefix = tmp_path / "study"
-    flags = ["--points", "9", "--T-s", "0", "--eta-over-gamma", "1,5", "--sensitivities", "alpha", "-o", str(prefix)]
+    flags = [
+        "--points",
+        "9",
+        "--T-s",
+        "0",
+        "--eta-over-gamma",
+        "1,5",
+        "--sensitivities",
+        "alpha",
+        "-o",
+        str(prefix),
+    ]
     result = RUN.invoke(app, ["overturning", *flags])
     assert result.exit_code == 0, result.output
     data = xarray.load_dataset(f"{prefix}.nc")
@@ -590,7 +673,9 @@ def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     assert (data["T_s"].attrs["units"], data["eta_over_gamma"].attrs["units"]) == ("s", "1")
     podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Rigid(50.0))
     one = data.sel(eta_over_gamma=5.0, T_s=0.0).isel(frequency_ratio=2)
-    exact = float(rj.overturning_acceleration(podium, rj.Ricker, float(one["T_p"]))) / (float(podium.g) * 0.15)
+    exact = float(rj.overturning_acceleration(podium, rj.Ricker, float(one["T_p"]))) / (
+        float(podium.g) * 0.15
+    )
     assert float(one["minimum"]) == pytest.approx(exact, rel=1e-10)
     for suffix in ("boundaries", "sensitivity"):
         assert (tmp_path / f"study-{suffix}.png").read_bytes().startswith(b"\x89PNG")
@@ -618,7 +703,8 @@ def test_chart_of_the_slimmest_safe_column(method):
     chart = optimise.design_chart(block, ("alpha", (0.05, 0.4)), rj.Ricker, 3.0, T_p, method=method, scans=3)
     least = chart["least_safe"].values[0]
     safe, fallen = (
-        rj.peak_responses(block.replace(alpha=least * side), rj.Ricker(3.0, T_p)).overturned for side in (1 + 1e-7, 1 - 1e-7)
+        rj.peak_responses(block.replace(alpha=least * side), rj.Ricker(3.0, T_p)).overturned
+        for side in (1 + 1e-7, 1 - 1e-7)
     )
     assert not np.any(safe)
     assert np.all(fallen)

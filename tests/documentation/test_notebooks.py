@@ -37,7 +37,9 @@ def test_notebooks_run(notebook, tmp_path, monkeypatch):
         assert plt.get_fignums()
         for number in plt.get_fignums():
             for ax in plt.figure(number).axes:
-                assert ax.get_xlabel() or ax.get_ylabel() or not ax.axison, f"figure {number} has axes without a name"
+                assert ax.get_xlabel() or ax.get_ylabel() or not ax.axison, (
+                    f"figure {number} has axes without a name"
+                )
     finally:
         plt.close("all")
 

@@ -106,4 +106,6 @@ def test_versions_agree():
     import rockjax
 
     for page in ("CITATION.cff", "docs/citing.md"):
-        assert set(re.findall(r"version\W+([\d.]+\d)", (ROOT / page).read_text())) - {"1.2.0"} == {rockjax.__version__}
+        assert set(re.findall(r"version\W+([\d.]+\d)", (ROOT / page).read_text())) - {"1.2.0"} == {
+            rockjax.__version__
+        }

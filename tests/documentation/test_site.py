@@ -61,7 +61,8 @@ def test_signatures_have_one_parameter_a_line():
     assert one_a_line("()") == "()"
     assert one_a_line("(podium: Podium) -> dict[str, int]") == "(podium: Podium) -> dict[str, int]"
     whole = (
-        """(vary: tuple[str, tuple[float, float]], *, rule: str = "a, (b", make: Callable[[Any, Any], X]) -> tuple[A, B]"""
+        '(vary: tuple[str, tuple[float, float]], *, rule: str = "a, (b", '
+        "make: Callable[[Any, Any], X]) -> tuple[A, B]"
     )
     assert one_a_line(whole).splitlines() == [
         "(",
@@ -80,7 +81,9 @@ def test_the_site_loads_nothing_from_elsewhere():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"!\[[^\]]*\]\(https?://|<(?:script|iframe|img)", text), page
-        assert "```mermaid" not in text, f"{page}: mermaid is drawn by a script from a network; give a picture"
+        assert "```mermaid" not in text, (
+            f"{page}: mermaid is drawn by a script from a network; give a picture"
+        )
 
 
 def test_the_readme_on_a_package_index_points_nowhere_that_is_not_there():

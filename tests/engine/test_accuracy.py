@@ -1,4 +1,5 @@
-"""Against an independent implementation, against itself at other tolerances, and against the segments engine."""
+"""Against an independent implementation, against itself at other tolerances, and against the segments
+engine."""
 
 import itertools
 
@@ -74,7 +75,9 @@ def test_against_an_independent_implementation(truths, name, rtol, method, withi
     np.testing.assert_allclose(response.impact_times[:n], truth.impact_times[:n], atol=within)
     if isinstance(podium.superstructure, rj.Elastic):
         # the reference finds these on samples of its interpolant
-        assert float(response.peak_deformation) == pytest.approx(truth.peak_deformation, rel=max(within, 3e-7))
+        assert float(response.peak_deformation) == pytest.approx(
+            truth.peak_deformation, rel=max(within, 3e-7)
+        )
         assert float(response.peak_shear) == pytest.approx(truth.peak_shear, rel=max(within, 3e-7))
 
 
@@ -83,7 +86,9 @@ def test_against_an_independent_implementation(truths, name, rtol, method, withi
 def test_error_falls_with_the_tolerance(name, method):
     podium, motion = SCENES[name]
     wanted = ("peak_rotation",)
-    best = float(rj.peak_response(podium, motion, options=options(1e-13, "dopri8", outputs=wanted)).peak_rotation)
+    best = float(
+        rj.peak_response(podium, motion, options=options(1e-13, "dopri8", outputs=wanted)).peak_rotation
+    )
     tolerances = 10.0 ** np.arange(-4, -12.5, -1)
     errors, steps = [], []
     for rtol in tolerances:
@@ -107,7 +112,9 @@ def test_breakpoints_cost_no_order(name):
     best = rj.peak_response(podium, motion, options=options(1e-13, "dopri8"))
     fine = rj.peak_response(podium, motion, options=options(1e-11, "tsit5"))
     for quantity in ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time"):
-        assert float(getattr(fine, quantity)) == pytest.approx(float(getattr(best, quantity)), rel=1e-9, abs=1e-10)
+        assert float(getattr(fine, quantity)) == pytest.approx(
+            float(getattr(best, quantity)), rel=1e-9, abs=1e-10
+        )
 
 
 @pytest.mark.parametrize(
@@ -139,16 +146,24 @@ def test_segments_engine_agrees(name, method):
     assert float(peak.peak_rotation) == pytest.approx(float(flat.peak_rotation), abs=within)
 
 
-@pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s", "light top, record", "block, cosine with jumps"])
+@pytest.mark.parametrize(
+    "name", ["rigid, Ricker", "T_s = 0.5 s", "light top, record", "block, cosine with jumps"]
+)
 def test_peak_response_is_simulate_without_history(name):
     podium, motion = SCENES[name]
-    """To the tolerance of the solve: without a history, full contact is crossed instead of stepped through."""
+    """To the tolerance of the solve: without a history, full contact is crossed, not stepped through."""
     response = rj.simulate(podium, motion, options=options(1e-9))
     peak = rj.peak_response(podium, motion, options=options(1e-9))
     for quantity in ("peak_rotation", "peak_deformation", "peak_shear", "uplift_time", "peak_rotation_time"):
-        assert float(getattr(peak, quantity)) == pytest.approx(float(getattr(response, quantity)), rel=1e-8, abs=1e-9)
+        assert float(getattr(peak, quantity)) == pytest.approx(
+            float(getattr(response, quantity)), rel=1e-8, abs=1e-9
+        )
     # Counted to the end, or not at all.
-    assert np.isnan(peak.impacts) if peak.result == rj.RESULTS.settled else int(peak.impacts) == int(response.impacts)
+    assert (
+        np.isnan(peak.impacts)
+        if peak.result == rj.RESULTS.settled
+        else int(peak.impacts) == int(response.impacts)
+    )
     assert ("not counted to the end" in repr(peak)) is bool(np.isnan(peak.impacts))
     assert f"impacts          {int(response.impacts)}" in repr(response)
     assert int(peak.stats.steps) <= int(response.stats.steps)
@@ -157,9 +172,12 @@ def test_peak_response_is_simulate_without_history(name):
 
 
 @pytest.mark.parametrize("outputs", [("peak_rotation",), ("peak_deformation",), ("peak_shear",)])
-@pytest.mark.parametrize("name", ["T_s = 0.1 s", "T_s = 0.5 s", "T_s = 1 s", "rigid, Ricker", "light top, record"])
+@pytest.mark.parametrize(
+    "name", ["T_s = 0.1 s", "T_s = 0.5 s", "T_s = 1 s", "rigid, Ricker", "light top, record"]
+)
 def test_certificate_changes_nothing(name, outputs):
-    """A scene that ends settled gives what it gives when run to the end, within the tolerance: landings differ."""
+    """A scene that ends settled gives what it gives when run to the end, within the tolerance: landings
+    differ."""
     podium, motion = SCENES[name]
     whole = rj.simulate(podium, motion, options=options(1e-9))
     early = rj.peak_response(podium, motion, options=options(1e-9, outputs=outputs))
@@ -200,7 +218,8 @@ def test_history_on_both_sides_of_an_impact(name):
 
 @pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s"])
 def test_energy_balance(name):
-    """After the pulse: constant but for the damper between impacts, and at each impact what Eq. (27) takes."""
+    """After the pulse: constant but for the damper between impacts, and at each impact what Eq. (27)
+    takes."""
     podium, motion = SCENES[name]
     if isinstance(podium.superstructure, rj.Elastic):
         podium = podium.replace(superstructure=rj.Elastic(100.0, 0.5, 0.0))

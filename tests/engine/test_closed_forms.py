@@ -73,7 +73,14 @@ def test_free_rocking_impacts_by_quadrature(name):
         (block(0.2, 0.6), rj.HalfSine, 1.0, 0.5, 0.65, 0.574724),
         (block(0.5, 1.5), rj.OneCosine, 1.0, 0.60, 0.66, 0.625845),
         (block(0.5, 1.5, restitution=0.85), rj.OneSine, 1.0, 0.45, 0.48, 0.468727),
-        (rj.Podium(alpha=math.radians(15), R=0.75 * 9.81 / 4, g=9.81), rj.OneCosine, 2.0, 0.30, 0.33, 0.315034),
+        (
+            rj.Podium(alpha=math.radians(15), R=0.75 * 9.81 / 4, g=9.81),
+            rj.OneCosine,
+            2.0,
+            0.30,
+            0.33,
+            0.315034,
+        ),
     ],
     ids=["half-sine", "one-cosine", "one-sine", "one-cosine p=2"],
 )
@@ -95,7 +102,8 @@ def test_safe_windows_between_overturning():
 
 
 def test_section_4_of_the_paper():
-    """Its own equations give 2.89 and 0.458 where it prints 3.5 and 0.29; T_p = 0.80 s gives 3.47 and 0.290."""
+    """Its own equations give 2.89 and 0.458 where it prints 3.5 and 0.29; T_p = 0.80 s gives 3.47 and
+    0.290."""
     podium = PODIUMS["rigid"]
     ratio = np.linspace(2.5, 4.0, 1501)
     for T_p, least, rotation in ((1.0, 2.89, 0.458), (0.80, 3.47, 0.290)):
@@ -104,7 +112,9 @@ def test_section_4_of_the_paper():
         assert peaks.peak_rotation[0] == pytest.approx(rotation, abs=6e-4)
 
 
-@pytest.mark.parametrize("motion", [pulse(), pulse(rj.OneCosine, 1.6), shaking(200)], ids=["Ricker", "cosine", "record"])
+@pytest.mark.parametrize(
+    "motion", [pulse(), pulse(rj.OneCosine, 1.6), shaking(200)], ids=["Ricker", "cosine", "record"]
+)
 def test_a_frame_rocks_like_its_equivalent_block(motion):
     frame = PODIUMS["rigid"]
     a = rj.peak_response(frame, motion, options=OPTIONS)
@@ -139,9 +149,10 @@ def test_elastic_contact_is_a_linear_oscillator():
 
 @pytest.mark.slow
 def test_derivatives_of_linearised_rocking():
-    """Forty impacts of slender blocks, α = 1e-6, from bouncing (θ₀ ≪ α) to wide swings, under a constant push κ g tan α:
-    between impacts φ'' = φ − (1 + σκ) in φ = |θ|/α and time 1/p, so a half swing of speed v lasts 2 arcosh(w/√(w² − v²)),
-    w = 1 + σκ, and v goes on as e v. Times of impacts and their derivatives by R, φ₀, e and κ, to 1e-9."""
+    """Forty impacts of slender blocks, α = 1e-6, from bouncing (θ₀ ≪ α) to wide swings, under a constant push
+    κ g tan α: between impacts φ'' = φ − (1 + σκ) in φ = |θ|/α and time 1/p, so a half swing of speed v lasts
+    2 arcosh(w/√(w² − v²)), w = 1 + σκ, and v goes on as e v. Times of impacts and their derivatives by R, φ₀,
+    e and κ, to 1e-9."""
     alpha, impacts = 1e-6, 40
 
     def exact(y):
@@ -179,7 +190,8 @@ def test_derivatives_of_linearised_rocking():
 
 @pytest.mark.slow
 def test_peak_gradients_at_thirty_digits():
-    """Against a Taylor integrator with saltation matrices, which writes the table (tests/saltation.py), to 1e-8."""
+    """Against a Taylor integrator with saltation matrices, which writes the table (tests/saltation.py), to
+    1e-8."""
     table = json.loads(saltation.TABLE.read_text())
     assert table.keys() == saltation.SCENES.keys()
     for name, scene in table.items():
@@ -188,7 +200,9 @@ def test_peak_gradients_at_thirty_digits():
         def peak(y, kind=getattr(rj, scene["pulse"])):
             podium, start = rj.Podium(y[0], y[1], restitution=y[2]), rj.State(y[5], y[6])
             fine = options(1e-13, "dopri8", outputs=("peak_rotation",))
-            return rj.peak_response(podium, kind(y[3], y[4]), initial=start, t_end=2.6, options=fine).peak_rotation
+            return rj.peak_response(
+                podium, kind(y[3], y[4]), initial=start, t_end=2.6, options=fine
+            ).peak_rotation
 
         y = jnp.array([float(scene[key]) for key in saltation.PARAMETERS])
         value, gradient = jax.jit(jax.value_and_grad(peak))(y)

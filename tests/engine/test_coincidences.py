@@ -1,7 +1,8 @@
 """Events, breakpoints and ends that coincide but for rounding: answers and derivatives are continuous there.
 
-Each scene is one vmapped batch over the distance between the two, in units in the last place and beyond. Where the ground
-motion jumps on an impact the derivative differs from one side to the other; there it must be that of one of them.
+Each scene is one vmapped batch over the distance between the two, in units in the last place and beyond.
+Where the ground motion jumps on an impact the derivative differs from one side to the other; there it must be
+that of one of them.
 """
 
 import jax
@@ -61,10 +62,17 @@ def own_motion(kind: str):
 
 @pytest.mark.parametrize(
     "kind",
-    ["jump", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("kink", "OneSine", "HalfSine", "OneCosine"))],
+    [
+        "jump",
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("kink", "OneSine", "HalfSine", "OneCosine")
+        ),
+    ],
 )
 def test_an_impact_on_a_breakpoint(kind):
-    """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40 %."""
+    """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40
+    %."""
     motion = own_motion(kind)
     y = jnp.array([0.3, 2.0, 0.93, 1.0, 0.05, 1.0])
 
@@ -101,7 +109,8 @@ def test_the_end_on_a_sample_or_the_end_of_the_motion():
 
 @pytest.mark.slow
 def test_the_end_on_an_uplift():
-    """Deformation and shear still grow at the uplift: what they have reached at the end moves with the end."""
+    """Deformation and shear still grow at the uplift: what they have reached at the end moves with the
+    end."""
     y = jnp.array([0.2, 2.0, 0.93, 3.0, 10.0, 0.4, 1.0])
     o = options(1e-12, "dopri8", throw=False)
 
@@ -141,8 +150,8 @@ def test_an_uplift_on_a_sample(after):
 
 
 def test_the_end_before_the_first_uplift():
-    """A record under an elastic superstructure, cut between two samples: where nothing but the rotation was asked for,
-    panels were crossed past the end, and the scene ran out of steps."""
+    """A record under an elastic superstructure, cut between two samples: where nothing but the rotation was
+    asked for, panels were crossed past the end, and the scene ran out of steps."""
     podium = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5))
     o = rj.Options(outputs=("peak_rotation",), max_steps=1000)
     ends = np.array([0.01, 0.02, 0.315, 0.5, 0.611, 0.9])

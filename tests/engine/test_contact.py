@@ -32,9 +32,9 @@ def start(podium, motion, outputs=ROTATION):
 def stepped_to(scene, plan, lane, t):
     """The same by Runge–Kutta steps, not ended by any certificate."""
     scene, plan = scene._replace(end=t), dataclasses.replace(plan, to_the_end=True)
-    return jax.jit(lambda lane: jax.lax.while_loop(lambda y: runs(y, 100_000), lambda y: step(scene, plan, y)[0], lane))(
-        lane
-    )
+    return jax.jit(
+        lambda lane: jax.lax.while_loop(lambda y: runs(y, 100_000), lambda y: step(scene, plan, y)[0], lane)
+    )(lane)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,8 @@ def stepped_to(scene, plan, lane, t):
     ],
 )
 def test_panels_are_exact(T_s, zeta, motion):
-    """Against high-accuracy steps, from stiff to soft, for smooth pulses, one that starts with a jump, and records."""
+    """Against high-accuracy steps, from stiff to soft, for smooth pulses, one that starts with a jump, and
+    records."""
     scene, plan, lane = start(elastic(T_s, zeta=zeta), motion)
     crossed = jax.jit(lambda lane: cross_full_contact(scene, plan, lane))(lane)
     assert float(crossed.t) > float(lane.t)
@@ -81,7 +82,9 @@ def test_a_stiff_superstructure_costs_nothing_before_uplift(monkeypatch):
 def test_scenes_that_never_lift_are_over_in_a_few_steps():
     for T_s in (0.01, 0.1, 1.0):
         podium = elastic(T_s)
-        peak = rj.peak_response(podium, rj.Ricker(WEAK * UP / 10, 1.0), options=options(1e-9, outputs=ROTATION))
+        peak = rj.peak_response(
+            podium, rj.Ricker(WEAK * UP / 10, 1.0), options=options(1e-9, outputs=ROTATION)
+        )
         assert not bool(peak.uplifted)
         assert peak.result == rj.RESULTS.settled
         assert int(peak.stats.steps) < 60
@@ -136,8 +139,12 @@ def test_interpolation(degree):
     rng = np.random.default_rng(0)
     polynomial = rng.normal(size=degree + 1)
     values = np.polynomial.polynomial.polyval(nodes, polynomial)
-    np.testing.assert_allclose(np.stack(_combine(to_powers, jnp.asarray(values))), polynomial, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(
+        np.stack(_combine(to_powers, jnp.asarray(values))), polynomial, rtol=1e-8, atol=1e-9
+    )
     assert len(to_tail) == (0 if degree == 1 else 2)
     if degree > 1:
         exact = np.polynomial.chebyshev.poly2cheb(polynomial)[-2:]
-        np.testing.assert_allclose(np.stack(_combine(to_tail, jnp.asarray(values))), exact, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(
+            np.stack(_combine(to_tail, jnp.asarray(values))), exact, rtol=1e-7, atol=1e-9
+        )

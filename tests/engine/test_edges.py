@@ -28,13 +28,17 @@ def test_touching_the_threshold_is_not_uplift(podium):
 
 
 def test_a_slow_ground_acceleration_lifts_at_g_tan_alpha():
-    """The spring carries the top mass, whose inertia Eq. (9) counts: the demand is ten times that of the ground."""
+    """The spring carries the top mass, whose inertia Eq. (9) counts: the demand is ten times that of the
+    ground."""
     podium = elastic(0.5)
     ground = float(podium.uplift_ground_acceleration)
     assert ground == pytest.approx(G * 0.15, rel=1e-12)
     assert float(podium.uplift_acceleration) > 10 * ground
     outputs = rj.Options(outputs=("peak_rotation",))
-    peaks = [rj.peak_response(podium, rj.Ricker(ground * factor, 100.0), options=outputs) for factor in (0.999, 1.003)]
+    peaks = [
+        rj.peak_response(podium, rj.Ricker(ground * factor, 100.0), options=outputs)
+        for factor in (0.999, 1.003)
+    ]
     assert [bool(peak.uplifted) for peak in peaks] == [False, True]
     assert float(peaks[0].impacts) == 0  # never lifted, which is certain
     swaying = rj.peak_response(podium, rj.OneCosine(0.6 * ground, 10.0), options=outputs)  # jumps to it
@@ -67,7 +71,9 @@ def test_a_short_excursion_above_the_threshold_is_found():
 def test_a_lift_and_landing_inside_one_step_is_found():
     """Many tiny hops: loose and tight tolerances count the same first ones."""
     podium = elastic(0.5)
-    loose = rj.simulate(podium, pulse(), t_end=0.5, options=rj.Options(rtol=1e-4, atol=1e-6, rest_velocity=1e-8))
+    loose = rj.simulate(
+        podium, pulse(), t_end=0.5, options=rj.Options(rtol=1e-4, atol=1e-6, rest_velocity=1e-8)
+    )
     tight = rj.simulate(podium, pulse(), t_end=0.5, options=options(1e-11, "dopri8", rest_velocity=1e-8))
     assert int(loose.impacts) == int(tight.impacts)
     np.testing.assert_allclose(loose.impact_times, tight.impact_times, atol=3e-4)
@@ -95,7 +101,8 @@ def test_initial_rotation_at_the_limit_is_overturned(ratio):
 
 
 def test_past_alpha_and_back():
-    """During shaking a column can pass α and come back: overturned by the paper's criterion, not by a larger ratio."""
+    """During shaking a column can pass α and come back: overturned by the paper's criterion, not by a larger
+    ratio."""
     motion = rj.OneSine(np.linspace(1, 8, 701) * UP, 1.0)
     strict = rj.peak_responses(BLOCK, motion)
     lenient = rj.peak_responses(BLOCK, motion, options=rj.Options(overturn_ratio=3.0))
@@ -105,7 +112,9 @@ def test_past_alpha_and_back():
     assert np.all(lenient.peak_rotation[came_back] > 1)
     assert np.all(strict.overturned[lenient.overturned])
     assert np.all(strict.peak_rotation[strict.overturned] == 1.0)
-    upright = rj.peak_response(BLOCK, rj.OneSine(6.0, 3.0), options=rj.Options(overturn_ratio=math.pi / 2 / 0.3))
+    upright = rj.peak_response(
+        BLOCK, rj.OneSine(6.0, 3.0), options=rj.Options(overturn_ratio=math.pi / 2 / 0.3)
+    )
     assert bool(upright.overturned)
 
 
@@ -138,7 +147,9 @@ def test_free_rocking_ends_and_does_not_hang():
 
 def test_no_dissipation_rocks_on():
     podium = BLOCK.replace(restitution=1.0)
-    response = rj.simulate(podium, rj.Rest(), initial=rj.State(0.1), t_end=30.0, options=options(1e-11, "dopri8"))
+    response = rj.simulate(
+        podium, rj.Rest(), initial=rj.State(0.1), t_end=30.0, options=options(1e-11, "dopri8")
+    )
     assert response.result == rj.RESULTS.end_of_time
     flights = np.diff(np.asarray(response.impact_times))
     np.testing.assert_allclose(flights, flights[0], rtol=1e-7)
@@ -149,7 +160,11 @@ def test_results_converge_as_the_rest_velocity_vanishes():
     podium = elastic(1.0, eta=10.0)
     motion = pulse(ratio=3.0, T_p=0.9)
     peaks = [
-        float(rj.peak_response(podium, motion, options=options(1e-11, "dopri8", rest_velocity=rest)).peak_rotation)
+        float(
+            rj.peak_response(
+                podium, motion, options=options(1e-11, "dopri8", rest_velocity=rest)
+            ).peak_rotation
+        )
         for rest in (1e-3, 1e-5, 1e-7, 1e-12)
     ]
     errors = np.abs(np.array(peaks[:-1]) - peaks[-1])
@@ -158,7 +173,9 @@ def test_results_converge_as_the_rest_velocity_vanishes():
 
 
 def test_an_impact_on_a_breakpoint_counts_once():
-    response = rj.simulate(BLOCK, rj.Rest(), initial=rj.State(0.1), t_end=3.0, options=options(1e-12, "dopri8"))
+    response = rj.simulate(
+        BLOCK, rj.Rest(), initial=rj.State(0.1), t_end=3.0, options=options(1e-12, "dopri8")
+    )
     first = float(response.impact_times[0])
     for shift in (0.0, 1e-15, -1e-15, 1e-12, -1e-12):
         # a silent record with a sample on the impact
@@ -212,7 +229,8 @@ def test_smallest_impact_speed_is_before_the_peak():
 
 
 def test_rigid_limit_of_the_compatible_restitution():
-    """As T_s → 0 the compatible law tends to the rigid superstructure after ring-down, the paper's does not."""
+    """As T_s → 0 the compatible law tends to the rigid superstructure after ring-down, the paper's does
+    not."""
 
     def ratio(podium):
         initial = rj.State(0.5 * ALPHA, 0.0, 2 * 1.5 * (math.sin(ALPHA) - math.sin(0.5 * ALPHA)), 0.0)
@@ -231,7 +249,11 @@ def test_rigid_limit_of_the_compatible_restitution():
 
 
 def test_float32_on_purpose():
-    with jax.experimental.enable_x64(False) if hasattr(jax.experimental, "enable_x64") else jax.enable_x64(False):
+    with (
+        jax.experimental.enable_x64(False)
+        if hasattr(jax.experimental, "enable_x64")
+        else jax.enable_x64(False)
+    ):
         podium = rj.Podium(alpha=ALPHA, R=1.5, gamma=10.0, superstructure=rj.Rigid(100.0))
         with pytest.raises(ValueError, match="rtol"):
             rj.peak_response(podium, pulse())
@@ -241,9 +263,14 @@ def test_float32_on_purpose():
 
 
 def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
-    """Made with float64 and used without it, or the other way round: all entrances say which and what to do."""
+    """Made with float64 and used without it, or the other way round: all entrances say which and what to
+    do."""
     switched = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64
-    make = lambda: (rj.Podium(alpha=ALPHA, R=1.5), rj.Ricker(3.0, 1.0), rj.Record(np.sin(np.arange(50)), 0.02))
+    make = lambda: (
+        rj.Podium(alpha=ALPHA, R=1.5),
+        rj.Ricker(3.0, 1.0),
+        rj.Record(np.sin(np.arange(50)), 0.02),
+    )
     loose = rj.Options(rtol=1e-4, atol=1e-5)
 
     def entrances(podium, motion):
@@ -262,10 +289,16 @@ def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
     podium, ricker, record = make()
     with switched(False):
         single = make()
-        refused(podium, single[1], r"numbers of \w+ are float64, but jax_enable_x64 is off here.*create \w+ under")
+        refused(
+            podium, single[1], r"numbers of \w+ are float64, but jax_enable_x64 is off here.*create \w+ under"
+        )
         for motion in (ricker, record):
             refused(single[0], motion, r"numbers of \w+ are float64, but jax_enable_x64 is off here")
-    refused(single[0], ricker, r"numbers of \w+ are float32, but jax_enable_x64 is on here, so that all must be float64")
+    refused(
+        single[0],
+        ricker,
+        r"numbers of \w+ are float32, but jax_enable_x64 is on here, so that all must be float64",
+    )
     refused(podium, single[2], r"numbers of \w+ are float32")
 
 

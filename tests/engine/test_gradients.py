@@ -1,4 +1,5 @@
-"""Derivatives in both modes against finite differences of high-accuracy solutions, and against closed forms."""
+"""Derivatives in both modes against finite differences of high-accuracy solutions, and against closed
+forms."""
 
 import math
 
@@ -44,7 +45,12 @@ def differences(f, y, relative=1e-4):
 QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear", "peak_rotation_time", "uplift_time")
 CASES = {
     "elastic, Ricker": (elastic_scene, ELASTIC, rj.Ricker, 2.6),
-    "elastic, cosine with jumps": (elastic_scene, ELASTIC.at[9].set(1.6 * G * 0.15).at[10].set(0.8), rj.OneCosine, 2.6),
+    "elastic, cosine with jumps": (
+        elastic_scene,
+        ELASTIC.at[9].set(1.6 * G * 0.15).at[10].set(0.8),
+        rj.OneCosine,
+        2.6,
+    ),
     "rigid, Ricker": (rigid_scene, RIGID, rj.Ricker, 5.0),
     "rigid, cosine with jumps": (rigid_scene, RIGID.at[7].set(1.5 * G * 0.15), rj.OneCosine, 5.0),
 }
@@ -53,10 +59,15 @@ CASES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "method"),
-    [("elastic, Ricker", "dopri8"), ("elastic, cosine with jumps", "dopri8"), ("rigid, cosine with jumps", "tsit5")],
+    [
+        ("elastic, Ricker", "dopri8"),
+        ("elastic, cosine with jumps", "dopri8"),
+        ("rigid, cosine with jumps", "tsit5"),
+    ],
 )
 def test_every_number_of_structure_and_pulse(case, method):
-    """Through several impacts and re-contact: forward and reverse, within 1e-6 of finite differences; and batched."""
+    """Through several impacts and re-contact: forward and reverse, within 1e-6 of finite differences; and
+    batched."""
     scene, y, kind, t_end = CASES[case]
 
     def peaks(y, options=options(1e-10, method)):
@@ -95,7 +106,9 @@ def test_against_an_independent_solution():
 
     def ours(alpha, a_p):
         podium = PODIUMS["elastic"].replace(alpha=alpha)
-        return rj.peak_response(podium, rj.Ricker(a_p, T_p), t_end=t_end, options=options(1e-10, "dopri8")).peak_rotation
+        return rj.peak_response(
+            podium, rj.Ricker(a_p, T_p), t_end=t_end, options=options(1e-10, "dopri8")
+        ).peak_rotation
 
     a_p = 2.2 * G * 0.15
     gradient = jax.grad(ours, argnums=(0, 1))(ALPHA, a_p)
@@ -107,7 +120,8 @@ def test_against_an_independent_solution():
 
 
 def test_free_rocking_closed_form():
-    """The peak after n impacts is θ_n = α − arccos(cos α + e²ⁿ[cos(α−θ₀) − cos α]); its derivatives are known."""
+    """The peak after n impacts is θ_n = α − arccos(cos α + e²ⁿ[cos(α−θ₀) − cos α]); its derivatives are
+    known."""
     alpha, theta0, R, e = 0.3, 0.2, 2.0, 0.9
 
     def closed(alpha, theta0, e):
@@ -115,7 +129,9 @@ def test_free_rocking_closed_form():
 
     def top_of_third_excursion(alpha, theta0, e):
         podium = rj.Podium(alpha, R, restitution=e)
-        response = rj.simulate(podium, rj.Rest(), initial=rj.State(theta0), t_end=5.0, options=options(1e-11, "dopri8"))
+        response = rj.simulate(
+            podium, rj.Rest(), initial=rj.State(theta0), t_end=5.0, options=options(1e-11, "dopri8")
+        )
         # between the second and the third impact; the top is where θ̇ = 0, so its time need not be exact
         middle = jax.lax.stop_gradient(0.5 * (response.impact_times[1] + response.impact_times[2]))
         return jnp.abs(response(middle).theta)
@@ -168,11 +184,15 @@ def test_initial_state_through_559_impacts():
 
     def peak(y, options=options(1e-10, "dopri8")):
         initial = rj.State(y[0], y[1], y[2], y[3])
-        return rj.peak_response(podium, rj.Ricker(2.0, 1.0), initial=initial, t_end=1.8, options=options).peak_rotation
+        return rj.peak_response(
+            podium, rj.Ricker(2.0, 1.0), initial=initial, t_end=1.8, options=options
+        ).peak_rotation
 
     y = jnp.array([0.01, 0.01, 0.01, 0.02])
     assert 0.1 < float(peak(y)) < 0.9
-    response = rj.simulate(podium, rj.Ricker(2.0, 1.0), initial=rj.State(*y), t_end=1.8, options=options(1e-12, "dopri8"))
+    response = rj.simulate(
+        podium, rj.Ricker(2.0, 1.0), initial=rj.State(*y), t_end=1.8, options=options(1e-12, "dopri8")
+    )
     assert int(response.impacts) > 400
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
@@ -218,7 +238,9 @@ def test_all_samples_of_a_record(name, method):
         assert float(gradient @ direction) == pytest.approx(numeric, rel=1e-6, abs=1e-9)
     forward = jax.jit(lambda d: jax.jvp(peak, (samples,), (d,))[1])(direction)
     assert float(forward) == pytest.approx(float(gradient @ direction), rel=1e-8)
-    scale = jax.grad(lambda s: rj.peak_response(podium, rj.Record(samples, record.dt, s), options=o).peak_rotation)(1.0)
+    scale = jax.grad(
+        lambda s: rj.peak_response(podium, rj.Record(samples, record.dt, s), options=o).peak_rotation
+    )(1.0)
     assert float(scale) == pytest.approx(float(gradient @ samples), rel=1e-7)
 
 
@@ -255,13 +277,16 @@ def test_history_can_be_differentiated():
     a_p = 2.5 * G * 0.15
     forward, reverse = jax.jacfwd(rotation)(a_p), jax.jacrev(rotation)(a_p)
     h = 1e-4
-    numeric = (8 * (rotation(a_p + h) - rotation(a_p - h)) - (rotation(a_p + 2 * h) - rotation(a_p - 2 * h))) / (12 * h)
+    numeric = (
+        8 * (rotation(a_p + h) - rotation(a_p - h)) - (rotation(a_p + 2 * h) - rotation(a_p - 2 * h))
+    ) / (12 * h)
     np.testing.assert_allclose(forward, numeric, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
 def test_grazing_and_hopeless_scenes_give_finite_derivatives():
-    """Near grazing impacts derivatives grow; they are never NaN. Nor are they for scenes that never lift, or overturn."""
+    """Near grazing impacts derivatives grow; they are never NaN. Nor are they for scenes that never lift, or
+    overturn."""
     for name in ("rigid", "elastic"):
         podium = PODIUMS[name]
 
@@ -278,7 +303,11 @@ def test_grazing_and_hopeless_scenes_give_finite_derivatives():
 
 def test_gradients_under_jit_and_vmap_are_the_same():
     podium = PODIUMS["rigid"]
-    f = lambda alpha: rj.peak_response(podium.replace(alpha=alpha), rj.Ricker(3.3, 1.0), options=options(1e-9)).peak_rotation
+    f = lambda alpha: (
+        rj.peak_response(
+            podium.replace(alpha=alpha), rj.Ricker(3.3, 1.0), options=options(1e-9)
+        ).peak_rotation
+    )
     alphas = jnp.array([0.14, 0.15, 0.16])
     one_by_one = [float(jax.grad(f)(a)) for a in alphas]
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(f)))(alphas), one_by_one, rtol=1e-7)
@@ -291,4 +320,6 @@ def test_second_derivatives_are_refused():
         jax.grad(jax.grad(f))(3.0)
     o = rj.Options(engine="segments")
     with pytest.raises(NotImplementedError, match="engine='flat'"):
-        jax.grad(lambda a: rj.peak_response(PODIUMS["rigid"], rj.Ricker(a, 1.0), options=o).peak_rotation)(3.0)
+        jax.grad(lambda a: rj.peak_response(PODIUMS["rigid"], rj.Ricker(a, 1.0), options=o).peak_rotation)(
+            3.0
+        )

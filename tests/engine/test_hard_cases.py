@@ -1,4 +1,5 @@
-"""Hard cases, each with its expected outcome; the first words of each docstring are its row in docs/stress.md."""
+"""Hard cases, each with its expected outcome; the first words of each docstring are its row in
+docs/stress.md."""
 
 import math
 
@@ -15,10 +16,13 @@ UP = float(BLOCK.uplift_acceleration)
 ENDED = (rj.RESULTS.settled, rj.RESULTS.end_of_time, rj.RESULTS.overturned)
 
 
-@pytest.mark.parametrize("podium", [BLOCK, PODIUMS["rigid"], elastic(0.5, eta=0.0)], ids=["block", "rigid", "elastic"])
+@pytest.mark.parametrize(
+    "podium", [BLOCK, PODIUMS["rigid"], elastic(0.5, eta=0.0)], ids=["block", "rigid", "elastic"]
+)
 @pytest.mark.parametrize("kind", [rj.Ricker, rj.OneSine, rj.OneCosine])
 def test_amplitude_at_uplift(podium, kind):
-    """Amplitude at uplift times 1 ± 1e-12: at and below it never lifts, above it the rotation is under 1e-9 α."""
+    """Amplitude at uplift times 1 ± 1e-12: at and below it never lifts, above it the rotation is under 1e-9
+    α."""
     up = float(podium.uplift_acceleration)
     for factor in (1 - 1e-12, 1.0, 1 + 1e-12):
         peak = rj.peak_response(podium, kind(up * factor, 0.9))
@@ -33,7 +37,8 @@ def test_amplitude_at_uplift(podium, kind):
 
 @pytest.mark.filterwarnings("ignore::rockjax.PlausibilityWarning")  # so weak a pulse lifts by resonance
 def test_tangent_uplift():
-    """Tangent uplift: where the demand of Eq. (9) only just reaches the threshold, the rotation starts from zero."""
+    """Tangent uplift: where the demand of Eq. (9) only just reaches the threshold, the rotation starts from
+    zero."""
     podium = elastic(0.6, eta=20.0)
     lifts = lambda a: np.asarray(rj.peak_responses(podium, rj.Ricker(a, 0.8)).uplifted)
     lo, hi = 0.1, 40.0
@@ -43,7 +48,8 @@ def test_tangent_uplift():
         lo, hi = a[k - 1], a[k]
     assert hi - lo < 1e-9
     below, above, well = (
-        rj.peak_response(podium, rj.Ricker(a, 0.8)) for a in (lo * (1 - 1e-9), hi * (1 + 1e-9), hi * (1 + 1e-6))
+        rj.peak_response(podium, rj.Ricker(a, 0.8))
+        for a in (lo * (1 - 1e-9), hi * (1 + 1e-9), hi * (1 + 1e-6))
     )
     assert float(below.peak_rotation) == 0.0
     assert bool(above.uplifted)
@@ -51,11 +57,13 @@ def test_tangent_uplift():
 
 
 def test_grazing_impact():
-    """Grazing impact: the columns come down with no speed left; the answer is continuous through it, to the square root
-    of the distance, and none is NaN."""
+    """Grazing impact: the columns come down with no speed left; the answer is continuous through it, to the
+    square root of the distance, and none is NaN."""
     motion = rj.HalfSine(-2.5 * UP, 2.0)  # pushes back up while it lasts
     state = lambda speed: rj.State(0.05, -speed)
-    solve = lambda speed: rj.simulate(BLOCK, motion, initial=state(speed), t_end=0.6, options=options(1e-11, "dopri8"))
+    solve = lambda speed: rj.simulate(
+        BLOCK, motion, initial=state(speed), t_end=0.6, options=options(1e-11, "dopri8")
+    )
     touches = lambda speed: int(solve(speed).impacts) > 0
     lo, hi = 0.01, 2.0
     assert touches(hi)
@@ -73,8 +81,8 @@ def test_grazing_impact():
 
 
 def test_impact_and_uplift_at_once():
-    """Simultaneous impact and uplift: with e = 0 under a demand above the threshold, the columns come to rest and lift
-    at the same instant, to the side that Eq. (9) says."""
+    """Simultaneous impact and uplift: with e = 0 under a demand above the threshold, the columns come to rest
+    and lift at the same instant, to the side that Eq. (9) says."""
     podium = BLOCK.replace(restitution=0.0)
     motion = rj.Record(np.full(400, 3.0 * UP), 0.01)
     response = rj.simulate(podium, motion, initial=rj.State(0.05, -0.5), t_end=0.5)
@@ -88,11 +96,16 @@ def test_impact_and_uplift_at_once():
 
 
 def test_free_rocking_to_rest():
-    """Free rocking to rest: infinitely many impacts end at the sum of their flight times, known by quadrature."""
+    """Free rocking to rest: infinitely many impacts end at the sum of their flight times, known by
+    quadrature."""
     alpha, e, p, theta0 = float(BLOCK.alpha), float(BLOCK.restitution_factor), float(BLOCK.p), 0.2
     p *= math.sqrt(1 / 0.75 / (4 / 3))  # the solitary block: p² itself
-    well = lambda th: 2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)  # cos(α−θ) − cos α, without cancellation
-    top_of = lambda height: alpha - math.acos(math.cos(alpha) + height) if height > 1e-7 else height / math.sin(alpha)
+    well = lambda th: (
+        2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)
+    )  # cos(α−θ) − cos α, without cancellation
+    top_of = lambda height: (
+        alpha - math.acos(math.cos(alpha) + height) if height > 1e-7 else height / math.sin(alpha)
+    )
 
     def quarter(top):
         def f(s):
@@ -139,16 +152,23 @@ def test_massless_beam_and_superstructure():
 
 
 def test_balanced_on_the_edge():
-    """θ_0 = α with overturn_ratio > 1, exactly and an ulp beside it: stays, falls or comes back, always by name."""
+    """θ_0 = α with overturn_ratio > 1, exactly and an ulp beside it: stays, falls or comes back, always by
+    name."""
     lenient = rj.Options(overturn_ratio=1.5, throw=False)
     alpha = float(BLOCK.alpha)
     for theta in (alpha, np.nextafter(alpha, 0), np.nextafter(alpha, 1)):
         for sign in (1, -1):
-            peak = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(sign * theta), t_end=60.0, options=lenient)
+            peak = rj.peak_response(
+                BLOCK, rj.Rest(), initial=rj.State(sign * theta), t_end=60.0, options=lenient
+            )
             assert peak.result in ENDED
             assert float(peak.peak_rotation) >= 1 - 1e-15
-    back = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(alpha * (1 - 1e-6)), t_end=60.0, options=lenient)
-    gone = rj.peak_response(BLOCK, rj.Rest(), initial=rj.State(alpha * (1 + 1e-6)), t_end=60.0, options=lenient)
+    back = rj.peak_response(
+        BLOCK, rj.Rest(), initial=rj.State(alpha * (1 - 1e-6)), t_end=60.0, options=lenient
+    )
+    gone = rj.peak_response(
+        BLOCK, rj.Rest(), initial=rj.State(alpha * (1 + 1e-6)), t_end=60.0, options=lenient
+    )
     assert not bool(back.overturned)
     assert bool(gone.overturned)
 
@@ -159,7 +179,9 @@ def test_superstructure_a_hundred_times_faster_than_the_pulse(zeta):
     podium = elastic(0.01, eta=20.0, zeta=zeta)
     motion = pulse(ratio=3.0)
     wanted = ("peak_rotation", "errors")
-    peak, fine = (rj.peak_response(podium, motion, options=options(r, "dopri8", outputs=wanted)) for r in (1e-7, 1e-11))
+    peak, fine = (
+        rj.peak_response(podium, motion, options=options(r, "dopri8", outputs=wanted)) for r in (1e-7, 1e-11)
+    )
     assert peak.result in ENDED
     assert float(peak.peak_rotation) == pytest.approx(float(fine.peak_rotation), abs=1e-5)
     assert bool(peak.overturned) == bool(fine.overturned)
@@ -174,7 +196,8 @@ def finely(record, times):
 
 @pytest.mark.parametrize("podium", [PODIUMS["rigid"], elastic(0.4, eta=10.0)], ids=["rigid", "elastic"])
 def test_a_record_of_200000_samples(podium):
-    """A record with 200 000 samples: the same answer as the same motion with 2000, in steps of its samples."""
+    """A record with 200 000 samples: the same answer as the same motion with 2000, in steps of its
+    samples."""
     t = 0.0137 * np.arange(2001)
     coarse = rj.Record(2.6 * np.exp(-(((t - 12) / 2) ** 2)) * np.sin(5.2 * t), 0.0137)
     long = finely(coarse, 100)
@@ -186,7 +209,8 @@ def test_a_record_of_200000_samples(podium):
 
 
 def test_a_record_with_a_constant_offset():
-    """A constant offset: harmless below the threshold, the ground's jumps at both ends included; above it, it overturns."""
+    """A constant offset: harmless below the threshold, the ground's jumps at both ends included; above it, it
+    overturns."""
     t = 0.01 * np.arange(3000)
     swing = 0.4 * UP * np.sin(3 * t) * np.exp(-(((t - 10) / 4) ** 2))
     quiet = rj.peak_response(BLOCK, rj.Record(swing + 0.5 * UP, 0.01))
@@ -201,18 +225,22 @@ def test_a_record_with_a_constant_offset():
 
 @pytest.mark.parametrize("dt", [0.0137, 0.5, 1e-4])
 def test_sampling_unequal_to_the_step(dt):
-    """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion agree."""
+    """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion
+    agree."""
     n = max(8, round(3.0 / dt))
     a = 1.8 * UP * np.sin(np.linspace(0, 9, n)) ** 3
     record = rj.Record(a, dt)
     podium = PODIUMS["frame"]
-    one, other = (rj.peak_response(podium, m, options=options(1e-10, "dopri8")) for m in (record, finely(record, 3)))
+    one, other = (
+        rj.peak_response(podium, m, options=options(1e-10, "dopri8")) for m in (record, finely(record, 3))
+    )
     assert one.result in ENDED
     assert float(one.peak_rotation) == pytest.approx(float(other.peak_rotation), abs=1e-8)
 
 
 def test_single_precision_on_purpose():
-    """float32 on purpose: answers to single precision, in batches as well; tolerances below it are refused."""
+    """float32 on purpose: answers to single precision, in batches as well; tolerances below it are
+    refused."""
     with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.enable_x64(False):
         podium = rj.Podium(0.3, 2.0)
         motions = rj.OneSine(np.linspace(1.2, 2.0, 40) * UP, 1.0)
@@ -253,7 +281,8 @@ def test_estimated_errors_are_an_output_like_others():
 
 
 def test_scenes_on_the_boundary_are_undecided():
-    """Within the error of the overturning boundary the class is left open, on both of its sides; away from it, never."""
+    """Within the error of the overturning boundary the class is left open, on both of its sides; away from
+    it, never."""
     T_p = 0.8
     limit = float(rj.overturning_acceleration(PODIUMS["frame"], rj.Ricker, T_p))
     away = np.array([-1e-2, -1e-3, -1e-12, -1e-14, 1e-14, 1e-12, 1e-3, 1e-2])
@@ -263,14 +292,18 @@ def test_scenes_on_the_boundary_are_undecided():
 
 
 def test_estimates_on_records_see_errors_of_landing():
-    """Where samples set the steps, both solutions landed on impacts alike, and one estimate in twenty was far too small."""
+    """Where samples set the steps, both solutions landed on impacts alike, and one estimate in twenty was far
+    too small."""
     rng = np.random.default_rng(6)
     n = 400
     suite = rj.Records.of(rj.synthetic_motions(8, seed=11, duration=10.0, dt=0.02, pga=UP))
     motion = suite.pick(rng.integers(0, 8, n).astype(np.int32)).scaled(rng.uniform(1.5, 6.0, n))
     podium = rj.Podium(math.atan(0.15), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), rj.Rigid(50.0))
     o = rj.Options(rtol=1e-4, atol=1e-6, outputs=("peak_rotation", "errors"))
-    peaks, truth = (rj.peak_responses(podium, motion, options=o.replace(**k)) for k in ({}, {"rtol": 1e-12, "atol": 1e-14}))
+    peaks, truth = (
+        rj.peak_responses(podium, motion, options=o.replace(**k))
+        for k in ({}, {"rtol": 1e-12, "atol": 1e-14})
+    )
     stands = truth.uplifted & ~truth.overturned & ~peaks.overturned
     error = np.abs(peaks.peak_rotation - truth.peak_rotation)[stands]
     assert stands.sum() > 100
@@ -292,12 +325,16 @@ def test_an_estimate_beside_a_scene_out_of_steps():
     ("podium", "motion", "initial"),
     [
         (
-            rj.Podium(0.21522563603, 1.10394697208, 0.02771789496665, rj.Rigid(0.31505109006815), 0.7464616498943617),
+            rj.Podium(
+                0.21522563603, 1.10394697208, 0.02771789496665, rj.Rigid(0.31505109006815), 0.7464616498943617
+            ),
             rj.Ricker(2.653983437460101, 1.2883568517419943),
             rj.State(),
         ),
         (
-            rj.Podium(0.4321641252350571, 26.714706214843513, 0.00991747834323966, rj.Rigid(0.12137533392615375)),
+            rj.Podium(
+                0.4321641252350571, 26.714706214843513, 0.00991747834323966, rj.Rigid(0.12137533392615375)
+            ),
             rj.Ricker(12.339765371439125, 39.979796326011666),
             rj.State(-0.22950515523155085),
         ),
@@ -309,8 +346,8 @@ def test_an_estimate_beside_a_scene_out_of_steps():
     ],
 )
 def test_shear_of_the_last_hops(podium, motion, initial):
-    """The last hops before rest, at 1e-12: the shear hardly changes over them, and its maxima by rounding were landed on
-    for ever."""
+    """The last hops before rest, at 1e-12: the shear hardly changes over them, and its maxima by rounding
+    were landed on for ever."""
     tight = options(1e-12, "dopri8", outputs=("peak_rotation", "peak_shear"), max_steps=20_000)
     peak = rj.peak_response(podium, motion, initial=initial, options=tight)
     loose = rj.peak_response(podium, motion, initial=initial, options=tight.replace(rtol=1e-9, atol=1e-11))
@@ -321,12 +358,15 @@ def test_shear_of_the_last_hops(podium, motion, initial):
 
 
 def test_what_the_rest_velocity_takes_away_is_estimated():
-    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the rest velocity of
-    both solutions that the error estimate compares. It was a ten-millionth of the error."""
+    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the
+    rest velocity of both solutions that the error estimate compares. It was a ten-millionth of the error."""
     block = BLOCK.replace(restitution=1e-8)
     motion = rj.Record(np.r_[np.full(30, 1.4 * UP), np.full(30, -0.5 * UP)], 0.02)
     solve = lambda rtol: rj.peak_response(
-        block, motion, initial=rj.State(0.05, -0.5), options=options(rtol, "dopri8", outputs=("peak_rotation", "errors"))
+        block,
+        motion,
+        initial=rj.State(0.05, -0.5),
+        options=options(rtol, "dopri8", outputs=("peak_rotation", "errors")),
     )
     peak, truth = solve(1e-6), solve(1e-12)
     error = abs(float(peak.peak_rotation) - float(truth.peak_rotation))

@@ -1,6 +1,7 @@
 """What must hold for every structure and motion, looked for with random ones.
 
-Two solutions of the same scene may differ by their errors: the estimates of the scenes themselves say by how much.
+Two solutions of the same scene may differ by their errors: the estimates of the scenes themselves say by how
+much.
 """
 
 import math
@@ -31,7 +32,11 @@ pytestmark = pytest.mark.filterwarnings("ignore::rockjax.PlausibilityWarning")
 
 def examples(count):
     return settings(
-        max_examples=count, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+        max_examples=count,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=[HealthCheck.too_slow],
     )
 
 
@@ -83,7 +88,14 @@ def test_mirrored_motion_mirrors_the_response(kind):
     def check(scene):
         podium, motion = scene
         a, b = solve(podium, motion), solve(podium, motion.scaled(-1.0))
-        for name in ("peak_rotation", "peak_rotation_time", "peak_deformation", "peak_shear", "uplift_time", "impacts"):
+        for name in (
+            "peak_rotation",
+            "peak_rotation_time",
+            "peak_deformation",
+            "peak_shear",
+            "uplift_time",
+            "impacts",
+        ):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
     check()
@@ -101,7 +113,9 @@ def test_time_has_no_origin(kind):
         a, b = solve(podium, here), solve(podium, there)
         assert_same(a, b)
         if bool(a.uplifted) and not bool(a.errors.undecided):
-            assert float(a.uplift_time) + shift == pytest.approx(float(b.uplift_time), abs=1e-6 / float(podium.p))
+            assert float(a.uplift_time) + shift == pytest.approx(
+                float(b.uplift_time), abs=1e-6 / float(podium.p)
+            )
 
     check()
 
@@ -116,7 +130,11 @@ def test_lengths_times_and_gravity_scale_together(kind):
         if kind == "elastic":
             top = rj.Elastic(top.eta, top.T_s * time, top.zeta)
         big = podium.replace(R=podium.R * length, superstructure=top, g=podium.g * length / time**2)
-        assert_same(solve(podium, motion), solve(big, rj.Ricker(motion.a_p * length / time**2, motion.T_p * time)), length)
+        assert_same(
+            solve(podium, motion),
+            solve(big, rj.Ricker(motion.a_p * length / time**2, motion.T_p * time)),
+            length,
+        )
 
     check()
 
@@ -145,13 +163,15 @@ def pushed(draw, kind):
     alpha, p = float(podium.alpha), float(podium.p)
     theta = draw(st.floats(-0.8, 0.8)) * alpha
     sway = draw(st.floats(-1.0, 1.0)) * float(podium.width)
-    return podium, rj.State(theta, draw(st.floats(-0.3, 0.3)) * p * alpha, sway, draw(st.floats(-1.0, 1.0)) * p * sway)
+    return podium, rj.State(
+        theta, draw(st.floats(-0.3, 0.3)) * p * alpha, sway, draw(st.floats(-1.0, 1.0)) * p * sway
+    )
 
 
 @pytest.mark.parametrize("kind", ["none", "elastic"])
 def test_without_shaking_energy_only_falls(kind):
-    """… between impacts by the damper, at each impact by exactly what Eq. (27) takes, and never through chatter; and the
-    columns never go through the ground: while σ = ±1, σθ ≥ 0."""
+    """… between impacts by the damper, at each impact by exactly what Eq. (27) takes, and never through
+    chatter; and the columns never go through the ground: while σ = ±1, σθ ≥ 0."""
 
     @examples(15)
     @given(pushed(kind))
@@ -166,7 +186,9 @@ def test_without_shaking_energy_only_falls(kind):
         E = np.asarray(jax.vmap(lambda s, x, v: model.energy(c, s, x, v))(nodes.sigma, nodes.x, nodes.v))
         scale = E.max()
         assert np.all(np.diff(E) <= 1e-8 * scale + 1e-15)
-        assert np.all(np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300)  # subnormal angles count as zero
+        assert np.all(
+            np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300
+        )  # subnormal angles count as zero
         hits = np.asarray(response.impact_times)[:3]
         before, after = response(hits, left=True), response(hits)
         e = max(float(podium.restitution_factor), 0.0)
@@ -177,7 +199,8 @@ def test_without_shaking_energy_only_falls(kind):
 
 
 def test_restitution_compatible_with_a_rigid_superstructure():
-    """Angular momentum of the compatible law after the superstructure has come to move with the beam: that of Rigid."""
+    """Angular momentum of the compatible law after the superstructure has come to move with the beam: that of
+    Rigid."""
 
     @examples(100)
     @given(podiums("elastic", "compatible"))
@@ -195,7 +218,8 @@ def test_restitution_compatible_with_a_rigid_superstructure():
 
 
 def test_uplifted_frequency_of_the_linearised_engine():
-    """Eqs. (30), (31): on the edge at rest, from the derivative of the equations of motion that the engine integrates."""
+    """Eqs. (30), (31): on the edge at rest, from the derivative of the equations of motion that the engine
+    integrates."""
 
     @jax.jit
     def stiffness(podium):
@@ -244,7 +268,8 @@ def test_batch_single_and_reversed_order_agree(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_tolerances_converge_and_estimates_hold(kind):
-    """The error at a loose tolerance is within ten times its estimate, nearly always; a class that flips was flagged."""
+    """The error at a loose tolerance is within ten times its estimate, nearly always; a class that flips was
+    flagged."""
     outside, flips = [], []
 
     @examples(40)

@@ -76,12 +76,15 @@ def test_energy_is_that_of_the_lagrangian():
     for state in STATES:
         q, rate = jnp.asarray([abs(state[0]), state[1]]), jnp.asarray(state[2:4])
         expected = kinetic(q, rate) + potential(q, 0.0)
-        assert float(model.energy(c, jnp.ones(()), (q[0], q[1]), (rate[0], rate[1]))) == pytest.approx(float(expected))
+        assert float(model.energy(c, jnp.ones(()), (q[0], q[1]), (rate[0], rate[1]))) == pytest.approx(
+            float(expected)
+        )
 
 
 @pytest.mark.parametrize("name", ["block", "frame", "rigid", "elastic"])
 def test_energy_rate_and_its_bound(name):
-    """dE/dt is the ground's power minus the damper's; the ground's share grows √E at most at the rate C|ü_g|."""
+    """dE/dt is the ground's power minus the damper's; the ground's share grows √E at most at the rate
+    C|ü_g|."""
     podium = PODIUMS[name]
     c = model.coefficients(podium)
     n = 2 if c.elastic else 1
@@ -106,13 +109,16 @@ def test_energy_rate_and_its_bound(name):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_uplift_is_where_rocking_would_start(side):
-    """Eq. (9) is Eq. (24) with θ = θ̇ = θ̈ = 0; Eq. (6) as printed counts the columns twice and does not give it."""
+    """Eq. (9) is Eq. (24) with θ = θ̇ = θ̈ = 0; Eq. (6) as printed counts the columns twice and does not give
+    it."""
     c = model.coefficients(ELASTIC)
     u, u_dot = jnp.asarray(0.03), jnp.asarray(-0.2)
     zero = jnp.zeros(())
     force = c.omega2 * u + c.damping * u_dot
     ground = -side * c.uplift + c.demand * force
-    assert float(model.uplift_demand(c, ground, (zero, u), (zero, u_dot))) == pytest.approx(-side * float(c.uplift))
+    assert float(model.uplift_demand(c, ground, (zero, u), (zero, u_dot))) == pytest.approx(
+        -side * float(c.uplift)
+    )
     start = model.acceleration(c, jnp.asarray(side), ground, (zero, u), (zero, u_dot))
     assert abs(float(start[0])) < 1e-12
     gamma, eta, t = 3.0, 8.0, np.tan(0.25)
@@ -126,7 +132,9 @@ def test_uplift_is_where_rocking_would_start(side):
 def test_contact_is_equation_4():
     c = model.coefficients(ELASTIC)
     zero = jnp.zeros(())
-    theta_ddot, u_ddot = model.acceleration(c, zero, jnp.asarray(1.3), (zero, jnp.asarray(0.02)), (zero, jnp.asarray(0.1)))
+    theta_ddot, u_ddot = model.acceleration(
+        c, zero, jnp.asarray(1.3), (zero, jnp.asarray(0.02)), (zero, jnp.asarray(0.1))
+    )
     w, z = 2 * np.pi / 0.6, 0.07
     assert float(theta_ddot) == 0
     assert float(u_ddot) == pytest.approx(-1.3 - 2 * z * w * 0.1 - w**2 * 0.02)
@@ -134,7 +142,9 @@ def test_contact_is_equation_4():
 
 def test_impact_and_uplift_maps():
     c = model.coefficients(ELASTIC)
-    assert float(model.impact(c, jnp.asarray(-0.4))) == pytest.approx(-0.4 * float(ELASTIC.restitution_factor))
+    assert float(model.impact(c, jnp.asarray(-0.4))) == pytest.approx(
+        -0.4 * float(ELASTIC.restitution_factor)
+    )
     stocky = model.coefficients(rj.Podium(alpha=1.2, R=1.0))
     assert float(stocky.restitution) < 0
     assert float(model.impact(stocky, jnp.asarray(-0.4))) == 0
@@ -145,7 +155,8 @@ def test_impact_and_uplift_maps():
 
 
 def test_impact_keeps_angular_momentum():
-    """The compatible law: angular momentum about the new pivots, the top mass keeping its horizontal velocity."""
+    """The compatible law: angular momentum about the new pivots, the top mass keeping its horizontal
+    velocity."""
     podium = ELASTIC.replace(restitution="compatible")
     a, eta, gamma, lam = 0.25, 8.0, 3.0, 0.29
     before = -0.7
@@ -159,7 +170,8 @@ def test_impact_keeps_angular_momentum():
 
 @pytest.mark.parametrize("name", PODIUMS)
 def test_coefficients_by_hand(name):
-    """What the equations need of a podium, from masses and heights: columns of mass 1 together, beam γ, top η."""
+    """What the equations need of a podium, from masses and heights: columns of mass 1 together, beam γ, top
+    η."""
     podium = PODIUMS[name]
     c = model.coefficients(podium)
     R, g, alpha, lam = (float(getattr(podium, k)) for k in ("R", "g", "alpha", "lam"))
@@ -172,12 +184,23 @@ def test_coefficients_by_hand(name):
     pushed = R * 1 + 2 * R * beam  # by the ground's acceleration; the top mass hangs on its spring
     per = 0.75 / R**2  # Eq. (24) counts in these units
     expected = {
-        "spin": spin, "weight": weight, "inertia": per * spin, "gravity": per * weight, "ground": per * pushed,
-        "centrifugal": per * (2 * R) ** 2 * moving, "two_R": 2 * R, "g": g, "eta": moving, "alpha": alpha,
-        "sin_alpha": np.sin(alpha), "cos_alpha": np.cos(alpha), "p": np.sqrt(3 * g / (4 * R)),
-        "impulse": np.sqrt(pushed**2 / (2 * spin) + moving / 2), "restitution": float(podium.restitution_factor),
+        "spin": spin,
+        "weight": weight,
+        "inertia": per * spin,
+        "gravity": per * weight,
+        "ground": per * pushed,
+        "centrifugal": per * (2 * R) ** 2 * moving,
+        "two_R": 2 * R,
+        "g": g,
+        "eta": moving,
+        "alpha": alpha,
+        "sin_alpha": np.sin(alpha),
+        "cos_alpha": np.cos(alpha),
+        "p": np.sqrt(3 * g / (4 * R)),
+        "impulse": np.sqrt(pushed**2 / (2 * spin) + moving / 2),
+        "restitution": float(podium.restitution_factor),
         "uplift": g * np.tan(alpha) * (0.5 + beam + moving) / (0.5 + beam),
-    }  # fmt: skip
+    }
     if moving:
         w = 2 * np.pi / float(top.T_s)
         expected |= {"omega2": w**2, "damping": 2 * float(top.zeta) * w, "demand": eta / (gamma + 0.5)}
@@ -189,7 +212,8 @@ def test_coefficients_by_hand(name):
 
 @pytest.mark.parametrize("sigma", [1.0, -1.0])
 def test_beam_and_shear_from_the_geometry(sigma):
-    """Eqs. (12)–(14) by differentiating the geometry in time, and the shear as spring and damper, or as inertia."""
+    """Eqs. (12)–(14) by differentiating the geometry in time, and the shear as spring and damper, or as
+    inertia."""
     R, alpha = 1.7, 0.25
     theta = lambda t: sigma * (0.1 + 0.3 * t - 0.7 * t**2)
     psi = lambda t: sigma * alpha - theta(t)
@@ -203,7 +227,9 @@ def test_beam_and_shear_from_the_geometry(sigma):
         assert float(model.beam_acceleration(c, s, x, v, a)) == pytest.approx(float(second(0.2)), rel=1e-12)
         if not c.elastic:
             expected = -(float(second(0.2)) + 1.3) / G
-            assert float(model.shear(c, s, jnp.asarray(1.3), (x,), (v,), (a,))) == pytest.approx(expected, rel=1e-12)
+            assert float(model.shear(c, s, jnp.asarray(1.3), (x,), (v,), (a,))) == pytest.approx(
+                expected, rel=1e-12
+            )
     c = model.coefficients(ELASTIC)
     w, z = 2 * np.pi / 0.6, 0.07
     u, u_dot, ground = jnp.asarray(0.11), jnp.asarray(-0.4), jnp.asarray(1.3)
@@ -215,7 +241,8 @@ def test_beam_and_shear_from_the_geometry(sigma):
 @pytest.mark.parametrize("name", ["frame", "rigid", "elastic"])
 @pytest.mark.parametrize("sigma", [1.0, -1.0])
 def test_power_and_moment_by_hand(name, sigma):
-    """What the ground gives and the damper takes is the change of energy; the moment is that of the vertical forces."""
+    """What the ground gives and the damper takes is the change of energy; the moment is that of the vertical
+    forces."""
     podium = PODIUMS[name]
     c = model.coefficients(podium)
     n, s = (2 if c.elastic else 1), jnp.asarray(sigma)
@@ -230,7 +257,10 @@ def test_power_and_moment_by_hand(name, sigma):
 
     for state in STATES[:6]:
         theta = sigma * abs(state[0])
-        x, v = (jnp.asarray(theta), jnp.asarray(state[2]))[:n], (jnp.asarray(state[1]), jnp.asarray(state[3]))[:n]
+        x, v = (
+            (jnp.asarray(theta), jnp.asarray(state[2]))[:n],
+            (jnp.asarray(state[1]), jnp.asarray(state[3]))[:n],
+        )
         acceleration, rate, given, taken, moment = (float(y) for y in evaluated(x, v, jnp.asarray(state[4])))
         psi, omega = sigma * alpha - theta, float(v[0])
         u_b_dot = 2 * R * omega * np.cos(psi)
@@ -243,8 +273,13 @@ def test_power_and_moment_by_hand(name, sigma):
             assert taken == 0
         assert rate == pytest.approx(given - taken, rel=1e-9, abs=1e-10)
         rises = 2 * R * (acceleration * np.sin(psi) - omega**2 * np.cos(psi))
-        arm, at_uplift = np.sin(psi), np.sin(alpha) * g * (2 * heavy + 1)  # of the beam twice that of the columns
-        assert moment == pytest.approx(arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11)
+        arm, at_uplift = (
+            np.sin(psi),
+            np.sin(alpha) * g * (2 * heavy + 1),
+        )  # of the beam twice that of the columns
+        assert moment == pytest.approx(
+            arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11
+        )
     zero = jnp.zeros(())
     q = 0.4 * float(c.uplift)
     down = model.restoring_moment(c, zero, jnp.asarray(q), (zero,) * n, (zero,) * n)
@@ -261,7 +296,9 @@ def test_potential_is_the_work_against_gravity(name):
         u_b, _ = model.beam(c, s, angle, jnp.zeros(()))
         still = model.energy(c, s, (angle, u_b)[:n], (jnp.zeros(()),) * n)
         assert float(model.potential(c, s, angle)) == pytest.approx(float(still), rel=1e-12)
-        lift = 2 * float(podium.R) * (np.cos(sigma * float(podium.alpha) - theta) - np.cos(float(podium.alpha)))
+        lift = (
+            2 * float(podium.R) * (np.cos(sigma * float(podium.alpha) - theta) - np.cos(float(podium.alpha)))
+        )
         total = 0.5 + float(podium.gamma) + float(podium.eta)
         assert float(still) == pytest.approx(float(podium.g) * total * lift, rel=1e-12)
     zero = jnp.zeros(())
@@ -270,12 +307,15 @@ def test_potential_is_the_work_against_gravity(name):
     now, impulse = jnp.asarray(0.3), jnp.asarray(0.7)
     most = (np.sqrt(0.3) + float(c.impulse) * 0.7) ** 2
     assert float(model.energy_after(c, now, impulse)) == pytest.approx(most, rel=1e-12)
-    assert float(model.energy_after(c, -now, impulse)) == pytest.approx((float(c.impulse) * 0.7) ** 2, rel=1e-12)
+    assert float(model.energy_after(c, -now, impulse)) == pytest.approx(
+        (float(c.impulse) * 0.7) ** 2, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_arrows_of_the_automaton(name):
-    """After an impact: over to the other side; below the rest velocity at rest, or lifted anew by the demand."""
+    """After an impact: over to the other side; below the rest velocity at rest, or lifted anew by the
+    demand."""
     podium = PODIUMS[name]
     scene, _ = prepared(podium)
     e, rest, up = float(podium.restitution_factor), float(scene.rest), float(scene.c.uplift)
@@ -284,7 +324,8 @@ def test_arrows_of_the_automaton(name):
     for side in (1.0, -1.0):
         for q, mode in ((0.0, 0.0), (1.1 * up, -1.0), (-1.1 * up, 1.0)):
             after = lambda speed, q=q, side=side: [
-                float(y) for y in after_impact(scene, jnp.asarray(side), jnp.asarray(-side * speed), jnp.asarray(q))
+                float(y)
+                for y in after_impact(scene, jnp.asarray(side), jnp.asarray(-side * speed), jnp.asarray(q))
             ]
             assert after(fast) == [pytest.approx(-side * 3 * rest), -side]
             assert after(slow) == [0.0, mode]
@@ -306,12 +347,18 @@ def prepared(podium):
     plan = plan_for(podium, options, False)
     zero = jnp.zeros(())
     return prepare(
-        podium, rj.OneSine(jnp.asarray(4.0), jnp.asarray(0.8)), rj.State(zero, zero, zero, zero), None, options, plan
+        podium,
+        rj.OneSine(jnp.asarray(4.0), jnp.asarray(0.8)),
+        rj.State(zero, zero, zero, zero),
+        None,
+        options,
+        plan,
     )
 
 
 def test_guard_breaks_where_the_mode_ends():
-    """What is left of the guard vanishes on the ground, at the overturning angle, and at the demand of Eq. (9)."""
+    """What is left of the guard vanishes on the ground, at the overturning angle, and at the demand of Eq.
+    (9)."""
     scene, _ = prepared(PODIUMS["elastic"])
     overturn_angle, up = float(scene.overturn_angle), float(scene.c.uplift)
     zero = jnp.zeros(())
@@ -330,8 +377,8 @@ def test_guard_breaks_where_the_mode_ends():
 
 @pytest.mark.parametrize("sigma", [0.0, 1.0, -1.0])
 def test_guard_follows_the_motion(sigma):
-    """σθ while rocking, the demand in full contact: value, slope and curvature at both ends, by differentiating Eq. (9)
-    along Eq. (4)."""
+    """σθ while rocking, the demand in full contact: value, slope and curvature at both ends, by
+    differentiating Eq. (9) along Eq. (4)."""
     scene, lane = prepared(PODIUMS["elastic"])
     plan = plan_for(PODIUMS["elastic"], rj.Options(), False)
     c, s = scene.c, jnp.asarray(sigma)
@@ -356,6 +403,10 @@ def test_guard_follows_the_motion(sigma):
             u, r, b = float(x[1]), float(v[1]), float(a[1])
             jerk = -g1 - d * b - w2 * r
             expected = g - k * (w2 * u + d * r), g1 - k * (w2 * r + d * b), g2 - k * (w2 * b + d * jerk)
-        found = float(path.value(z)), float(path.slope(z)) / float(h), float(path.curvature(z)) / float(h) ** 2
+        found = (
+            float(path.value(z)),
+            float(path.slope(z)) / float(h),
+            float(path.curvature(z)) / float(h) ** 2,
+        )
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose([at_end.c0, at_end.c1, 2 * at_end.c2], expected, rtol=1e-12)

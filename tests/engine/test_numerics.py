@@ -21,7 +21,14 @@ def test_sincos_to_rounding():
     np.testing.assert_allclose(dc, -np.sin(x), atol=3e-16)
 
 
-SOLVERS = [diffrax.Tsit5(), diffrax.Dopri8(), diffrax.Dopri5(), diffrax.Bosh3(), diffrax.Heun(), diffrax.Ralston()]
+SOLVERS = [
+    diffrax.Tsit5(),
+    diffrax.Dopri8(),
+    diffrax.Dopri5(),
+    diffrax.Bosh3(),
+    diffrax.Heun(),
+    diffrax.Ralston(),
+]
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
@@ -39,7 +46,9 @@ def test_step_has_the_order_of_its_method_and_is_the_step_of_diffrax(solver):
     theirs, error, *_ = solver.step(term, 0.3, 0.5, y0, None, state, made_jump=False)
     ours = one(0.2)
     np.testing.assert_allclose([ours.x[0], ours.v[0]], theirs, rtol=1e-13)
-    np.testing.assert_allclose(np.abs([ours.x_error[0], ours.v_error[0]]), np.abs(error), rtol=1e-3, atol=1e-15)
+    np.testing.assert_allclose(
+        np.abs([ours.x_error[0], ours.v_error[0]]), np.abs(error), rtol=1e-3, atol=1e-15
+    )
     np.testing.assert_allclose(ours.a[0], field(0.5, ours.x, ours.v)[0], rtol=1e-12)
     exact = diffrax.diffeqsolve(
         term, diffrax.Dopri8(), 0.3, 1.3, 0.01, y0,

@@ -1,4 +1,5 @@
-"""Tendons, dampers and inerters: exact statements, an independent integrator, balances, derivatives, bad input."""
+"""Tendons, dampers and inerters: exact statements, an independent integrator, balances, derivatives, bad
+input."""
 
 import math
 from typing import Any
@@ -41,7 +42,11 @@ def free(structure, theta=0.0, theta_dot=0.0, t_end=6.0, options=EXACT):
     [
         (podium(), "uplift_acceleration", 1.482130186171379),
         (podium(rj.Tendon(5.0)), "uplift_acceleration", 2.187906465300608),
-        (podium(rj.Tendon(2.0), rj.Damper(1.0), rj.Tendon(3.0, 9.0)), "uplift_acceleration", 2.187906465300608),
+        (
+            podium(rj.Tendon(2.0), rj.Damper(1.0), rj.Tendon(3.0, 9.0)),
+            "uplift_acceleration",
+            2.187906465300608,
+        ),
         (podium(rj.Tendon(5.0)), "critical_stiffness", 232.4514153740789),
         (podium(rj.Damper(5.0)), "stability_angle", 0.15),
         (podium(rj.Tendon(0.0, 50.0)), "stability_angle", 0.1902249841535792),
@@ -62,7 +67,11 @@ def free(structure, theta=0.0, theta_dot=0.0, t_end=6.0, options=EXACT):
             0.8072772352569547,
         ),
         (podium(rj.Inerter(8.0), superstructure=ELASTIC), "uplifted_frequency", 23.91900220170046),
-        (podium(rj.Inerter(8.0), rj.Tendon(0.0, 200.0), superstructure=ELASTIC), "uplifted_frequency", 23.95853960689648),
+        (
+            podium(rj.Inerter(8.0), rj.Tendon(0.0, 200.0), superstructure=ELASTIC),
+            "uplifted_frequency",
+            23.95853960689648,
+        ),
     ],
 )
 def test_exact_numbers(structure, name, exact):
@@ -95,20 +104,36 @@ def test_one_joint_is_the_table_of_equivalents():
         (rj.Damper(4.0, joints=1), rj.Damper(1.0)),
     )
     for one, both in pairs:
-        assert float(one.force(stretch, rate, slip)) == pytest.approx(float(both.force(stretch, rate, slip)), rel=1e-13)
+        assert float(one.force(stretch, rate, slip)) == pytest.approx(
+            float(both.force(stretch, rate, slip)), rel=1e-13
+        )
         assert float(one.potential(stretch)) == pytest.approx(float(both.potential(stretch)), rel=1e-14)
         assert float(one.power(rate, slip)) == pytest.approx(float(both.power(rate, slip)), rel=1e-13)
-    assert float(podium(rj.Inerter(8.0, joints=1)).restitution_factor) == float(podium(rj.Inerter(2.0)).restitution_factor)
+    assert float(podium(rj.Inerter(8.0, joints=1)).restitution_factor) == float(
+        podium(rj.Inerter(2.0)).restitution_factor
+    )
 
 
 def test_potential_and_its_slope():
     tau, kappa, w, s, R, g = 5.0, 100.0, 10.5, math.sin(0.15), 1.5, 9.80665
     c = model.coefficients(podium(rj.Tendon(tau, kappa)))
     for A in (1e-9, 0.05, 0.3, 1.2):
-        V = R * g * 4 * math.sin(A / 2) * (w * math.sin(0.15 - A / 2) + tau * s + 2 * kappa * s**2 * math.sin(A / 2))
-        slope = R * g * (2 * w * math.sin(0.15 - A) + 2 * tau * s * math.cos(A / 2) + 4 * kappa * s**2 * math.sin(A))
+        V = (
+            R
+            * g
+            * 4
+            * math.sin(A / 2)
+            * (w * math.sin(0.15 - A / 2) + tau * s + 2 * kappa * s**2 * math.sin(A / 2))
+        )
+        slope = (
+            R
+            * g
+            * (2 * w * math.sin(0.15 - A) + 2 * tau * s * math.cos(A / 2) + 4 * kappa * s**2 * math.sin(A))
+        )
         for side in (1.0, -1.0):
-            assert float(model.potential(c, jnp.asarray(side), jnp.asarray(side * A))) == pytest.approx(V, rel=1e-13)
+            assert float(model.potential(c, jnp.asarray(side), jnp.asarray(side * A))) == pytest.approx(
+                V, rel=1e-13
+            )
         assert float(model.potential_slope(c, jnp.asarray(A))) == pytest.approx(slope, rel=1e-13)
     assert float(model.potential(c, jnp.zeros(()), jnp.zeros(()))) == 0
 
@@ -129,7 +154,9 @@ def test_free_rocking_without_dampers():
 
 def test_stiffness_alone_is_a_block_of_another_slenderness():
     response = free(podium(rj.Tendon(0.0, 100.0), rj.Inerter(0.0), restitution=0.9), 0.12, t_end=3.0)
-    np.testing.assert_allclose(response.impact_times[:2], [0.8881320405066459, 2.322148878570861], rtol=0, atol=2e-11)
+    np.testing.assert_allclose(
+        response.impact_times[:2], [0.8881320405066459, 2.322148878570861], rtol=0, atol=2e-11
+    )
 
 
 @pytest.mark.parametrize(
@@ -182,14 +209,17 @@ def test_defaults_are_near_too():
     frame, structure, a_p = SCENES["power law"]
     answer = restrained.simulate(frame, 2.0, restrained.one_sine(a_p, 0.8), breaks=(0.8,), rest=1e-8)
     options = rj.Options(outputs=("peak_rotation",))
-    assert float(rj.peak_response(structure, rj.OneSine(a_p, 0.8), options=options).peak_rotation) == pytest.approx(
-        answer.peak, abs=1e-6
-    )
+    assert float(
+        rj.peak_response(structure, rj.OneSine(a_p, 0.8), options=options).peak_rotation
+    ) == pytest.approx(answer.peak, abs=1e-6)
 
 
 @pytest.mark.slow
 def test_segments_engine():
-    structure, options = all_three(), rj.Options(rtol=1e-10, atol=1e-12, engine="segments", outputs=("peak_rotation",))
+    structure, options = (
+        all_three(),
+        rj.Options(rtol=1e-10, atol=1e-12, engine="segments", outputs=("peak_rotation",)),
+    )
     motion = rj.OneSine(3.2, 0.8)
     flat = rj.peak_response(structure, motion, options=FINE)
     assert float(rj.peak_response(structure, motion, options=options).peak_rotation) == pytest.approx(
@@ -219,7 +249,9 @@ def test_a_podium_without_restrainers_does_not_look_at_them(monkeypatch):
 
     for top in (None, ELASTIC):
         options = rj.Options(outputs=("peak_rotation", "margin"))
-        trace = lambda podium, options=options: _solve(podium, rj.OneSine(2.2, 0.8), rj.State(), None, options)
+        trace = lambda podium, options=options: _solve(
+            podium, rj.OneSine(2.2, 0.8), rj.State(), None, options
+        )
         jax.make_jaxpr(trace)(podium(superstructure=top))
     with pytest.raises(AssertionError, match="looked at"):
         jax.make_jaxpr(trace)(podium(rj.Damper(1.0)))
@@ -235,7 +267,9 @@ def test_only_prestress_moves_uplift():
 def test_equivalent_block_goes_on():
     structure = all_three(nu=0.5, superstructure=rj.Rigid(3.0), lam=0.4)
     motion = rj.OneSine(3.6, 0.8)
-    frame, block = (rj.peak_response(y, motion, options=FINE) for y in (structure, structure.equivalent_block()))
+    frame, block = (
+        rj.peak_response(y, motion, options=FINE) for y in (structure, structure.equivalent_block())
+    )
     assert 0.1 < float(frame.peak_rotation) < 1
     assert float(block.peak_rotation) == pytest.approx(float(frame.peak_rotation), rel=1e-8)
 
@@ -257,7 +291,9 @@ def test_settled_answers_stand():
     motion = rj.OneSine(np.linspace(2.5, 5.5, 12), 0.8)
     structure = all_three(delta=0.5)
     short = rj.peak_responses(structure, motion, options=FINE)
-    whole = rj.peak_responses(structure, motion, options=FINE.replace(outputs=("peak_rotation", "peak_shear", "impacts")))
+    whole = rj.peak_responses(
+        structure, motion, options=FINE.replace(outputs=("peak_rotation", "peak_shear", "impacts"))
+    )
     np.testing.assert_allclose(short.peak_rotation, whole.peak_rotation, rtol=1e-12)
     np.testing.assert_array_equal(short.overturned, whole.overturned)
     assert 0 < np.sum(short.overturned) < 12
@@ -302,7 +338,9 @@ def test_boundary_with_tendons():
     boundary = rj.overturning_boundary(structure, rj.OneSine(1.0, 0.8), max_scale=6.0, options=options)
     scale = float(boundary.scale)
     low, high = (
-        restrained.simulate(Frame(tau=5.0, delta=0.2), 4.0, restrained.one_sine(a, 0.8), breaks=(0.8,), rest=1e-8)
+        restrained.simulate(
+            Frame(tau=5.0, delta=0.2), 4.0, restrained.one_sine(a, 0.8), breaks=(0.8,), rest=1e-8
+        )
         for a in (scale * (1 - 2e-8), scale * (1 + 2e-8))
     )
     assert low.peak < 1 < high.peak  # V' > 0 at α: the peak passes the limit with a finite slope
@@ -336,7 +374,9 @@ def test_size_and_time_scale():
     """R → sR with all times × √s changes no rotation: 2R ∂_R + T_p ∂_{T_p} of the peak is 0, fact 22."""
 
     def peak(R, T_p):
-        return rj.peak_response(all_three(nu=0.5, R=R), rj.OneSine(3.6, T_p), t_end=2.0, options=FINE).peak_rotation
+        return rj.peak_response(
+            all_three(nu=0.5, R=R), rj.OneSine(3.6, T_p), t_end=2.0, options=FINE
+        ).peak_rotation
 
     by_R, by_T = jax.grad(peak, (0, 1))(1.5, 0.8)
     assert 2 * 1.5 * float(by_R) + 0.8 * float(by_T) == pytest.approx(0, abs=1e-7 * abs(float(by_T)))
@@ -346,8 +386,12 @@ def test_stability_angle_has_derivatives():
     angle = lambda tau, kappa: podium(rj.Tendon(tau, kappa)).stability_angle
     by_tau, by_kappa = jax.grad(angle, (0, 1))(5.0, 100.0)
     h = 1e-3
-    assert float(by_tau) == pytest.approx(float(angle(5 + h, 100.0) - angle(5 - h, 100.0)) / (2 * h), rel=1e-6)
-    assert float(by_kappa) == pytest.approx(float(angle(5.0, 100 + h) - angle(5.0, 100 - h)) / (2 * h), rel=1e-6)
+    assert float(by_tau) == pytest.approx(
+        float(angle(5 + h, 100.0) - angle(5 - h, 100.0)) / (2 * h), rel=1e-6
+    )
+    assert float(by_kappa) == pytest.approx(
+        float(angle(5.0, 100 + h) - angle(5.0, 100 - h)) / (2 * h), rel=1e-6
+    )
 
 
 # Numbers and their forms
@@ -366,7 +410,9 @@ def test_from_dimensions():
     assert isinstance(inerter, rj.Inerter)
     assert float(tendon.prestress) == pytest.approx(2e4 / (mass * g), rel=1e-14)
     assert float(tendon.stiffness) == pytest.approx(3e6 * R / (mass * g), rel=1e-14)
-    assert float(damper.coefficient) == pytest.approx(5e3 * (R * float(structure.p)) ** 0.5 / (mass * g), rel=1e-14)
+    assert float(damper.coefficient) == pytest.approx(
+        5e3 * (R * float(structure.p)) ** 0.5 / (mass * g), rel=1e-14
+    )
     assert float(damper.exponent) == 0.5
     assert float(inerter.inertance) == pytest.approx(8.0, rel=1e-14)
     linear = rj.Podium.from_dimensions(0.45, 3.0, mass, damper_coefficient=5e3)
@@ -398,7 +444,9 @@ def test_written_and_read_again():
 def test_problem_files():
     read = Reader().structure
     column = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
-    structure = read(column | {"stiffness": 100.0, "prestress": 5.0, "coefficient": 4.0, "inertance_ratio": 8.0})
+    structure = read(
+        column | {"stiffness": 100.0, "prestress": 5.0, "coefficient": 4.0, "inertance_ratio": 8.0}
+    )
     assert repr(structure) == repr(all_three())
     assert repr(read(column | {"stiffness": 100.0}).restrainers) == repr((rj.Tendon(0.0, 100.0),))
     assert read(column).restrainers == ()
@@ -420,9 +468,15 @@ def test_problem_files():
         (lambda: rj.Inerter(2.0, joints=3), "Inerter: joints must be 1 or 2, got joints = 3"),
         (lambda: rj.Tendon(2.0, joints=True), "Tendon: joints"),
         (lambda: rj.Podium(0.2, 2.0, restrainers=rj.Tendon(1.0)), "Podium: restrainers must be a tuple"),
-        (lambda: rj.Podium(0.2, 2.0, restrainers=(1.0,)), "Podium: restrainers must be a tuple of Tendon, Damper, Inerter"),
+        (
+            lambda: rj.Podium(0.2, 2.0, restrainers=(1.0,)),
+            "Podium: restrainers must be a tuple of Tendon, Damper, Inerter",
+        ),
         (lambda: rj.Podium.from_dimensions(0.4, 3.0, 700.0, tendon_force=-1.0), "tendon_force"),
-        (lambda: rj.Podium.from_dimensions(0.4, 3.0, 700.0, damper_coefficient=1.0, damper_exponent=2), "damper_exponent"),
+        (
+            lambda: rj.Podium.from_dimensions(0.4, 3.0, 700.0, damper_coefficient=1.0, damper_exponent=2),
+            "damper_exponent",
+        ),
     ],
 )
 def test_bad_input(make, words):

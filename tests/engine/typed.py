@@ -1,4 +1,5 @@
-"""Every kind of scene traced with types, shapes and dtypes checked on every call: `python -m tests.engine.typed`.
+"""Every kind of scene traced with types, shapes and dtypes checked on every call: `python -m
+tests.engine.typed`.
 
 In a process of its own: the checks must be there before rockjax is imported. Nothing is compiled.
 """

@@ -1,4 +1,5 @@
-"""Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic motions, commands."""
+"""Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic
+motions, commands."""
 
 import math
 import re
@@ -95,7 +96,10 @@ def test_motions_are_their_own():
         (lambda m: rj.Motions((m,)).scaled_to("PGA", -1.0), ["value", "-1.0"]),
         (lambda m: rj.Motions((m,)).scaled_to("PGA", 1.0, period=1.0), ["no meaning"]),
         (lambda m: rj.Motions((m,)).scaled_to("Sa", 1.0), ["needs period"]),
-        (lambda m: rj.Motions((rj.Motion(np.zeros(3), 0.1, "none"),)).scaled_to("PGA", 1.0), ["PGA of none is zero"]),
+        (
+            lambda m: rj.Motions((rj.Motion(np.zeros(3), 0.1, "none"),)).scaled_to("PGA", 1.0),
+            ["PGA of none is zero"],
+        ),
         (lambda m: rj.intensity_measures(m, periods=(-1.0,)), ["period", "-1.0"]),
         (lambda m: rj.intensity_measures(m, damping=1.0), ["damping", "1.0"]),
         (lambda m: rj.intensity_measures(m, podium=rj.Podium(np.array([0.1, 0.2]), 1.0)), ["single"]),
@@ -104,8 +108,14 @@ def test_motions_are_their_own():
         (lambda m: rj.synthetic_motions(1, seed=1, dt=0.0), ["dt", "> 0"]),
         (lambda m: rj.synthetic_motions(1, seed=1, duration=0.1), ["50 dt"]),
         (lambda m: rj.synthetic_motions(1, seed=1, envelope_end=1.0), ["envelope_end", "< 1"]),
-        (lambda m: rj.synthetic_motions(1, seed=1, pulse=rj.MavroeidisPapageorgiou(1.0, 0.05)), ["does not fit", "40 s"]),
-        (lambda m: rj.synthetic_motions(3, seed=1, pulse=[rj.MavroeidisPapageorgiou(1.0, 1.0)] * 2), ["one for each of 3"]),
+        (
+            lambda m: rj.synthetic_motions(1, seed=1, pulse=rj.MavroeidisPapageorgiou(1.0, 0.05)),
+            ["does not fit", "40 s"],
+        ),
+        (
+            lambda m: rj.synthetic_motions(3, seed=1, pulse=[rj.MavroeidisPapageorgiou(1.0, 1.0)] * 2),
+            ["one for each of 3"],
+        ),
     ],
 )
 def test_what_makes_no_sense_is_said(make, words):
@@ -201,8 +211,12 @@ def test_spectral_acceleration_against_an_integration(suite, period, damping):
         -np.interp(t, motion.time, motion.acceleration, right=0) - 2 * damping * w * y[1] - w * w * y[0],
     ]
     end = motion.duration + period
-    exact = scipy.integrate.solve_ivp(rate, (0, end), [0, 0], method="LSODA", rtol=1e-9, atol=1e-12, max_step=motion.dt)
-    assert spectral_acceleration(motion, period, damping) == pytest.approx(w * w * np.abs(exact.y[0]).max(), rel=1e-3)
+    exact = scipy.integrate.solve_ivp(
+        rate, (0, end), [0, 0], method="LSODA", rtol=1e-9, atol=1e-12, max_step=motion.dt
+    )
+    assert spectral_acceleration(motion, period, damping) == pytest.approx(
+        w * w * np.abs(exact.y[0]).max(), rel=1e-3
+    )
 
 
 def test_a_slow_oscillator_swings_after_the_end():
@@ -214,19 +228,28 @@ def test_a_slow_oscillator_swings_after_the_end():
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
 @pytest.mark.parametrize(("period", "finer"), [(0.05, 512), (0.3, 512), (5.0, 64), (12.0, 64)])
 def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, damping):
-    """At samples alone it is up to 4e-4 low at long periods, where ü is ü_g: against samples 64 or 512 times as close,
-    with a parabola through the highest three."""
+    """At samples alone it is up to 4e-4 low at long periods, where ü is ü_g: against samples 64 or 512 times
+    as close, with a parabola through the highest three."""
     motion = rj.synthetic_motions(1, seed=3, duration=10.0, dt=0.02, omega_g=2.0, omega_f=0.5)[0]
     h, w = motion.dt / finer, 2 * np.pi / period
-    of_state = [[0, 1, 0, 0], [-w * w, -2 * damping * w, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]  # u, u̇, ü_g, its slope
+    of_state = [
+        [0, 1, 0, 0],
+        [-w * w, -2 * damping * w, -1, 0],
+        [0, 0, 0, 1],
+        [0, 0, 0, 0],
+    ]  # u, u̇, ü_g, its slope
     step = scipy.linalg.expm(np.array(of_state) * h)
     values, vectors = np.linalg.eig(step[:2, :2])
-    samples = np.interp(np.arange((len(motion) - 1) * finer + 1) / finer, np.arange(len(motion)), motion.acceleration)
+    samples = np.interp(
+        np.arange((len(motion) - 1) * finer + 1) / finer, np.arange(len(motion)), motion.acceleration
+    )
     load = np.concatenate([samples, np.zeros(round(period / h))])
     slopes = np.append(np.diff(samples) / h, np.zeros(round(period / h)))
     load[len(samples) - 1] = 0  # it ends with a jump
     inputs = np.linalg.solve(vectors, step[:2, 2:] @ np.stack([load[:-1], slopes]))
-    modes = [scipy.signal.lfilter([1.0], [1.0, -value], row) for value, row in zip(values, inputs, strict=True)]
+    modes = [
+        scipy.signal.lfilter([1.0], [1.0, -value], row) for value, row in zip(values, inputs, strict=True)
+    ]
     u = w * w * np.abs((vectors @ modes)[0].real)
     k = 1 + int(np.argmax(u[1:-1]))
     before, top, after = u[k - 1 : k + 2]
@@ -291,7 +314,9 @@ def test_saving_and_reading(tmp_path, suite, suffix, rtol):
     if suffix == "AT2":
         assert again.metadata["event"] == "synthetic"
     named = rj.Motion(
-        motion.acceleration, 0.01, metadata={"event": "A, B", "date": "1/2/1999", "station": "S", "component": "90"}
+        motion.acceleration,
+        0.01,
+        metadata={"event": "A, B", "date": "1/2/1999", "station": "S", "component": "90"},
     )
     notes = rj.read_motion(named.save(tmp_path / "named.AT2")).metadata
     assert {"event": "A; B", "date": "1/2/1999", "station": "S", "component": "90"}.items() <= notes.items()
@@ -341,7 +366,8 @@ def test_a_table_is_a_suite(folder, suite):
     (folder / "plain.txt").write_text("\n".join(f"{a / G:.12f}" for a in suite[2].acceleration))
     table = folder / "suite.csv"
     table.write_text(
-        "file,name,scale,units,dt,site\nb.AT2,second,,,,rock\n\nplain.txt,third,0.5,g,0.01,\na.csv,,3\n", encoding="utf-8"
+        "file,name,scale,units,dt,site\nb.AT2,second,,,,rock\n\nplain.txt,third,0.5,g,0.01,\na.csv,,3\n",
+        encoding="utf-8",
     )
     for place in (table, folder):
         found = rj.read_suite(place, scale=2.0)
@@ -395,7 +421,8 @@ def test_the_noise_has_its_spectral_density():
 
 
 def test_synthetic_spectra_follow_the_target():
-    """Whole motions, each over its own energy, against the density between the soil's and high frequencies."""
+    """Whole motions, each over its own energy, against the density between the soil's and high
+    frequencies."""
     motions = rj.synthetic_motions(300, seed=11, dt=0.01, duration=20.0)
     a = np.array([m.acceleration / np.sqrt(np.sum(m.acceleration**2)) for m in motions])
     f = np.fft.rfftfreq(a.shape[1], 0.01)
@@ -463,7 +490,18 @@ GOLDEN = [-0.18488684853026052, 0.5792233838544345, 0.5227878467997814]
 
 def test_motions_on_the_command_line(folder):
     prefix = folder / "out"
-    flags = ["--periods", "0.5,1", "--tan-alpha", "0.15", "--R", "1.5", "-o", str(prefix), "--pattern", "*.AT2"]
+    flags = [
+        "--periods",
+        "0.5,1",
+        "--tan-alpha",
+        "0.15",
+        "--R",
+        "1.5",
+        "-o",
+        str(prefix),
+        "--pattern",
+        "*.AT2",
+    ]
     result = RUN.invoke(app, ["motions", str(folder), str(folder / "a.csv"), *flags])
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
@@ -491,10 +529,16 @@ def test_synthetic_motions_on_the_command_line(tmp_path):
     flags = ["--count", "2", "--seed", "4", "--duration", "10", "--pga", "2", "--pulse", "0.5", "1", "2", "0"]
     result = RUN.invoke(app, ["synthetic", *flags, "-o", str(tmp_path / "made")])
     assert result.exit_code == 0, result.output
-    assert sorted(p.name for p in (tmp_path / "made").iterdir()) == ["suite.csv", "synthetic-0001.AT2", "synthetic-0002.AT2"]
+    assert sorted(p.name for p in (tmp_path / "made").iterdir()) == [
+        "suite.csv",
+        "synthetic-0001.AT2",
+        "synthetic-0002.AT2",
+    ]
     found = rj.read_suite(tmp_path / "made")
     pulse = rj.MavroeidisPapageorgiou(0.5, 1.0, 2.0, 0.0)
-    for one, made in zip(found, rj.synthetic_motions(2, seed=4, duration=10.0, pga=2.0, pulse=pulse), strict=True):
+    for one, made in zip(
+        found, rj.synthetic_motions(2, seed=4, duration=10.0, pga=2.0, pulse=pulse), strict=True
+    ):
         np.testing.assert_allclose(one.acceleration, made.acceleration, atol=2e-6)
         assert one.name == made.name
         assert one.metadata["pulse_A"] == "0.5"
@@ -516,7 +560,9 @@ motions = "records"
 def test_problems_take_suites(folder, suite):
     path = folder / "problem.toml"
     path.write_text(
-        PROBLEM + '[[motions.records]]\nsuite = "."\npattern = "*.AT2"\nscale = 2.0\n[[motions.records]]\nfile = "a.csv"\n'
+        PROBLEM
+        + '[[motions.records]]\nsuite = "."\npattern = "*.AT2"\nscale = 2.0\n[[motions.records]]\nfile = '
+        '"a.csv"\n'
     )
     one, two = optimise.load(path).motions["records"]
     np.testing.assert_allclose(one.acceleration, 2 * suite[1].acceleration, atol=1e-6)
@@ -547,13 +593,15 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     assert names["suite"].names == ["third", "first"]
 
 
-# ------------------------------------------------------------------------------------------- what takes motions
+# ----------------------------------------------------------------------------------------- what takes motions
 def test_what_readers_return_goes_into_everything(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
     records = suite.records()
     whole = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
     for several in (suite, list(suite), [suite[0], *records[1:]]):
-        np.testing.assert_array_equal(rj.peak_responses(podium, several, options=options).peak_rotation, whole)
+        np.testing.assert_array_equal(
+            rj.peak_responses(podium, several, options=options).peak_rotation, whole
+        )
     one = rj.peak_response(podium, suite[1], options=options)
     assert one.peak_rotation == rj.peak_response(podium, records[1], options=options).peak_rotation
     assert rj.peak_response(podium, [suite[1]], options=options).peak_rotation == one.peak_rotation
@@ -574,11 +622,14 @@ def test_what_readers_return_goes_into_everything(suite):
         rj.overturning_acceleration(podium, rj.Gabor, 1.0)
 
 
-# ---------------------------------------------------------------------------------------------------- plausibility
+# ----------------------------------------------------------------------------------------------- plausibility
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: rj.Podium.from_dimensions(450, 3000, 1500.0), "450 m by 3000 m has R = 1517 m; .* meant in mm"),
+        (
+            lambda: rj.Podium.from_dimensions(450, 3000, 1500.0),
+            "450 m by 3000 m has R = 1517 m; .* meant in mm",
+        ),
         (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; .* meant in gal"),
         (
             lambda: rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(0.4, 1.0)),
@@ -598,13 +649,16 @@ def test_numbers_of_another_system_are_doubted(make, words):
 def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))
-    with pytest.warns(rj.RecordWarning, match=r"PGA is 0\.449 m/s², 0\.0458 g; a file in g is read with units='g'"):
+    with pytest.warns(
+        rj.RecordWarning, match=r"PGA is 0\.449 m/s², 0\.0458 g; a file in g is read with units='g'"
+    ):
         rj.read_motion(path, units="m/s2", dt=0.01)
     assert rj.read_motion(path, units="g", dt=0.01).pga == pytest.approx(0.45 * G, rel=1e-2)
 
 
 def test_what_engineers_ask_for_is_not_doubted():
-    """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced size."""
+    """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced
+    size."""
     for width, height in ((6.0, 60.0), (0.05, 0.2)):
         rj.Podium.from_dimensions(width, height, 100.0)
     for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):

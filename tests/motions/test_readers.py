@@ -92,28 +92,58 @@ def cosmos(channels, interval_ms=5.0, form="8F10.5"):
 
 
 def esm(values, **changes):
-    """The header of the Engineering Strong-Motion database (DYNA 1.2), shortened, and one value a line in cm/s²."""
+    """The header of the Engineering Strong-Motion database (DYNA 1.2), shortened, and one value a line in
+    cm/s²."""
     header = {
-        "EVENT_NAME": "GREECE", "EVENT_ID": "EMSC-20190728_0000106", "EVENT_DATE_YYYYMMDD": "20190728",
-        "MAGNITUDE_W": "", "NETWORK": "HI", "STATION_CODE": "ARS1", "VS30_M/S": "", "SAMPLING_INTERVAL_S": "0.005000",
-        "NDATA": str(len(values)), "STREAM": "HNE", "UNITS": "cm/s^2", "PGA_CM/S^2": "0.300022",
-        "FILTER_ORDER": "2", "LOW_CUT_FREQUENCY_HZ": "0.100", "HIGH_CUT_FREQUENCY_HZ": "30.000",
-        "DATA_TYPE": "ACCELERATION", "ORIGINAL_DATA_MEDIATOR": "http://eida.gein.noa.gr/", "USER5": "",
-    } | changes  # fmt: skip
-    return "\n".join([*(f"{key}: {value}" for key, value in header.items()), *(f"{a:.6f}" for a in values), ""])
+        "EVENT_NAME": "GREECE",
+        "EVENT_ID": "EMSC-20190728_0000106",
+        "EVENT_DATE_YYYYMMDD": "20190728",
+        "MAGNITUDE_W": "",
+        "NETWORK": "HI",
+        "STATION_CODE": "ARS1",
+        "VS30_M/S": "",
+        "SAMPLING_INTERVAL_S": "0.005000",
+        "NDATA": str(len(values)),
+        "STREAM": "HNE",
+        "UNITS": "cm/s^2",
+        "PGA_CM/S^2": "0.300022",
+        "FILTER_ORDER": "2",
+        "LOW_CUT_FREQUENCY_HZ": "0.100",
+        "HIGH_CUT_FREQUENCY_HZ": "30.000",
+        "DATA_TYPE": "ACCELERATION",
+        "ORIGINAL_DATA_MEDIATOR": "http://eida.gein.noa.gr/",
+        "USER5": "",
+    } | changes
+    return "\n".join(
+        [*(f"{key}: {value}" for key, value in header.items()), *(f"{a:.6f}" for a in values), ""]
+    )
 
 
 def knet(counts, direction="E-W", factor="2000(gal)/8388608"):
     """K-NET and KiK-net: keys in 18 columns, then eight counts a line."""
     keys = {
-        "Origin Time": "1996/08/11 03:12:00", "Lat.": "38.920", "Long.": "140.630", "Depth. (km)": "7", "Mag.": "5.9",
-        "Station Code": "AKT013", "Station Lat.": "39.6069", "Station Long.": "140.3213", "Station Height(m)": "34",
-        "Record Time": "1996/08/11 03:12:39", "Sampling Freq(Hz)": "100Hz", "Duration Time(s)": f"{len(counts) / 100:g}",
-        "Dir.": direction, "Scale Factor": factor, "Max. Acc. (gal)": "4.383", "Last Correction": "1996/08/11 03:00:00",
+        "Origin Time": "1996/08/11 03:12:00",
+        "Lat.": "38.920",
+        "Long.": "140.630",
+        "Depth. (km)": "7",
+        "Mag.": "5.9",
+        "Station Code": "AKT013",
+        "Station Lat.": "39.6069",
+        "Station Long.": "140.3213",
+        "Station Height(m)": "34",
+        "Record Time": "1996/08/11 03:12:39",
+        "Sampling Freq(Hz)": "100Hz",
+        "Duration Time(s)": f"{len(counts) / 100:g}",
+        "Dir.": direction,
+        "Scale Factor": factor,
+        "Max. Acc. (gal)": "4.383",
+        "Last Correction": "1996/08/11 03:00:00",
         "Memo.": "",
-    }  # fmt: skip
+    }
     rows = [counts[k : k + 8] for k in range(0, len(counts), 8)]
-    return "\n".join([*(f"{k:<18s}{v}" for k, v in keys.items()), *("".join(f"{c:8d} " for c in row) for row in rows), ""])
+    return "\n".join(
+        [*(f"{k:<18s}{v}" for k, v in keys.items()), *("".join(f"{c:8d} " for c in row) for row in rows), ""]
+    )
 
 
 # No drift: as much to one side as to the other.
@@ -125,8 +155,10 @@ CHANNELS = {"90 Deg": GALS, "Up": UP}
 def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
     """SMC: 11 lines of text, 48 integers, 50 reals, comments, values in cm/s² that touch."""
     texts = [
-        kind, "*", "A020B", "     1989  10  18    0004 Loma Prieta, CA", "Moment Mag=      7.1 Ms=      7.1 Ml=      7.0",
-        "station = APEEL Array #2 - Redwood City  component=   up", "epicentral dist =     63.0       pk     =     84.5",
+        kind, "*", "A020B", "     1989  10  18    0004 Loma Prieta, "
+                            "CA", "Moment Mag=      7.1 Ms=      7.1 Ml=      7.0",
+        "station = APEEL Array #2 - Redwood City  component=   "
+        "up", "epicentral dist =     63.0       pk     =     84.5",
         "inst type=SMA-1      data source = USGS", "*", "*", "*",
     ]  # fmt: skip
     integers, reals = np.full(48, -32768), np.full(50, 1.7e38)
@@ -140,21 +172,27 @@ def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
 
 
 def geonet(channels, first="Corrected accelerogram 20180212_211554_WPWS_20 GNS Science"):
-    """Volume 2 of GeoNet: acceleration, velocity, displacement in mm and s, ten a line, for each component."""
+    """Volume 2 of GeoNet: acceleration, velocity, displacement in mm and s, ten a line, for each
+    component."""
     lines = []
     for name, values in channels.items():
         integers = np.zeros(40, int)
         integers[33:36] = len(values)
         lines += [
-            first, "Site WPWS      39 56 38S  176 35 04E     Basalt file:  20180212_211557_WPWS", "Waipawa District Council",
+            first, "Site WPWS      39 56 38S  176 35 04E     Basalt file:  "
+                   "20180212_211557_WPWS", "Waipawa District Council",
             "Instrument Basalt_2413", "Resolution: 24-bit   Instr Period: 0.0050 s   Damping: 0.700",
-            "Accelerogram 20180212_211554_WPWS_20                 Processed 2018 February 21", "6 km south of Waipukurau",
-            "2018 February 12         21:15:54 UT", "Epicentre  40 03 27S 176 32 45E  Bearing S15W  Dist   13km  M  4.17",
-            f"Number of points  {len(values)}    Duration 115.98 sec", "Instrument corrected data at 0.020 sec intervals",
+            "Accelerogram 20180212_211554_WPWS_20                 Processed 2018 February "
+            "21", "6 km south of Waipukurau",
+            "2018 February 12         21:15:54 "
+            "UT", "Epicentre  40 03 27S 176 32 45E  Bearing S15W  Dist   13km  M  4.17",
+            f"Number of points  "
+            f"{len(values)}    Duration 115.98 sec", "Instrument corrected data at 0.020 sec intervals",
             "Band-pass filter transition bands are .10-.25 Hz and 24.50-25.50 Hz",
             f"Component {name}  Longitudinal Accelerometer Axis",
             f"Acceleration:  peak {np.abs(values).max():8.1f} mm/s/s at  43.68 sec     rms      2.2 mm/s/s",
-            "Velocity:      peak     1.65 mm/s   at  43.56 sec", "Displacement:  peak    0.131 mm     at  43.66 sec",
+            "Velocity:      peak     1.65 mm/s   at  43.56 "
+            "sec", "Displacement:  peak    0.131 mm     at  43.66 sec",
         ]  # fmt: skip
         lines += ["".join(f"{y:8d}" for y in row) for row in integers.reshape(4, 10)]
         lines += numbers(np.zeros(60), 10, 8, 2)
@@ -169,7 +207,8 @@ def afad(columns, peaks=None):
     peaks = np.abs(values).max(axis=0) if peaks is None else peaks
     names = ("N-S", "E-W", "U-D")
     lines = [
-        "STRONG GROUND MOTION RECORDS OF TURKIYE", "PLACE                   : KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU",
+        "STRONG GROUND MOTION RECORDS OF "
+        "TURKIYE", "PLACE                   : KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU",
         "EARTHQUAKE DATE         : 2017/07/20 22:31:09 (GMT)", "STATION ID              : 4304",
         f"NUMBER OF DATA          : {len(values)}", "SAMPLING INTERVAL (sec) : 0.01",
         "RAW PGA VALUES (gal)    : " + " ".join(f"({n}) {y:.6f}" for n, y in zip(names, peaks, strict=True)),
@@ -187,13 +226,19 @@ def put(tmp_path, text, name="motion.txt"):
 
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_at2(tmp_path):
-    for text in (AT2, AT2.replace("NPTS=    7, DT=   .0050 SEC", "   7   0.0050   NPTS, DT"), AT2.replace("\n", "\r\n")):
+    for text in (
+        AT2,
+        AT2.replace("NPTS=    7, DT=   .0050 SEC", "   7   0.0050   NPTS, DT"),
+        AT2.replace("\n", "\r\n"),
+    ):
         record = rj.Record.from_file(put(tmp_path, text, "RSN1.AT2"), scale=2.0)
         np.testing.assert_allclose(record.acceleration, G * VALUES, rtol=1e-15)
         assert float(record.dt) == 0.005
         assert float(record.scale) == 2.0
     nameless = put(tmp_path, AT2.replace("IN UNITS OF G", ""), "old.at2")
-    np.testing.assert_allclose(rj.Record.from_file(nameless, units="cm/s2").acceleration, 0.01 * VALUES, rtol=1e-15)
+    np.testing.assert_allclose(
+        rj.Record.from_file(nameless, units="cm/s2").acceleration, 0.01 * VALUES, rtol=1e-15
+    )
 
 
 @pytest.mark.parametrize(
@@ -232,7 +277,12 @@ def test_one_column_and_numpy(tmp_path):
             0.02,
             {"station": "WLT Hacienda Heights", "date": "3/29/14", "event": "La Habra Earthquake"},
         ),
-        ("a.v2", csmip(CHANNELS, 3, ".  (UNITS: CM/SEC/SEC)").upper(), 0.02, {"low_pass_Hz": 23.0, "high_pass_Hz": 0.1}),
+        (
+            "a.v2",
+            csmip(CHANNELS, 3, ".  (UNITS: CM/SEC/SEC)").upper(),
+            0.02,
+            {"low_pass_Hz": 23.0, "high_pass_Hz": 0.1},
+        ),
         ("a.V2c", cosmos(CHANNELS), 0.005, {"date": "2018/11/30", "high_pass_Hz": 0.03, "low_pass_Hz": 20.0}),
         ("a.txt", cosmos(CHANNELS, form="1F10.5"), 0.005, {"station": "AK-BMR UAF Bremner River, AK, USA"}),
     ],
@@ -248,7 +298,9 @@ def test_several_channels(tmp_path, name, text, dt, said):
         assert said.items() <= motion.metadata.items()
     np.testing.assert_array_equal(rj.Record.from_file(path, component=2).acceleration, motion.acceleration)
     for wrong in (None, 3, "North"):
-        with pytest.raises(ValueError, match=r"holds 2 channels.*1 \(90 [Dd][Ee][Gg]\), 2 \([Uu][Pp]\); choose"):
+        with pytest.raises(
+            ValueError, match=r"holds 2 channels.*1 \(90 [Dd][Ee][Gg]\), 2 \([Uu][Pp]\); choose"
+        ):
             rj.read_motion(path, component=wrong)
 
 
@@ -267,7 +319,13 @@ def test_esm(tmp_path):
     assert motion.dt == 0.005
     assert motion.name == path.stem
     assert motion.source == path
-    said = {"station": "HI.ARS1", "component": "HNE", "date": "20190728", "low_pass_Hz": 30.0, "filter_order": "2"}
+    said = {
+        "station": "HI.ARS1",
+        "component": "HNE",
+        "date": "20190728",
+        "low_pass_Hz": 30.0,
+        "filter_order": "2",
+    }
     assert said.items() <= motion.metadata.items()
 
 
@@ -277,8 +335,16 @@ def test_knet(tmp_path):
     motion = rj.read_motion(path)
     np.testing.assert_allclose(motion.acceleration, 20 * np.array(counts) / 8388608, rtol=1e-14)
     assert motion.dt == 0.01
-    assert {"station": "AKT013", "component": "E-W", "event": "M 5.9", "Lat.": "38.920"}.items() <= motion.metadata.items()
-    assert rj.read_motion(put(tmp_path, knet(counts, "4"), "a.NS2"), component="NS2").metadata["component"] == "NS2"
+    assert {
+        "station": "AKT013",
+        "component": "E-W",
+        "event": "M 5.9",
+        "Lat.": "38.920",
+    }.items() <= motion.metadata.items()
+    assert (
+        rj.read_motion(put(tmp_path, knet(counts, "4"), "a.NS2"), component="NS2").metadata["component"]
+        == "NS2"
+    )
     obspy = pytest.importorskip("obspy")
     trace = obspy.read(str(path), format="KNET")[0]
     np.testing.assert_allclose(motion.acceleration, trace.data * trace.stats.calib, rtol=1e-14)
@@ -364,7 +430,8 @@ def test_waveforms(tmp_path, monkeypatch):
             rj.read_motion(put(tmp_path, b"no waveform", "b.sac"), units="gal")
     monkeypatch.setitem(sys.modules, "obspy", None)
     with pytest.raises(
-        ValueError, match=r"a\.mseed: \.mseed is read by ObsPy; install it with: pip install 'rockjax\[records\]'"
+        ValueError,
+        match=r"a\.mseed: \.mseed is read by ObsPy; install it with: pip install 'rockjax\[records\]'",
     ):
         rj.read_motion(path, units="gal")
 
@@ -375,7 +442,9 @@ def test_what_looks_wrong_is_said(tmp_path):
     def column(values):
         return put(tmp_path, "\n".join(f"{a:.12f}" for a in values))
 
-    assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(1, rel=1e-2)  # and not a word
+    assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(
+        1, rel=1e-2
+    )  # and not a word
     with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 99\.8 g: are the units right\?"):
         rj.read_motion(column(100 * wave), units="g", dt=0.01)
     with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 1\.02e-05 g: are the units right\?"):
@@ -423,7 +492,12 @@ def test_units_in_a_heading(tmp_path):
         ("a.txt", "0 1\n0.1 2\n0.3 3\n", {"units": "g"}, [":2:", "equal steps", "resample"]),
         ("a.txt", "0 1\n0 2\n0 3\n", {"units": "g"}, ["equal steps"]),
         ("a.txt", "0 1\n0.1 2\n0.2 3\n", {"units": "g", "dt": 0.2}, ["dt = 0.2", "0.1 s apart"]),
-        ("a.txt", "0 1\n0.1 2\n", {}, ["does not say in what units", "give units (on the command line --units)"]),
+        (
+            "a.txt",
+            "0 1\n0.1 2\n",
+            {},
+            ["does not say in what units", "give units (on the command line --units)"],
+        ),
         ("a.txt", "0 1\n0.1 2\n", {"units": "ft/s2"}, ["units must be one of", "'ft/s2'"]),
         ("a.txt", "1\n2\n", {"units": "g"}, ["give dt"]),
         ("a.txt", "1\n2\n", {"units": "g", "dt": -1.0}, ["dt must be", "-1.0"]),
@@ -431,35 +505,75 @@ def test_units_in_a_heading(tmp_path):
         ("a.txt", "1 2 3\n4 5 6\n", {"units": "g"}, ["3 columns"]),
         ("a.npy", b"not numpy", {"units": "g", "dt": 0.1}, ["is not a NumPy array"]),
         ("a.txt", "0 1\n0.1 2\n", {"units": "g", "component": 1}, ["holds one motion, not component 1"]),
-        ("a.v2", csmip(CHANNELS).replace("-260.00000", "-26o.00000"), {"component": 1}, [":47:", "is not a number"]),
+        (
+            "a.v2",
+            csmip(CHANNELS).replace("-260.00000", "-26o.00000"),
+            {"component": 1},
+            [":47:", "is not a number"],
+        ),
         (
             "a.v2",
             csmip(CHANNELS).replace("   106 points of accel", "   107 points of accel"),
             {"component": 1},
             [":60:", "due"],
         ),
-        ("a.v2", "\n".join(csmip(CHANNELS).split("\n")[:50]), {}, [":46:", "points is 106", "32 values", "cut short"]),
-        ("a.v2", csmip(CHANNELS), {"component": 1, "dt": 0.01}, [":46:", "interval is 0.02 s", "leave dt out"]),
+        (
+            "a.v2",
+            "\n".join(csmip(CHANNELS).split("\n")[:50]),
+            {},
+            [":46:", "points is 106", "32 values", "cut short"],
+        ),
+        (
+            "a.v2",
+            csmip(CHANNELS),
+            {"component": 1, "dt": 0.01},
+            [":46:", "interval is 0.02 s", "leave dt out"],
+        ),
         (
             "a.v2",
             csmip(CHANNELS, units=", in counts. (8f10.5)"),
             {"component": 1},
             ["'counts'", "give units (on the command line --units)"],
         ),
-        ("a.v2", csmip(CHANNELS).replace("points of accel", "points of a"), {"component": 1}, [":1:", "no line 'N points"]),
+        (
+            "a.v2",
+            csmip(CHANNELS).replace("points of accel", "points of a"),
+            {"component": 1},
+            [":1:", "no line 'N points"],
+        ),
         ("a.v1", "UNCORRECTED ACCELEROGRAM DATA\n1 2\n", {}, [":1:", "volume 1", ".V2"]),
         ("a.v2", "1 2\n3 4\n", {}, [":1:", "neither", "CSMIP", "COSMOS"]),
         ("a.v2c", cosmos(CHANNELS, interval_ms=-999.0), {"component": 1}, [":25:", "value 62", "> 0 ms"]),
         ("a.v2c", cosmos(CHANNELS).replace("acceleration  ", "velocity  "), {}, [":1:", "holds velocity"]),
         ("a.asc", esm(GALS, NDATA="107"), {}, [":9:", "NDATA is 107", "106 values", "cut short"]),
         ("a.asc", esm(GALS, NDATA="many"), {}, [":9:", "whole number", "'many'"]),
-        ("a.asc", esm(GALS, UNITS="cm"), {}, ["gives the unit as 'cm'", "give units (on the command line --units)"]),
+        (
+            "a.asc",
+            esm(GALS, UNITS="cm"),
+            {},
+            ["gives the unit as 'cm'", "give units (on the command line --units)"],
+        ),
         ("a.asc", esm(GALS, DATA_TYPE="VELOCITY"), {}, [":16:", "'VELOCITY'", "not ACCELERATION"]),
-        ("a.V2A", geonet({"S16W": GALS}, "Uncorrected accelerogram X GNS Science"), {}, [":1:", "volume 1 of GeoNet"]),
-        ("a.V2A", "\n".join(geonet({"S16W": GALS}).split("\n")[:30]), {}, [":26:", "is 106", "40 values", "cut short"]),
+        (
+            "a.V2A",
+            geonet({"S16W": GALS}, "Uncorrected accelerogram X GNS Science"),
+            {},
+            [":1:", "volume 1 of GeoNet"],
+        ),
+        (
+            "a.V2A",
+            "\n".join(geonet({"S16W": GALS}).split("\n")[:30]),
+            {},
+            [":26:", "is 106", "40 values", "cut short"],
+        ),
         ("a.V2A", geonet({"S16W": GALS}).replace("0.020 sec", "0.000 sec"), {}, [":11:", "must be > 0 s"]),
         ("a.smc", smc(GALS, "3 VELOCITY"), {}, [":1:", "is SMC and holds 'velocity'"]),
-        ("a.smc", smc(GALS, "1 UNCORRECTED ACCELEROGRAM"), {}, [":1:", "is SMC", "'uncorrected accelerogram'"]),
+        (
+            "a.smc",
+            smc(GALS, "1 UNCORRECTED ACCELEROGRAM"),
+            {},
+            [":1:", "is SMC", "'uncorrected accelerogram'"],
+        ),
         ("a.smc", smc(GALS, rate=-50.0), {}, [":18:", "samples a second", "-50"]),
         ("a.smc", "\n".join(smc(GALS).split("\n")[:33]), {}, [":29:", "is 106", "32 values", "cut short"]),
         (
@@ -468,7 +582,12 @@ def test_units_in_a_heading(tmp_path):
             {"component": 1},
             ["columns where three"],
         ),
-        ("a.txt", afad([GALS, UP, -UP])[:-80], {"component": 1}, [":5:", "NUMBER OF DATA is 106", "lines of values follow"]),
+        (
+            "a.txt",
+            afad([GALS, UP, -UP])[:-80],
+            {"component": 1},
+            [":5:", "NUMBER OF DATA is 106", "lines of values follow"],
+        ),
         ("a.cor.acc", "1 2\n", {}, [":1:", "ITACA before it had headers", "which is not read"]),
         ("a.asc", esm(GALS, SAMPLING_INTERVAL_S="0"), {}, [":8:", "must be > 0 s"]),
         ("a.asc", esm(GALS), {"component": "HNZ"}, ["not component 'HNZ'", "it is 'HNE'"]),
@@ -517,7 +636,9 @@ def damaged(text: str):
     raw = text.encode()
     place = st.integers(0, len(raw))
     pieces = st.one_of(
-        st.binary(max_size=12), st.text(max_size=8).map(str.encode), st.sampled_from([b"nan", b"1e999", b"-", b"\n"])
+        st.binary(max_size=12),
+        st.text(max_size=8).map(str.encode),
+        st.sampled_from([b"nan", b"1e999", b"-", b"\n"]),
     )
     return st.tuples(place, place, pieces).map(lambda t: raw[: t[0]] + t[2] + raw[t[1] :])
 
@@ -538,7 +659,9 @@ def test_damaged_at2_files(tmp_path_factory, content, units):
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
     content=st.one_of(
-        damaged("t,a\n0.0,1\n0.1,-2\n0.2,3\n0.3,4e-3\n"), st.binary(max_size=200), st.text(max_size=80).map(str.encode)
+        damaged("t,a\n0.0,1\n0.1,-2\n0.2,3\n0.3,4e-3\n"),
+        st.binary(max_size=200),
+        st.text(max_size=80).map(str.encode),
     ),
     dt=st.sampled_from([None, 0.1]),
     suffix=st.sampled_from(["txt", "csv", "npy"]),
@@ -557,7 +680,9 @@ SHORT = {"90 Deg": GALS[::8], "Up": UP[::8]}
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
-    content=st.sampled_from([csmip(SHORT), cosmos(SHORT), esm(GALS[::8]), knet([5, -5] * 50)]).flatmap(damaged),
+    content=st.sampled_from([csmip(SHORT), cosmos(SHORT), esm(GALS[::8]), knet([5, -5] * 50)]).flatmap(
+        damaged
+    ),
     component=st.sampled_from([None, 1, "Up"]),
     suffix=st.sampled_from(["V2", "asc", "EW"]),
 )
@@ -620,9 +745,15 @@ def test_damaged_problems(tmp_path_factory, content):
 
 
 VALUES_OF_KEYS = st.one_of(
-    st.none(), st.booleans(), st.integers(-3, 3), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=3),
-    st.lists(st.text(max_size=3), max_size=2), st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
-)  # fmt: skip
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 3),
+    st.floats(),
+    st.text(max_size=5),
+    st.lists(st.floats(), max_size=3),
+    st.lists(st.text(max_size=3), max_size=2),
+    st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
+)
 
 
 def leaves(table, path=()):

@@ -1,4 +1,5 @@
-"""Designs: variables, targets and their derivatives, the method on problems with known answers, the studies, files."""
+"""Designs: variables, targets and their derivatives, the method on problems with known answers, the studies,
+files."""
 
 import dataclasses
 import json
@@ -24,7 +25,9 @@ from optimise._variables import variables
 from tests.scenes import Stops, shaking
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
-DRAWING = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+DRAWING = optimise.Dimensions(
+    width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+)
 OPTIONS = rj.Options(rtol=1e-9, atol=1e-11, throw=False)
 
 
@@ -58,7 +61,9 @@ def test_a_width_keeps_the_height():
     assert float(podium.gamma) == float(DRAWING.podium().gamma)
     tall = variables(DRAWING.podium(), {"height": (2.0, 6.0)}).podium(jnp.array([0.5]))
     assert np.allclose([tall.width, tall.height], [0.45, 4.0], rtol=1e-14)
-    both = variables(DRAWING.podium(), {"height": (2.0, 6.0), "width": (0.1, 0.3)}).podium(jnp.array([0.5, 0.5]))
+    both = variables(DRAWING.podium(), {"height": (2.0, 6.0), "width": (0.1, 0.3)}).podium(
+        jnp.array([0.5, 0.5])
+    )
     assert np.allclose([both.width, both.height], [0.2, 4.0], rtol=1e-14)
 
 
@@ -89,13 +94,21 @@ def test_scaling_meets_the_bounds_and_inverts():
         (BLOCK, {}, "at least one variable"),
         (BLOCK, {"slenderness": (0, 1)}, "what may vary of this podium is alpha"),
         (BLOCK, {"beam_mass": (0, 1)}, r"masses vary with an optimise\.Dimensions"),
-        (BLOCK, {"alpha": (0.1, 0.2), "width": (0.1, 0.2)}, "alpha and width, which say the same of a column"),
+        (
+            BLOCK,
+            {"alpha": (0.1, 0.2), "width": (0.1, 0.2)},
+            "alpha and width, which say the same of a column",
+        ),
         (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
         (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
         (BLOCK, {"alpha": 0.2}, "must be a pair"),
         (BLOCK, {"alpha": (0.1, 2.0)}, "leaves the possible: Podium: alpha"),
         (BLOCK, {"superstructure.eta": (1.0, 2.0)}, "no superstructure"),
-        (BLOCK.replace(superstructure=rj.Rigid(1.0)), {"superstructure.T_s": (0.1, 2.0)}, "a Rigid superstructure"),
+        (
+            BLOCK.replace(superstructure=rj.Rigid(1.0)),
+            {"superstructure.T_s": (0.1, 2.0)},
+            "a Rigid superstructure",
+        ),
         (BLOCK, {"restitution": (0.8, 0.9)}, "give it a factor"),
         (DRAWING, {"alpha": (0.1, 0.2)}, "dimensions that may vary are width"),
         (DRAWING.replace(period=None), {"period": (0.1, 0.2)}, "give it a period"),
@@ -131,7 +144,9 @@ def test_subproblem_has_its_known_solution_and_multipliers():
 
 def test_multiplier_is_the_price_of_the_target():
     target = Analytic(lambda p: p.R * p.alpha / 0.2 - 1)
-    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, lambda p: p.alpha + 0.01 * p.R, target)
+    answer = optimise.design(
+        BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, lambda p: p.alpha + 0.01 * p.R, target
+    )
     assert result_name(answer.result) == "converged"
     assert np.isclose(answer.variables["alpha"], 0.1, rtol=1e-5)
     assert answer.variables["R"] == 2.0
@@ -155,7 +170,9 @@ def test_curved_problem_with_two_binding_targets():
 
 
 def test_targets_of_one_name_are_numbered():
-    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, [Analytic(lambda p: p.alpha), Analytic(lambda p: p.R)])
+    answer = optimise.design(
+        BLOCK, {"alpha": (0.05, 0.5)}, _alpha, [Analytic(lambda p: p.alpha), Analytic(lambda p: p.R)]
+    )
     assert list(answer.margins) == ["analytic", "analytic (2)"]
 
 
@@ -197,8 +214,12 @@ def test_unreachable_targets_return_the_closest_design():
 
 
 def test_without_objective_the_nearest_design_is_found():
-    target = Analytic(lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45)  # a straight line in scaled variables
-    answer = optimise.design(BLOCK.replace(alpha=0.05, R=0.5), {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, None, target)
+    target = Analytic(
+        lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45
+    )  # a straight line in scaled variables
+    answer = optimise.design(
+        BLOCK.replace(alpha=0.05, R=0.5), {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, None, target
+    )
     x = [(answer.variables["alpha"] - 0.05) / 0.45, (answer.variables["R"] - 0.5) / 1.5]
     assert answer.satisfied
     assert np.isclose(x[0], x[1], atol=1e-4)
@@ -216,14 +237,19 @@ def test_not_finite_start_is_named_and_other_starts_go_on():
 
 def test_out_of_iterations_says_so():
     answer = optimise.design(
-        BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2)}, lambda p: (p.R**2 - p.alpha) ** 2 + p.R, max_iterations=1
+        BLOCK,
+        {"alpha": (0.05, 0.5), "R": (0.5, 2)},
+        lambda p: (p.R**2 - p.alpha) ** 2 + p.R,
+        max_iterations=1,
     )
     assert result_name(answer.result) == "out_of_iterations"
 
 
 def test_seed_decides_the_starts():
     def run(seed):
-        return optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2)}, lambda p: p.alpha * p.R, starts=3, seed=seed)
+        return optimise.design(
+            BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2)}, lambda p: p.alpha * p.R, starts=3, seed=seed
+        )
 
     one, same, other = run(1), run(1), run(2)
     assert [h.objective for h in one.history] == [h.objective for h in same.history]
@@ -236,7 +262,10 @@ def test_seed_decides_the_starts():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"method": "simplex"}, "method must be 'sqp' or a gradient transformation of Optax such as optax.adam"),
+        (
+            {"method": "simplex"},
+            "method must be 'sqp' or a gradient transformation of Optax such as optax.adam",
+        ),
         ({"method": optax.adam}, "method must be 'sqp' or a gradient transformation"),
         ({"method": optax.lbfgs()}, r"has to evaluate the objective by itself.*linesearch=None"),
         ({"starts": 0}, "starts must be a whole number"),
@@ -314,7 +343,9 @@ FLOOR = Analytic(lambda p: p.R / 1.2 - 1, "floor")
 
 
 def test_adam_and_the_quadratic_programming_find_the_same_design():
-    ask = lambda method: optimise.design(BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), starts=2, method=method)
+    ask = lambda method: optimise.design(
+        BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), starts=2, method=method
+    )
     expected, answer = ask("sqp"), ask(ADAM)
     assert result_name(answer.result) == "converged"
     assert answer.satisfied
@@ -358,7 +389,9 @@ def test_adam_ends_in_a_named_result():
     lost = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, hole, method=ADAM)
     assert result_name(lost.result) == "not_finite"
 
-    short = optimise.design(BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), method=ADAM, max_iterations=30)
+    short = optimise.design(
+        BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), method=ADAM, max_iterations=30
+    )
     assert result_name(short.result) == "out_of_iterations"
     assert short.satisfied  # the best on the way, not the last
     assert len(short.history) <= 30
@@ -402,7 +435,13 @@ def test_adam_sizes_a_column_as_the_quadratic_programming_does():
 
 @pytest.mark.slow
 def test_suite_groups_kinds_and_keeps_the_order():
-    motions = [rj.Ricker(3.0, 1.0), shaking(n=90, seed=2), rj.Ricker(2.0, 0.7), shaking(n=200), rj.OneSine(2.0, 0.8)]
+    motions = [
+        rj.Ricker(3.0, 1.0),
+        shaking(n=90, seed=2),
+        rj.Ricker(2.0, 0.7),
+        shaking(n=200),
+        rj.OneSine(2.0, 0.8),
+    ]
     suite = Suite(motions)
     assert len(suite.groups) == 3  # records of different lengths are one group
     together = suite.responses(BLOCK, OPTIONS, ("peak_rotation",)).peak_rotation
@@ -430,14 +469,17 @@ TARGETS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(TARGETS))
 def test_margins_have_exact_derivatives(name):
-    """Under an elastic building where the target is about it or about the rotation; the others compile sooner without."""
+    """Under an elastic building where the target is about it or about the rotation; the others compile sooner
+    without."""
     target = TARGETS[name]
     elastic = name in ("rotation", "shear")
     podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
     options = rj.Options(rtol=1e-11, atol=1e-13, throw=False)
 
     def margins(width):
-        return target.margins(podium.replace(alpha=jnp.arctan(width / 3), R=0.5 * jnp.hypot(width, 3.0)), options)
+        return target.margins(
+            podium.replace(alpha=jnp.arctan(width / 3), R=0.5 * jnp.hypot(width, 3.0)), options
+        )
 
     # One program for values and slopes.
     both = jax.jit(lambda width: jax.jvp(margins, (width,), (1.0,)))
@@ -454,7 +496,9 @@ def test_severity_goes_on_where_the_columns_fall():
     margins = optimise.PeakRotation(0.5, pulses).margins(BLOCK, OPTIONS)
     assert margins[0] > -1
     assert (margins[1:] < -2).all()
-    slope = jax.jacfwd(lambda a: optimise.PeakRotation(0.5, pulses).margins(BLOCK.replace(alpha=a), OPTIONS))(0.15)
+    slope = jax.jacfwd(lambda a: optimise.PeakRotation(0.5, pulses).margins(BLOCK.replace(alpha=a), OPTIONS))(
+        0.15
+    )
     assert (slope[1:] != 0).all()
 
 
@@ -507,7 +551,10 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.PeakShear(-1.0, MOTIONS), "limit must be finite and > 0"),
         (lambda: optimise.OverturningAcceleration(3.0, "ricker", 1.0), "pulse must be a class"),
         (lambda: optimise.OverturningAcceleration(3.0, rj.Ricker, -1.0), "T_p must be"),
-        (lambda: optimise.OverturningAcceleration(13.0, rj.Ricker, 1.0, ratio=True), "below max_acceleration_ratio"),
+        (
+            lambda: optimise.OverturningAcceleration(13.0, rj.Ricker, 1.0, ratio=True),
+            "below max_acceleration_ratio",
+        ),
         (lambda: optimise.OverturningScale(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS[:1]), "two motions or more"),

@@ -11,7 +11,9 @@ import rockjax as rj
 
 pytest.importorskip("ipywidgets")
 
-COLUMN = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5)
+COLUMN = optimise.Dimensions(
+    width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
+)
 PULSE = rj.Ricker(3.2, 1.0)
 
 
@@ -24,7 +26,8 @@ def study():
 
 
 def shown_in_a_browser(explorer):
-    """What a browser does on showing sliders: it takes every value to the nearest place from `min` on, and sends it back."""
+    """What a browser does on showing sliders: it takes every value to the nearest place from `min` on, and
+    sends it back."""
     for slider in explorer.sliders.values():
         place = round((slider.value - slider.min) / slider.step)
         slider.set_state({"value": slider.min + place * slider.step})
@@ -93,7 +96,9 @@ def test_no_compilation_when_sliders_move(study, caplog):
             assert study.values[name] == slider.value
         assert not [record for record in caplog.records if "ompil" in record.getMessage()]
         jax.jit(lambda x: x + 1)(0.0)
-        assert [record for record in caplog.records if "ompil" in record.getMessage()]  # it would have been seen
+        assert [
+            record for record in caplog.records if "ompil" in record.getMessage()
+        ]  # it would have been seen
 
 
 @pytest.mark.slow

@@ -33,7 +33,9 @@ def test_a_parameter_is_read_where_it_is_set(name):
     assert float(variants.read(changed, name)) == pytest.approx(value, rel=1e-14)
     others = set(table.STRUCTURE) - {name} - ALONG.get(name, set())
     for other in others:
-        assert float(variants.read(changed, other)) == pytest.approx(float(variants.read(FULL, other)), rel=1e-14), other
+        assert float(variants.read(changed, other)) == pytest.approx(
+            float(variants.read(FULL, other)), rel=1e-14
+        ), other
 
 
 def test_which_parameters_a_podium_has():
@@ -48,7 +50,9 @@ def test_which_parameters_a_podium_has():
 
 def test_width_and_height_are_slenderness_and_size():
     podium = variants.varied(BARE, {"width": 0.6, "height": 4.0})
-    assert (float(podium.alpha), float(podium.R)) == pytest.approx((math.atan(0.15), math.hypot(0.3, 2.0)), rel=1e-14)
+    assert (float(podium.alpha), float(podium.R)) == pytest.approx(
+        (math.atan(0.15), math.hypot(0.3, 2.0)), rel=1e-14
+    )
     wider = variants.varied(BARE, {"width": 0.6})
     assert float(wider.height) == pytest.approx(float(BARE.height), rel=1e-14)
     with pytest.raises(ValueError, match="R and width say the same"):
@@ -83,7 +87,12 @@ def test_problem_files_know_all_parameters():
 
 
 def test_parameters_of_motions_are_fields_of_theirs():
-    kinds = (rj.Ricker(1.0, 1.0), rj.Gabor(1.0, 1.0), rj.MavroeidisPapageorgiou(1.0, 1.0), rj.Record(np.ones(3), 0.1))
+    kinds = (
+        rj.Ricker(1.0, 1.0),
+        rj.Gabor(1.0, 1.0),
+        rj.MavroeidisPapageorgiou(1.0, 1.0),
+        rj.Record(np.ones(3), 0.1),
+    )
     fields = {field.name for motion in kinds for field in dataclasses.fields(motion)}
     ratios = {name for name, entry in table.MOTION.items() if entry.instead_of}
     assert set(table.MOTION) - ratios == fields - {"acceleration"}

@@ -83,7 +83,11 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
 
 def test_a_curve_without_marks_has_no_entries_for_them():
     single = ("frequency_ratio", "boundary"), np.linspace(1.0, 1.5, 6)[:, None]
-    whole = spectrum().drop_dims("boundary").assign(boundaries=single, minimum=("frequency_ratio", single[1][:, 0]))
+    whole = (
+        spectrum()
+        .drop_dims("boundary")
+        .assign(boundaries=single, minimum=("frequency_ratio", single[1][:, 0]))
+    )
     assert plots.overturning_spectrum(whole, label="one").get_legend_handles_labels()[1] == ["one"]
 
 
@@ -122,7 +126,9 @@ def test_boundaries_of_a_grid_are_narrowed_down():
             places = places[np.isfinite(places)]
             sides = places[:, None] + np.array([-1e-4, 1e-4])
             T_p = 2 * np.pi / (x[k] * float(podium.p))
-            overturned = np.asarray(rj.peak_responses(podium, rj.Ricker(sides * unit, T_p), options=options).overturned)
+            overturned = np.asarray(
+                rj.peak_responses(podium, rj.Ricker(sides * unit, T_p), options=options).overturned
+            )
             assert overturned[::2].tolist() == [[False, True]] * len(overturned[::2])
             assert overturned[1::2].tolist() == [[True, False]] * len(overturned[1::2])
             assert found["minimum"].values[k] == places[0]

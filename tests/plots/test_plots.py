@@ -19,12 +19,20 @@ from rockjax._engine import model
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests.scenes import PODIUMS, G, pulse, shaking
 
-AXES = ("rotation_history", "deformation_history", "ground_motion", "phase_portrait", "moment_rotation", "energy_balance")
+AXES = (
+    "rotation_history",
+    "deformation_history",
+    "ground_motion",
+    "phase_portrait",
+    "moment_rotation",
+    "energy_balance",
+)
 
 
 @pytest.fixture(scope="module")
 def responses():
-    """Rigid and elastic ones that rock, one without a superstructure that overturns, one that never uplifts."""
+    """Rigid and elastic ones that rock, one without a superstructure that overturns, one that never
+    uplifts."""
     return {
         "rigid": rj.simulate(PODIUMS["rigid"], pulse()),
         "record": rj.simulate(PODIUMS["rigid"], shaking()),
@@ -96,7 +104,9 @@ def test_curves_hold_the_numbers(responses, histories, kind):
     response, data = responses[kind], histories[kind]
     alpha, p = float(response.podium.alpha), float(response.podium.p)
     ax = plots.rotation_history(data)
-    np.testing.assert_allclose(ax.lines[1].get_ydata(), np.asarray(response(data["time"].values).theta) / alpha, atol=1e-12)
+    np.testing.assert_allclose(
+        ax.lines[1].get_ydata(), np.asarray(response(data["time"].values).theta) / alpha, atol=1e-12
+    )
     x, y = line(ax, "peak")
     assert abs(y[0]) == pytest.approx(float(response.peak_rotation))
     assert y[0] * alpha == pytest.approx(float(response(x[0]).theta), abs=1e-9)
@@ -112,13 +122,14 @@ def test_curves_hold_the_numbers(responses, histories, kind):
 
 
 def test_saddles_and_separatrices():
-    """θ = ±α is an equilibrium from which the rotation grows, and what starts on a separatrix comes to rest there."""
+    """θ = ±α is an equilibrium from which the rotation grows, and what starts on a separatrix comes to rest
+    there."""
     podium = PODIUMS["rigid"]
     c = model.coefficients(podium)
     for sigma in (1.0, -1.0):
-        at = lambda theta, sigma=sigma: model.acceleration(c, jnp.asarray(sigma), jnp.zeros(()), (theta,), (jnp.zeros(()),))[
-            0
-        ]
+        at = lambda theta, sigma=sigma: model.acceleration(
+            c, jnp.asarray(sigma), jnp.zeros(()), (theta,), (jnp.zeros(()),)
+        )[0]
         value, slope = jax.value_and_grad(at)(sigma * c.alpha)
         assert float(value) == pytest.approx(0, abs=1e-12)
         assert float(slope) > 0
@@ -168,7 +179,9 @@ def test_restoring_moment(responses, histories):
 @pytest.mark.parametrize("kind", KINDS)
 def test_energy_balance_closes(responses, histories, kind):
     response, data = responses[kind], histories[kind]
-    given, held, struck, damped = (data[f"{name}_energy"].values for name in ("input", "mechanical", "impact", "damping"))
+    given, held, struck, damped = (
+        data[f"{name}_energy"].values for name in ("input", "mechanical", "impact", "damping")
+    )
     scale = np.max(np.abs(given)) + 1e-300
     assert np.max(np.abs(float(data["initial_energy"]) + given - held - struck - damped)) <= 1e-7 * scale
     assert np.all(np.diff(struck) >= -1e-12 * scale)
@@ -196,7 +209,9 @@ def test_energy_balance_from_an_initial_state():
     response = rj.simulate(PODIUMS["frame"], rj.Ricker(0.0, 1.5), initial=rj.State(0.1))
     data = response.dataset()
     start = float(data["initial_energy"])
-    assert start == pytest.approx(float(model.potential(model.coefficients(response.podium), 1.0, jnp.asarray(0.1))))
+    assert start == pytest.approx(
+        float(model.potential(model.coefficients(response.podium), 1.0, jnp.asarray(0.1)))
+    )
     np.testing.assert_allclose(data["mechanical_energy"] + data["impact_energy"], start, rtol=1e-7)
     assert float(data["impact_energy"][-1]) == pytest.approx(start, rel=1e-6)
 
@@ -252,7 +267,9 @@ def test_structures_and_motions_are_readable():
 
 def test_film_has_its_frames_and_moves_as_the_podium(responses, histories, tmp_path):
     data = histories["elastic"]
-    path = plots.save_animation(tmp_path / "a.gif", data, start=0.0, end=0.4, fps=10, dpi=40, exaggerate=2.0, columns=3)
+    path = plots.save_animation(
+        tmp_path / "a.gif", data, start=0.0, end=0.4, fps=10, dpi=40, exaggerate=2.0, columns=3
+    )
     with Image.open(path) as picture:
         assert picture.n_frames == 5
         assert picture.info["duration"] == 100
@@ -308,7 +325,10 @@ def test_plot_draws_every_file_again(histories, tmp_path):
     x, y = np.linspace(2, 4, 3), np.linspace(1, 8, 4)
     spectrum = rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, x, y)
     boundaries = xarray.Dataset(
-        {"minimum": ("frequency_ratio", [2.0, 3.0, 4.0]), "boundaries": (("frequency_ratio", "boundary"), np.ones((3, 3)))},
+        {
+            "minimum": ("frequency_ratio", [2.0, 3.0, 4.0]),
+            "boundaries": (("frequency_ratio", "boundary"), np.ones((3, 3))),
+        },
         coords={"frequency_ratio": x, "boundary": [1, 2, 3]},
         attrs=spectrum.attrs | {"kind": "overturning-spectrum", "max_acceleration_ratio": 12.0},
     )
@@ -321,10 +341,22 @@ def test_plot_draws_every_file_again(histories, tmp_path):
         data.to_netcdf(tmp_path / f"{name}.nc")
         result = RUN.invoke(app, ["plot", str(tmp_path / f"{name}.nc")])
         assert result.exit_code == 0, result.output
-        assert sorted(path.stem for path in tmp_path.glob(f"{name}-*.png")) == sorted(f"{name}-{p}" for p in pictures)
-    wanted = ["plot", str(tmp_path / "r.nc"), "-o", str(tmp_path / "sub" / "x"), "--kind", "energy,phase-portrait"]
+        assert sorted(path.stem for path in tmp_path.glob(f"{name}-*.png")) == sorted(
+            f"{name}-{p}" for p in pictures
+        )
+    wanted = [
+        "plot",
+        str(tmp_path / "r.nc"),
+        "-o",
+        str(tmp_path / "sub" / "x"),
+        "--kind",
+        "energy,phase-portrait",
+    ]
     assert RUN.invoke(app, wanted).exit_code == 0
-    assert sorted(path.name for path in (tmp_path / "sub").iterdir()) == ["x-energy.png", "x-phase-portrait.png"]
+    assert sorted(path.name for path in (tmp_path / "sub").iterdir()) == [
+        "x-energy.png",
+        "x-phase-portrait.png",
+    ]
 
 
 def test_plot_refuses_other_files(histories, tmp_path):

@@ -30,7 +30,8 @@ ARGUMENTS = np.linspace(0, 1, 7), {"a": 0.25}
 
 @pytest.fixture
 def kept(monkeypatch, tmp_path):
-    """A program of its own, in a folder of its own: `kept.call()` is a call as of a new process, (answer, traced anew)."""
+    """A program of its own, in a folder of its own: `kept.call()` is a call as of a new process, (answer,
+    traced anew)."""
     monkeypatch.setenv("ROCKJAX_CACHE_DIR", str(tmp_path / "cache"))
     waves.__module__ = "rockjax.waves"  # whose source is known
     made = KeptProgram(waves)
@@ -248,15 +249,20 @@ print(COUNTS)
 
 @pytest.mark.slow
 def test_several_processes_at_once(tmp_path):
-    """They write the same programs at the same time; all answer the same, and so does one that compiles for itself."""
+    """They write the same programs at the same time; all answer the same, and so does one that compiles for
+    itself."""
     # Without a cache of JAX's own, which a sweep of the command line leaves to processes.
     environment = {name: y for name, y in os.environ.items() if not name.startswith("JAX_COMPILATION_CACHE")}
     environment["ROCKJAX_CACHE_DIR"] = str(tmp_path)
     command = [sys.executable, "-c", SCRIPT]
-    alone = subprocess.run(command, env=environment | {"ROCKJAX_CACHE": "off"}, capture_output=True, text=True, check=True)
+    alone = subprocess.run(
+        command, env=environment | {"ROCKJAX_CACHE": "off"}, capture_output=True, text=True, check=True
+    )
     both = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     answers = [process.communicate()[0].splitlines() for process in both]
-    later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+    later = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
     assert {answer[0] for answer in (*answers, later)} == {alone.stdout.splitlines()[0]}
     assert later[1] == "{'loaded': 2, 'compiled': 0}"
     assert not later[2:]
@@ -270,7 +276,11 @@ def test_derivatives_of_known_numbers_are_those_of_jit():
 
     point = 0.15, 3.0
     traced = jax.jit(jax.grad(peak, (0, 1)))(*point)
-    for found in (jax.grad(peak, (0, 1))(*point), jax.jacfwd(peak, (0, 1))(*point), jax.jacrev(peak, (0, 1))(*point)):
+    for found in (
+        jax.grad(peak, (0, 1))(*point),
+        jax.jacfwd(peak, (0, 1))(*point),
+        jax.jacrev(peak, (0, 1))(*point),
+    ):
         np.testing.assert_allclose(found, traced, rtol=1e-12)
     _, along = jax.jvp(peak, point, (1.0, 2.0))
     assert float(along) == pytest.approx(float(traced[0] + 2 * traced[1]), rel=1e-12)
@@ -346,14 +356,20 @@ def test_what_comes_from_the_cache_of_jax_is_not_kept(tmp_path):
     code = (
         "import jax, rockjax as rj\n"
         "from rockjax._programs.program import COUNTS\n"
-        "peak = rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(4.0, 1.0), options=rj.Options(method='bosh3'))\n"
+        "peak = rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(4.0, 1.0), "
+        "options=rj.Options(method='bosh3'))\n"
         "print(peak.peak_rotation.item().hex(), COUNTS['loaded'])"
     )
-    settings = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    settings = {
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
 
     def run(folder):
         env = os.environ | settings | {"ROCKJAX_CACHE_DIR": str(tmp_path / folder)}
-        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+        )
         return done.stdout.split()
 
     first, again = run("one"), run("one")

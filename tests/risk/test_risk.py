@@ -75,8 +75,12 @@ def test_a_hazard_is_linear_in_its_logarithms_and_goes_on_outside():
     middle = np.sqrt(POINTS[1:] * POINTS[:-1])
     np.testing.assert_allclose(HAZARD(jnp.asarray(middle)), np.sqrt(RATES[1:] * RATES[:-1]), rtol=1e-14)
     power = rj.Hazard([1.0, 2.0], [1e-4, 1e-4 * 2**-2.5])
-    np.testing.assert_allclose(power(jnp.asarray([0.01, 300.0])), 1e-4 * np.array([0.01, 300.0]) ** -2.5, rtol=1e-13)
-    np.testing.assert_allclose(HAZARD.intensity_at(HAZARD(jnp.asarray([0.05, 1.1, 9.0]))), [0.05, 1.1, 9.0], rtol=1e-13)
+    np.testing.assert_allclose(
+        power(jnp.asarray([0.01, 300.0])), 1e-4 * np.array([0.01, 300.0]) ** -2.5, rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        HAZARD.intensity_at(HAZARD(jnp.asarray([0.05, 1.1, 9.0]))), [0.05, 1.1, 9.0], rtol=1e-13
+    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +114,9 @@ def test_the_published_number():
     assert float(found.sensitivities["dispersion"]) == pytest.approx(2.5, rel=1e-12)
 
 
-@pytest.mark.parametrize(("median", "dispersion"), [(1.5, 0.4), (30.0, 0.2), (0.03, 0.5), (1.5, 1e-3), (2.0, 2.5)])
+@pytest.mark.parametrize(
+    ("median", "dispersion"), [(1.5, 0.4), (30.0, 0.2), (0.03, 0.5), (1.5, 1e-3), (2.0, 2.5)]
+)
 def test_the_closed_form_is_the_integral(median, dispersion):
     found = rj.annual_frequency(rj.Lognormal(median, dispersion), HAZARD)
     breaks = median * np.exp(dispersion * np.array([-8, -3, 0, 3, 8]))
@@ -123,7 +129,9 @@ def test_a_flat_segment_contributes_nothing():
     steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
     assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
     ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
-    found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)  # what is exceeded for ever is never reached by anything more
+    found = rj.annual_frequency(
+        rj.Lognormal(1.4, 0.01), ends
+    )  # what is exceeded for ever is never reached by anything more
     assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
 
 
@@ -147,7 +155,9 @@ def test_numbers_of_the_structure_act_through_the_median():
     slope = float(found.sensitivities["median"])
     assert found.sensitivities["alpha"] == pytest.approx(2 * slope)
     assert found.sensitivities["gamma"] == pytest.approx(-0.5 * slope)
-    assert float(found.frequency) == pytest.approx(float(rj.annual_frequency(rj.Lognormal(1.5, 0.4), HAZARD).frequency))
+    assert float(found.frequency) == pytest.approx(
+        float(rj.annual_frequency(rj.Lognormal(1.5, 0.4), HAZARD).frequency)
+    )
 
 
 def test_what_lies_outside_the_points_is_said():
@@ -166,7 +176,9 @@ def test_counted_shares_are_integrated_as_they_are():
     expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
     assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
     above = 0.9 * float(HAZARD(jnp.asarray(8.0)))  # beyond the levels …
-    between = by_quadrature(lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels)  # … or the points
+    between = by_quadrature(
+        lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels
+    )  # … or the points
     assert float(found.extrapolated) == pytest.approx((above + between) / expected, rel=1e-8)
     with pytest.raises(ValueError, match="20% of the records overturn at the lowest level, 1"):
         rj.annual_frequency(analysis(share[1:], levels[1:]), HAZARD)
@@ -179,8 +191,10 @@ def test_measures_and_units_must_match():
     with pytest.raises(ValueError, match=r"in 'm s-2', the hazard in 'g'; convert it with hazard.in_si"):
         rj.annual_frequency(fragility(), in_g)
     converted = rj.annual_frequency(fragility(), in_g.in_si()).frequency
-    assert float(converted) == pytest.approx(float(rj.annual_frequency(fragility(), HAZARD).frequency), rel=1e-12)
-    for curve, expected in (
+    assert float(converted) == pytest.approx(
+        float(rj.annual_frequency(fragility(), HAZARD).frequency), rel=1e-12
+    )
+    for curve, complaint in (
         (rj.Lognormal(-1.0, 0.4), "median must be finite and > 0"),
         (rj.Lognormal(1.0, 0.0), "dispersion must be finite and > 0"),
         (np.ones(3), "curve must be a rockjax.Lognormal"),
@@ -225,7 +239,9 @@ def test_hazards_of_openquake(tmp_path):
         rj.Hazard.from_file(path)
     first, second = (rj.Hazard.from_file(path, site=k) for k in (0, 1))
     np.testing.assert_allclose(first.annual_rate, -np.log([0.1, 0.5, 0.99]) / 50)
-    np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)  # certain points say nothing
+    np.testing.assert_allclose(
+        second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665
+    )  # certain points say nothing
     assert first.measure == "Sa(0.5 s)"
 
 

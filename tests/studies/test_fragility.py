@@ -29,7 +29,7 @@ RECORDS = suite()
 TABLE = rj.Records.of(RECORDS)
 
 
-# ------------------------------------------------------------------------------------------------- records in one table
+# --------------------------------------------------------------------------------------- records in one table
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_a_table_answers_as_its_records_do(kind):
     podium = PODIUMS[kind]
@@ -116,7 +116,7 @@ def test_tables_that_make_no_sense(make, words):
         make()
 
 
-# --------------------------------------------------------------------------------------------------------- distributions
+# ---------------------------------------------------------------------------------------------- distributions
 def test_fits_are_those_of_scipy():
     rng = np.random.default_rng(1)
     capacity = 0.8 * np.exp(0.4 * rng.normal(size=60))
@@ -152,7 +152,9 @@ def test_weights_are_repeated_data():
     capacity = jnp.array([0.5, 0.7, 0.9, jnp.inf, jnp.inf])
     weights = np.array([2, 0, 1, 1, 1])
     again = fit_capacities(jnp.repeat(capacity, weights, total_repeat_length=5), jnp.ones(5))
-    np.testing.assert_allclose(fit_capacities(capacity, jnp.ones(5), jnp.asarray(weights, float)), again, rtol=1e-9)
+    np.testing.assert_allclose(
+        fit_capacities(capacity, jnp.ones(5), jnp.asarray(weights, float)), again, rtol=1e-9
+    )
 
 
 def test_derivatives_of_a_fit():
@@ -180,7 +182,7 @@ def test_counts_that_do_not_overlap_are_not_a_number():
         assert np.isnan(fit_counts(levels, jnp.asarray(events), trials).dispersion)
 
 
-# -------------------------------------------------------------------------------------------------------------- analysis
+# --------------------------------------------------------------------------------------------------- analysis
 @pytest.fixture(scope="module")
 def analysis():
     motions = rj.synthetic_motions(8, seed=3, duration=8.0, dt=0.02, pulse=None)
@@ -198,7 +200,9 @@ def test_boundaries_are_where_the_verdict_changes(analysis):
     line, number = np.nonzero(np.isfinite(places))
     scale = places[line, number] / data["measure"].values[line]
     below, above = (
-        rj.peak_responses(BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=ENSEMBLE).overturned
+        rj.peak_responses(
+            BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=ENSEMBLE
+        ).overturned
         for side in (1 - 1e-9, 1 + 1e-9)  # the capacity of record 4 is the end of a window 3e-6 wide
     )
     assert line.size > 8
@@ -220,7 +224,8 @@ def test_the_responses_are_those_of_the_scaled_records(analysis):
 
 
 def test_sensitivities_of_capacities_against_bisection(analysis):
-    """Where the boundary of a record goes when alpha or R changes, followed by bisection beside where it was."""
+    """Where the boundary of a record goes when alpha or R changes, followed by bisection beside where it
+    was."""
     table, data = analysis
     h = 1e-6
     for parameter in ("alpha", "R"):
@@ -237,7 +242,10 @@ def test_sensitivities_of_capacities_against_bisection(analysis):
                     assert first > 0
                     lo, hi = places[first - 1], places[first]
                 ends.append(np.log(0.5 * (lo + hi)))
-            assert slopes[j] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=2e-4, abs=2e-5), (parameter, j)
+            assert slopes[j] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=2e-4, abs=2e-5), (
+                parameter,
+                j,
+            )
 
 
 def test_fragility_of_capacities(analysis):
@@ -264,7 +272,9 @@ def test_fragility_of_capacities(analysis):
     np.testing.assert_allclose([at["upper"][0], at["lower"][1]], 0.5, atol=1e-9)
     alone = rj.fragility(data, confidence=None)
     assert not {"interval", "lower", "upper"} & set(alone.data_vars)
-    xarray.testing.assert_equal(alone, curve[list(alone.data_vars)].drop_vars(["quantity", "bound"], errors="ignore"))
+    xarray.testing.assert_equal(
+        alone, curve[list(alone.data_vars)].drop_vars(["quantity", "bound"], errors="ignore")
+    )
 
 
 def test_fragility_of_stripes_is_the_fit_of_its_counts(analysis):
@@ -297,7 +307,7 @@ def test_records_that_never_overturn_are_censored(analysis):
         rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
 
 
-# ------------------------------------------------------------------------------------------------------------- intervals
+# -------------------------------------------------------------------------------------------------- intervals
 def counted(capacity, levels) -> xarray.Dataset:
     """What `fragility` looks at of an analysis."""
     capacity = np.asarray(capacity, float)
@@ -313,7 +323,8 @@ def counted(capacity, levels) -> xarray.Dataset:
 
 @pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
 def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
-    """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of .0095."""
+    """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of
+    .0095."""
     rng = np.random.default_rng(count)
     drawn = np.exp(0.4 * rng.normal(size=(1000, count)))
     drawn = np.where(drawn < limit, drawn, np.inf)
@@ -342,7 +353,9 @@ def test_few_records_are_said():
 def test_an_interval_that_is_none_is_refused():
     """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
     few = counted([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
-    with pytest.raises(ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"):
+    with pytest.raises(
+        ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"
+    ):
         rj.fragility(few, method="stripes")
     assert "interval" not in rj.fragility(few, method="stripes", confidence=None)
 
@@ -357,7 +370,9 @@ def test_the_distribution_is_differentiable():
 
     def log_median(log_alpha):
         podium = BLOCK.replace(alpha=BLOCK.alpha * jnp.exp(log_alpha))
-        return jnp.log(rj.overturning_distribution(podium, few, max_scale=15.0, measure=unit, resolution=64).median)
+        return jnp.log(
+            rj.overturning_distribution(podium, few, max_scale=15.0, measure=unit, resolution=64).median
+        )
 
     both = jax.jit(lambda log_alpha: jax.jvp(log_median, (log_alpha,), (1.0,)))
     exact = jax.jit(jax.vmap(lambda T: rj.overturning_acceleration(BLOCK, rj.Ricker, T)))(periods)

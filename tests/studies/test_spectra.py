@@ -28,7 +28,9 @@ def test_axes_units_and_values(spectrum):
         peak = rj.peak_response(PODIUMS["rigid"], rj.Ricker(float(spectrum.a_p[i]), float(spectrum.T_p[j])))
         assert float(spectrum["peak_rotation"][i, j]) == pytest.approx(float(peak.peak_rotation), abs=1e-9)
         assert bool(spectrum["overturned"][i, j]) == bool(peak.overturned)
-        assert int(spectrum["result"][i, j]) == rj._results.NAMES.index("overturned" if peak.overturned else "settled")
+        assert int(spectrum["result"][i, j]) == rj._results.NAMES.index(
+            "overturned" if peak.overturned else "settled"
+        )
     for name in ("alpha_rad", "R_m", "gamma", "eta", "pulse", "rtol", "rockjax_version", "jax_version"):
         assert name in spectrum.attrs
     assert all("units" in spectrum[name].attrs for name in spectrum.variables)
@@ -36,7 +38,9 @@ def test_axes_units_and_values(spectrum):
 
 def test_only_what_is_asked_for():
     o = rj.Options(outputs=("peak_rotation",))
-    data = rj.rocking_spectrum(PODIUMS["elastic"], lambda a, T: rj.Gabor(a, T, 2.0), [4.0], [2.0, 3.0], options=o)
+    data = rj.rocking_spectrum(
+        PODIUMS["elastic"], lambda a, T: rj.Gabor(a, T, 2.0), [4.0], [2.0, 3.0], options=o
+    )
     assert "peak_shear" not in data
     assert "peak_rotation" in data
 
@@ -78,7 +82,12 @@ def test_pictures_have_the_axes_of_the_field(spectrum):
 def run(*arguments, cwd, **more):
     environment = {**os.environ, "MPLBACKEND": "Agg"}
     return subprocess.run(
-        [sys.executable, "-m", "rockjax", *arguments], cwd=cwd, capture_output=True, text=True, env=environment, **more
+        [sys.executable, "-m", "rockjax", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        env=environment,
+        **more,
     )
 
 
@@ -89,7 +98,12 @@ def test_command_line_spectrum(tmp_path):
     assert "256 scenes" in done.stdout
     assert "0 without an answer" in done.stdout
     with xarray.open_dataset(tmp_path / "out" / "s.nc") as data:
-        assert data["peak_rotation"].sizes == {"eta_over_gamma": 2, "T_s": 2, "acceleration_ratio": 8, "frequency_ratio": 8}
+        assert data["peak_rotation"].sizes == {
+            "eta_over_gamma": 2,
+            "T_s": 2,
+            "acceleration_ratio": 8,
+            "frequency_ratio": 8,
+        }
         panel = data.sel(eta_over_gamma=10, T_s=0.5)
         direct = rj.rocking_spectrum(
             PODIUMS["elastic"], rj.Ricker, np.linspace(1, 8, 8), np.linspace(1, 12, 8),
@@ -98,7 +112,11 @@ def test_command_line_spectrum(tmp_path):
         np.testing.assert_allclose(panel["peak_rotation"], direct["peak_rotation"], atol=1e-6)
     for name in ("s-rotation.png", "s-overturning.png"):
         assert (tmp_path / "out" / name).read_bytes()[:4] == b"\x89PNG"
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["s-overturning.png", "s-rotation.png", "s.nc"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "s-overturning.png",
+        "s-rotation.png",
+        "s.nc",
+    ]
 
 
 def test_command_line_response(tmp_path):
@@ -131,7 +149,8 @@ def test_help_and_imports(tmp_path):
         done = run(*arguments, "--help", cwd=tmp_path)
         assert done.returncode == 0
     code = (
-        "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' in sys.modules)"
+        "import rockjax, sys; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules or 'scipy.io' "
+        "in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

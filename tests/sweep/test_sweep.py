@@ -1,4 +1,5 @@
-"""Sweeps: the same answers as the batch, kept chunk by chunk; every fault with real processes, files and signals."""
+"""Sweeps: the same answers as the batch, kept chunk by chunk; every fault with real processes, files and
+signals."""
 
 import contextlib
 import json
@@ -67,7 +68,9 @@ def counted(monkeypatch):
     return solved
 
 
-@pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5, 6), 30), ((4, 5, 6), 7), ((4, 5, 6), 1000), ((3, 1, 8), 8)])
+@pytest.mark.parametrize(
+    ("shape", "chunk"), [((7,), 3), ((4, 5, 6), 30), ((4, 5, 6), 7), ((4, 5, 6), 1000), ((3, 1, 8), 8)]
+)
 def test_chunks_hold_every_scene_once(shape, chunk):
     layout = ChunkLayout.of(shape, chunk)
     assert math.prod(layout.block) <= chunk
@@ -86,7 +89,12 @@ def test_chunks_hold_every_scene_once(shape, chunk):
 def test_a_grid_is_every_combination():
     podium = PODIUMS["elastic"]
     grid = rj.grid(
-        podium, rj.Ricker(1.0, 1.0), R=[1.0, 2.0], T_s=[0.2, 0.4, 0.5], frequency_ratio=[2.0, 3.0], scale=[1.0, 2.0]
+        podium,
+        rj.Ricker(1.0, 1.0),
+        R=[1.0, 2.0],
+        T_s=[0.2, 0.4, 0.5],
+        frequency_ratio=[2.0, 3.0],
+        scale=[1.0, 2.0],
     )
     assert grid.shape == (2, 3, 2, 2)
     assert grid.size == 24
@@ -101,7 +109,9 @@ def test_a_grid_is_every_combination():
     widths = rj.grid(podium, rj.Rest(), width=[0.4, 0.5], height=[3.0])
     np.testing.assert_allclose(np.ravel(widths.structures.width), [0.4, 0.5])
     np.testing.assert_allclose(np.ravel(widths.structures.height), 3.0)
-    gammas = rj.grid(podium, rj.MavroeidisPapageorgiou(1.0, 1.0, 2.0, 0.0), gamma=[1.0, 2.0], **{"excitation.gamma": [3.0]})
+    gammas = rj.grid(
+        podium, rj.MavroeidisPapageorgiou(1.0, 1.0, 2.0, 0.0), gamma=[1.0, 2.0], **{"excitation.gamma": [3.0]}
+    )
     assert gammas.structures.gamma.shape == (2, 1)
     assert gammas.excitations.gamma.shape == (1, 1)
 
@@ -114,7 +124,9 @@ def test_several_motions_are_an_axis():
     assert list(grid.coords["motion"]) == motions.names
     assert grid.excitations.which.shape == (3, 1, 1)
     for same in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
-        np.testing.assert_array_equal(rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table)
+        np.testing.assert_array_equal(
+            rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table
+        )
     chosen = rj.grid(podium, rj.Records.of(motions).pick([2, 0]).scaled(2.0), alpha=[0.1]).excitations
     np.testing.assert_allclose(chosen.table, 2 * grid.excitations.table[np.array([2, 0])])
     assert rj.grid(podium, motions[0], alpha=[0.1]).shape == (1,)
@@ -167,7 +179,9 @@ def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, counte
     again = sweep(str(tmp_path / "a.zarr"), chunk=None)
     assert len(counted) == 4
     xarray.testing.assert_identical(again, data)
-    xarray.testing.assert_identical(again, xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)[list(again.data_vars)])
+    xarray.testing.assert_identical(
+        again, xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)[list(again.data_vars)]
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
 
 
@@ -215,9 +229,18 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
     changed = GRID.structures.replace(gamma=11.0)
     for call, words in (
         ({"grid": (changed, *GRID[1:])}, "structures.gamma has other values"),
-        ({"grid": (GRID.structures, GRID.excitations.scaled(1.1), GRID.coords)}, "excitations.a_p has other values"),
-        ({"grid": (GRID.structures, rj.OneSine(GRID.excitations.a_p, GRID.excitations.T_p), GRID.coords)}, "its kinds are"),
-        ({"grid": (*GRID[:2], GRID.coords | {"tan_alpha": np.arange(4.0)})}, "labels of tan_alpha are others"),
+        (
+            {"grid": (GRID.structures, GRID.excitations.scaled(1.1), GRID.coords)},
+            "excitations.a_p has other values",
+        ),
+        (
+            {"grid": (GRID.structures, rj.OneSine(GRID.excitations.a_p, GRID.excitations.T_p), GRID.coords)},
+            "its kinds are",
+        ),
+        (
+            {"grid": (*GRID[:2], GRID.coords | {"tan_alpha": np.arange(4.0)})},
+            "labels of tan_alpha are others",
+        ),
         ({"options": rj.Options(rtol=1e-7)}, "options.rtol is 1e-08 there, not 1e-07"),
         ({"outputs": ("peak_rotation", "peak_shear")}, "options.outputs is"),
         ({"chunk": 600}, r"its chunks are \[1, 20, 15\], not \[2, 20, 15\]"),
@@ -233,7 +256,9 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("text")
     xarray.Dataset({"x": 1.0}).to_zarr(tmp_path / "other.zarr", consolidated=False)
     for name in ("full", "file", "other.zarr"):
-        with pytest.raises(ValueError, match=rf"{name}: (exists and is no store of a sweep|is a zarr store, but not)"):
+        with pytest.raises(
+            ValueError, match=rf"{name}: (exists and is no store of a sweep|is a zarr store, but not)"
+        ):
             sweep(tmp_path / name)
 
 
@@ -261,9 +286,12 @@ def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
 
 
 def test_what_varies_is_a_coordinate(tmp_path):
-    """An axis of one value, a number of the motion that is named as one of the podium, labels that are not the numbers."""
+    """An axis of one value, a number of the motion that is named as one of the podium, labels that are not
+    the numbers."""
     motion = rj.MavroeidisPapageorgiou(2.0, 1.0, 2.0, 0.0)
-    grid = rj.grid(PODIUMS["rigid"], motion, gamma=np.linspace(5, 10, 200), R=[2.0], **{"excitation.gamma": [2.0, 3.0]})
+    grid = rj.grid(
+        PODIUMS["rigid"], motion, gamma=np.linspace(5, 10, 200), R=[2.0], **{"excitation.gamma": [2.0, 3.0]}
+    )
     coords = grid.coords | {"gamma": np.arange(200)}
     data = rj.sweep(*grid[:2], coords, store=tmp_path / "a.zarr", outputs=OUTPUTS, progress=False)
     np.testing.assert_array_equal(data["gamma"], np.arange(200))
@@ -286,7 +314,9 @@ def test_a_url(tmp_path, batch):
 
 def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else 1)
-    with pytest.raises(ImportError, match=r"a sweep needs zarr; install with: pip install 'rockjax\[sweep\]'"):
+    with pytest.raises(
+        ImportError, match=r"a sweep needs zarr; install with: pip install 'rockjax\[sweep\]'"
+    ):
         sweep(tmp_path / "a.zarr")
 
 
@@ -309,7 +339,9 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
 
 
-def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(tmp_path, batch, counted, monkeypatch):
+def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
+    tmp_path, batch, counted, monkeypatch
+):
     """Both find nothing; while the second prepares its own store, the first one's appears."""
     store = tmp_path / "a.zarr"
     create = Store.create
@@ -339,8 +371,12 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
 
-@pytest.mark.parametrize("name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"])
-@pytest.mark.parametrize("content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"])
+@pytest.mark.parametrize(
+    "name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"]
+)
+@pytest.mark.parametrize(
+    "content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"]
+)
 def test_damaged_metadata_are_named(tmp_path, small_store, name, content):
     store = tmp_path / "a.zarr"
     shutil.copytree(small_store, store)
@@ -440,7 +476,10 @@ def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
     (store / "progress" / "rows" / "c" / "1" / "0").unlink()
     for path in store.rglob("c/1/0/0"):
         path.unlink()
-    with full_disk(1000), pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are kept, the same call"):
+    with (
+        full_disk(1000),
+        pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are kept, the same call"),
+    ):
         sweep(store)
     assert not list(store.rglob("*.partial"))
     same(sweep(store), batch)
@@ -540,7 +579,9 @@ def test_two_processes_that_start_one_store_at_once(tmp_path, cache, batch):
     """Each waits for the other just before; both end well, and the answers are there once."""
     rounds = 4
     code = textwrap.dedent(AT_ONCE).replace("ROUNDS", str(rounds))
-    both = [start([sys.executable, "-c", code, *names], tmp_path, cache) for names in (("a", "b"), ("b", "a"))]
+    both = [
+        start([sys.executable, "-c", code, *names], tmp_path, cache) for names in (("a", "b"), ("b", "a"))
+    ]
     for process in both:
         assert process.wait(240) == 0, (tmp_path / "log.txt").read_text()[-2000:]
     for k in range(rounds):
@@ -555,7 +596,9 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
 
     file = tmp_path / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
-    scheduler = start([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], tmp_path, cache)
+    scheduler = start(
+        [*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], tmp_path, cache
+    )
     workers = []
     try:
         wait_for(file.exists, scheduler, tmp_path)
@@ -563,7 +606,9 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
         workers = [start([*dask, "worker", *flags], tmp_path, cache) for _ in range(2)]
 
         first = tmp_path / "a.zarr"
-        client = start([sys.executable, "-c", textwrap.dedent(SCRIPT), str(first), str(file)], tmp_path, cache)
+        client = start(
+            [sys.executable, "-c", textwrap.dedent(SCRIPT), str(first), str(file)], tmp_path, cache
+        )
         wait_for(lambda: len(rows_of(first)) >= 3, client, tmp_path)
         os.kill(client.pid, signal.SIGKILL)
         client.wait()

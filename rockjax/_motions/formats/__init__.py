@@ -1,8 +1,10 @@
-"""What networks and databases write, a module for each format; a new one is a module more, and a line in `FORMATS`.
+"""What networks and databases write, a module for each format; a new one is a module more, and a line in
+`FORMATS`.
 
-Judged for this: gmprocess reads them all and brings over a hundred packages, quakeio brings OpenSees for one of them, and
-neither says in which line a file is wrong; ObsPy reads K-NET, from a header without a flaw, but none of the other texts.
-So the texts are read here, and what ObsPy alone reads well, binary waveforms such as miniSEED and SAC, is left to it.
+Judged for this: gmprocess reads them all and brings over a hundred packages, quakeio brings OpenSees for one
+of them, and neither says in which line a file is wrong; ObsPy reads K-NET, from a header without a flaw, but
+none of the other texts. So the texts are read here, and what ObsPy alone reads well, binary waveforms such as
+miniSEED and SAC, is left to it.
 """
 
 from __future__ import annotations
@@ -50,7 +52,9 @@ def _text(path: Path, content: bytes) -> str:
     strange = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", content)
     if strange:
         line = content.count(b"\n", 0, strange.start()) + 1
-        raise ValueError(f"{path}:{line}: is not text: byte 0x{content[strange.start()]:02x} at offset {strange.start()}")
+        raise ValueError(
+            f"{path}:{line}: is not text: byte 0x{content[strange.start()]:02x} at offset {strange.start()}"
+        )
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -1,4 +1,5 @@
-"""What Turkey's AFAD, and the Earthquake Department before it, wrote as text: three components beside each other."""
+"""What Turkey's AFAD, and the Earthquake Department before it, wrote as text: three components beside each
+other."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
     header: dict[str, tuple[int, str]] = {}
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
     if end is None:
-        raise ValueError(f"{path}: its header has no line {'  '.join(_COMPONENTS)}, after which the values begin")
+        raise ValueError(
+            f"{path}: its header has no line {'  '.join(_COMPONENTS)}, after which the values begin"
+        )
     for k, line in enumerate(lines[:end], start=1):
         if match := _KEY.match(line):
             header[match[1].strip()] = k, match[2]

@@ -1,6 +1,8 @@
-"""What the readers of all formats share: samples as they come out of a file, and numbers with the line they stand in.
+"""What the readers of all formats share: samples as they come out of a file, and numbers with the line they
+stand in.
 
-Whatever is wrong with a file is a `ValueError` of one line that names the file, the line where there is one, and the cause.
+Whatever is wrong with a file is a `ValueError` of one line that names the file, the line where there is one,
+and the cause.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ class Format(NamedTuple):
     """A format of text files.
 
     - `name`: in words; `recognises`: whether a file, of a path and these lines, is of it
-    - `read`: the samples of a channel, where there are several; raises where the file is wrong, or the format is not read
+    - `read`: the samples of a channel, where there are several; raises where the file is wrong, or the format
+      is not read
     """
 
     name: str
@@ -67,14 +70,17 @@ def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component
         found = [k for k, (number, _) in enumerate(channels) if number == component]
     elif component is not None:
         found = [k for k, (_, name) in enumerate(channels) if plain(component) == plain(name)]
-        found = found or [k for k, (_, name) in enumerate(channels) if name and plain(component) == plain(name.split()[0])]
+        found = found or [
+            k for k, (_, name) in enumerate(channels) if name and plain(component) == plain(name.split()[0])
+        ]
     else:
         found = []
     if len(found) != 1:
         listed = ", ".join(f"{number} ({name})" for number, name in channels)
         asked = "" if component is None else f", {len(found) or 'none'} of them {component!r}"
         raise ValueError(
-            f"{path}: holds {len(channels)} channels{asked}: {listed}; choose one by its number or name, such as "
+            f"{path}: holds {len(channels)} channels{asked}: {listed}; choose one by its number or name, "
+            f"such as "
             f"component {channels[0][0]} (on the command line --component)"
         )
     return found[0]
@@ -123,11 +129,16 @@ def counted(path: Path, line: int, name: str, count: int, values: list[float]) -
 
 def words(path: Path, lines: list[str], start: int) -> list[float]:
     """All numbers from the line with the index `start` on."""
-    return [number(path, i, word) for i, line in enumerate(lines[start:], start=start + 1) for word in line.split()]
+    return [
+        number(path, i, word)
+        for i, line in enumerate(lines[start:], start=start + 1)
+        for word in line.split()
+    ]
 
 
 def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str) -> np.ndarray:
-    """`count` numbers in columns of fixed width, which may touch one another, below the line that tells the format."""
+    """`count` numbers in columns of fixed width, which may touch one another, below the line that tells the
+    format."""
     found = _FORTRAN.search(text)
     per_line, width = (int(found[1]), int(found[2])) if found else (8, 10)
     if not (per_line and width):
@@ -138,7 +149,9 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
         due = min(per_line, count - len(values))
         row = [line[k : k + width].strip() for k in range(0, len(line), width)]
         if len(row) != due:
-            raise ValueError(f"{path}:{i + 1}: holds {len(row)} columns of {width} characters where {due} are due")
+            raise ValueError(
+                f"{path}:{i + 1}: holds {len(row)} columns of {width} characters where {due} are due"
+            )
         values += [number(path, i + 1, word) for word in row]
     return counted(path, start, "the number of points", count, values)
 

@@ -7,21 +7,30 @@ from pathlib import Path
 
 from .base import DATE, Component, Format, Samples, choose, corners, first_match, fixed_width, unit
 
-_COSMOS = re.compile(r"\s*(CORRECTED|UNCORRECTED|RAW)\s+(ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\(FORMAT V", re.I)
+_COSMOS = re.compile(
+    r"\s*(CORRECTED|UNCORRECTED|RAW)\s+(ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\(FORMAT V", re.I
+)
 _COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([^\s(,]+)", re.I)
 
 
 def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
-    """COSMOS format 1.20: per channel text, integer header, real header, comments, data, each with a line that says so."""
+    """COSMOS format 1.20: per channel text, integer header, real header, comments, data, each with a line
+    that says so."""
     sections = [(k, match) for k, line in enumerate(lines) if (match := _COSMOS.match(line))]
     ends = [k for k, _ in sections[1:]] + [len(lines)]
-    found = [(start, end) for (start, match), end in zip(sections, ends, strict=True) if match[2].upper() == "ACCELERATION"]
+    found = [
+        (start, end)
+        for (start, match), end in zip(sections, ends, strict=True)
+        if match[2].upper() == "ACCELERATION"
+    ]
     if not found:
         raise ValueError(f"{path}:1: holds {sections[0][1][2].lower()}, not acceleration")
     channels = []
     for n, (start, end) in enumerate(found, start=1):
         said = re.search(
-            r"STA CHAN\s*(\d{1,6}|\S*?)\s*:\s*(.*?)\s*(?:\(|$)", " ".join(lines[start + 8 : min(start + 9, end)]), re.I
+            r"STA CHAN\s*(\d{1,6}|\S*?)\s*:\s*(.*?)\s*(?:\(|$)",
+            " ".join(lines[start + 8 : min(start + 9, end)]),
+            re.I,
         )
         channels.append((int(said[1]) if said and said[1].isdecimal() else n, said[2] if said else ""))
     chosen = choose(path, channels, component)

@@ -5,14 +5,27 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from .base import DATE, NUMBER, Component, Format, Samples, choose, corners, first_match, fixed_width, interval, unit
+from .base import (
+    DATE,
+    NUMBER,
+    Component,
+    Format,
+    Samples,
+    choose,
+    corners,
+    first_match,
+    fixed_width,
+    interval,
+    unit,
+)
 
 _CSMIP = re.compile(r"\s*CORRECTED ACCELEROGRAM\b(?:.*?CHAN\s*(\d{1,6})\s*:\s*(.*?)\s*(?:FROM\s*)?$)?", re.I)
 _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED AT\s*({NUMBER})\s*SEC", re.I)
 
 
 def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
-    """Volume 2 of CSMIP: per channel 25 lines of text, integers, reals, then acceleration, velocity, displacement."""
+    """Volume 2 of CSMIP: per channel 25 lines of text, integers, reals, then acceleration, velocity,
+    displacement."""
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]
     chosen = choose(path, channels, component)
@@ -20,13 +33,18 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     end = starts[chosen + 1][0] if chosen + 1 < len(starts) else len(lines)
     found = first_match(_CSMIP_DATA, lines, start, end)
     if found is None:
-        raise ValueError(f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data'")
+        raise ValueError(
+            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data'"
+        )
     k, match = found
     said = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)
     said = (said[1] or said[2]).strip(" .") if said else None
     head = [line.rstrip() for line in lines[start:k]] + [""] * 25
     band = re.search(r"FILTERED.*?([\d.]+)\s+AND\s+([\d.]+)", head[14], re.I)
-    station, code = head[6].split("  ")[0].strip(), re.search(r"STATION\s+(?:NO|ID)\.?\s+(\S+)", head[5], re.I)
+    station, code = (
+        head[6].split("  ")[0].strip(),
+        re.search(r"STATION\s+(?:NO|ID)\.?\s+(\S+)", head[5], re.I),
+    )
     date = DATE.search(head[4]) or DATE.search(head[3])
     metadata = {
         "format": "CSMIP",

@@ -43,7 +43,9 @@ def _esm(path: Path, lines: list[str], component: Component) -> Samples:
         "date": own.get("EVENT_DATE_YYYYMMDD", ""),
         "station": ".".join(own[key] for key in ("NETWORK", "STATION_CODE") if key in own),
         "component": own.get("STREAM", ""),
-        **corners(_BAND.match(f"{own.get('LOW_CUT_FREQUENCY_HZ', '')} AND {own.get('HIGH_CUT_FREQUENCY_HZ', '')}")),
+        **corners(
+            _BAND.match(f"{own.get('LOW_CUT_FREQUENCY_HZ', '')} AND {own.get('HIGH_CUT_FREQUENCY_HZ', '')}")
+        ),
         **{key.lower(): value for key, value in own.items()},
     }
     values = counted(path, line, "NDATA", int(count), words(path, lines, end))

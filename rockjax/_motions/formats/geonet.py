@@ -20,12 +20,15 @@ def _is_geonet(path: Path, lines: list[str]) -> bool:
 
 
 def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and displacement, ten a line."""
+    """Per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and displacement,
+    ten a line."""
     starts = [k for k, line in enumerate(lines) if _START.match(line)]
     match = _START.match(lines[0])
     assert match is not None
     if match[1]:
-        raise ValueError(f"{path}:1: is volume 1 of GeoNet, an uncorrected accelerogram; volume 2 (.V2A) can be read")
+        raise ValueError(
+            f"{path}:1: is volume 1 of GeoNet, an uncorrected accelerogram; volume 2 (.V2A) can be read"
+        )
     channels = []
     for n, start in enumerate(starts, start=1):
         named = re.match(r"\s*Component\s+(\S+)", _line(lines, start + 12), re.I)
@@ -41,7 +44,9 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
     integers = fixed_width(path, lines, start + _TEXTS, 10 * _INTEGERS, "(10I8)")
     count = int(integers[_COUNT])
     if count < 2:
-        raise ValueError(f"{path}:{start + _TEXTS + 4}: integer 34, the number of samples, must be >= 2, got {count}")
+        raise ValueError(
+            f"{path}:{start + _TEXTS + 4}: integer 34, the number of samples, must be >= 2, got {count}"
+        )
     origin = re.match(r"\s*(\d{4} \w+ \d{1,2})", _line(lines, start + 7))
     metadata = {
         "format": "GeoNet",

@@ -33,7 +33,9 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     factor_line, text = header["Scale Factor"]
     factor = re.fullmatch(r"(\S+?)\s*\(gal\)\s*/\s*(\S+)", text)
     if factor is None:
-        raise ValueError(f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {short(text)}")
+        raise ValueError(
+            f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {short(text)}"
+        )
     counts = number(path, factor_line, factor[2])
     if not counts > 0:
         raise ValueError(f"{path}:{factor_line}: Scale Factor must divide by a number > 0, got {short(text)}")

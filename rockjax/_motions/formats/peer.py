@@ -18,12 +18,16 @@ def _at2(path: Path, lines: list[str]) -> Samples:
     for k, line in enumerate(head):  # noqa: B007
         plain = _AT2_PLAIN.match(line)
         count, step = (
-            (plain[1], plain[2]) if plain else (match and match[1] for match in (p.search(line) for p in _AT2_COUNT))
+            (plain[1], plain[2])
+            if plain
+            else (match and match[1] for match in (p.search(line) for p in _AT2_COUNT))
         )
         if count and step:
             break
     else:
-        raise ValueError(f"{path}: has no line with NPTS and DT among its first {len(head)}: is this an .AT2 file?")
+        raise ValueError(
+            f"{path}: has no line with NPTS and DT among its first {len(head)}: is this an .AT2 file?"
+        )
     dt = interval(path, k + 1, step, "DT")
     said = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}

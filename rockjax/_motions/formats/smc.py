@@ -18,7 +18,8 @@ _RATE = 1  # among the reals
 
 
 def _smc(path: Path, lines: list[str], component: Component) -> Samples:
-    """11 lines of text, 48 integers, 50 reals, comments, and values in cm/s² in eight columns that may touch."""
+    """11 lines of text, 48 integers, 50 reals, comments, and values in cm/s² in eight columns that may
+    touch."""
     kind = _KINDS.match(lines[0])
     if kind is None or kind[1] != "2":
         held = kind[2].strip().lower() if kind else "?"
@@ -30,11 +31,14 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
     comments, count, rate = int(integers[_COMMENTS]), int(integers[_COUNT]), float(reals[_RATE])
     if comments < 0 or count < 2:
         raise ValueError(
-            f"{path}:{_TEXTS + 2}: integers 16 and 17, of comments and of samples, must be >= 0 and >= 2, got "
+            f"{path}:{_TEXTS + 2}: integers 16 and 17, of comments and of samples, must be >= 0 and >= 2, "
+            f"got "
             f"{comments} and {count}"
         )
     if not (0 < rate < 1e5 and rate != reals[0]):
-        raise ValueError(f"{path}:{reals_at + 1}: real 2, samples a second, must be > 0 and < 1e5, got {rate:g}")
+        raise ValueError(
+            f"{path}:{reals_at + 1}: real 2, samples a second, must be > 0 and < 1e5, got {rate:g}"
+        )
     place = re.search(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*?)\s*$", lines[5], re.I)
     event = lines[3].split(None, 4)
     metadata = {

@@ -23,7 +23,8 @@ def _array(path: Path) -> np.ndarray:
 
 
 def _rows(path: Path, lines: list[str]) -> tuple[np.ndarray, list[int], str | None]:
-    """The rows of a table of numbers, which lines they are, and the unit in brackets at the end of one row of headings."""
+    """The rows of a table of numbers, which lines they are, and the unit in brackets at the end of one row of
+    headings."""
     rows: list[list[float]] = []
     numbers: list[int] = []
     heading: str | None = None
@@ -53,7 +54,9 @@ def _rows(path: Path, lines: list[str]) -> tuple[np.ndarray, list[int], str | No
 
 def columns(path: Path, rows: np.ndarray, numbers: list[int] | None, said: str | None = None) -> Samples:
     if rows.shape[1] > 2:
-        raise ValueError(f"{path}: has {rows.shape[1]} columns; one (acceleration) or two (time, acceleration) can be read")
+        raise ValueError(
+            f"{path}: has {rows.shape[1]} columns; one (acceleration) or two (time, acceleration) can be read"
+        )
     metadata = {"format": "table"}
     if rows.shape[1] == 1:
         return Samples(rows[:, 0], None, unit(said), metadata, said)
@@ -66,10 +69,13 @@ def columns(path: Path, rows: np.ndarray, numbers: list[int] | None, said: str |
         k = int(off[0]) + 1 if len(off) else 1
         where = f"{path}:{numbers[k]}" if numbers else f"{path}: row {k + 1}"
         raise ValueError(
-            f"{where}: times must rise in equal steps, got {times[k - 1]:.9g} s and then {times[k]:.9g} s where the mean "
+            f"{where}: times must rise in equal steps, got "
+            f"{times[k - 1]:.9g} s and then {times[k]:.9g} s where the mean "
             f"step is {step:.6g} s; resample the record"
         )
-    return Samples(values, float(step), unit(said), metadata, said, f"{path}: the times in it are {step:g} s apart")
+    return Samples(
+        values, float(step), unit(said), metadata, said, f"{path}: the times in it are {step:g} s apart"
+    )
 
 
 def read_array(path: Path, component: Component) -> Samples:

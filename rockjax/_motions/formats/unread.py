@@ -32,7 +32,8 @@ ITACA = Format(
     "ITACA",
     lambda path, lines: path.name.lower().endswith((".cor.acc", ".unp.acc")),
     _refused(
-        "by its name is of ITACA before it had headers of KEY: value, which is not read; get it as ESM or ITACA write it "
+        "by its name is of ITACA before it had headers of KEY: value, which is not read; get it as ESM or "
+        "ITACA write it "
         "today (ASCII), or take its header off and give units and dt"
     ),
 )

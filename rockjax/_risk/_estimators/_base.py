@@ -57,8 +57,10 @@ class AbstractEstimator(abc.ABC):
             self.round(size)
             rounds += 1
             known, spent = self.estimate(), self.limit.scenes - start
-            report(known)
-            if spent >= max_scenes or (rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov):
+            told(known)
+            if spent >= max_scenes or (
+                rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
+            ):
                 return known
             missing = spent * ((known.cov / cov) ** 2 - 1) if math.isfinite(known.cov) else 3 * spent
             size = int(min(max(1.1 * missing, first / 2), 3 * spent, max_scenes - spent + 1))

@@ -76,7 +76,9 @@ class Subset(AbstractEstimator):
         if count >= 8:  # enough of them to tell their spread
             each = float(np.var(self.runs, ddof=1)) / p**2
         error = p * math.sqrt(each / count)
-        return Estimate(p, error, lognormal_interval(p, error, count), min((p / error) ** 2, 1e9) if error > 0 else 1e9)
+        return Estimate(
+            p, error, lognormal_interval(p, error, count), min((p / error) ** 2, 1e9) if error > 0 else 1e9
+        )
 
 
 def _relative_variance(below: np.ndarray, chains: int) -> float:
