@@ -48,7 +48,7 @@ SKIPS = {
         _lanes, "cross_full_contact", lambda scene, plan, lane: lane
     ),
     "certificate before the end of the pulse": lambda: mock.patch.object(
-        _PulseOutlook, "impulse", unknown_before_the_end
+        _PulseLookahead, "impulse", unknown_before_the_end
     ),
     "certificate at all": lambda: mock.patch.object(_step, "certificate", never),
     "lanes refilled": lambda: mock.patch.object(_lanes, "PATIENCE", 2.0),

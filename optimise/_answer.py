@@ -1,4 +1,5 @@
-"""A design and the account of it: what every start came to, which is the best, its margins and shadow prices."""
+"""A design and the account of it: what every start came to, which is the best, its margins and shadow
+prices."""
 
 from __future__ import annotations
 

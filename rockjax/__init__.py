@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         overturning_boundary,
         overturning_scale,
     )
-    from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
+    from ._excitations.base import AbstractExcitation, AbstractLookahead, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
     from ._motions.accelerogram import RecordWarning

@@ -42,7 +42,8 @@ class SceneBatch(NamedTuple):
     def part(self, start: int, stop: int, size: int, devices: int = 1) -> list[Any]:
         """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many devices in turn.
 
-        Those of the devices lie one after another, each filled up to the compiled size with copies that are never run.
+        Those of the devices lie one after another, each filled up to the compiled size with copies that are
+        never run.
         """
         dealt = start + np.arange(devices)[:, None] + devices * np.arange(size)
         dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()

@@ -38,9 +38,9 @@ def design(
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
     minimise.
 
-    Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and,
-    before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no
-    design satisfies the targets. Ctrl-C keeps the best design so far.
+    Prints variables, targets with their margins and shadow prices; writes OUTPUT.json, OUTPUT-convergence.png
+    and, before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where
+    no design satisfies the targets. Ctrl-C keeps the best design so far.
 
     \b
     Examples:

@@ -33,8 +33,8 @@ def response(
 ) -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and a film of
-    it.
+    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
+    animation of it.
 
     \b
     Examples:

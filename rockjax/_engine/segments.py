@@ -71,7 +71,7 @@ def run_segments(
             return state, nodes
 
         return jax.lax.cond(
-            state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes)
+            state.sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), (state, nodes)
         )
 
     state, nodes = jax.lax.while_loop(running, body, (state, nodes))

@@ -63,10 +63,10 @@ def _solve(
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-    function, rehearsed = _functions(
+    function, recorded = _functions(
         structure, plan_for(podium, options, history is not None), options, history
     )
-    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
+    return _differentiable(function, recorded, options.engine == "flat")(*leaves)
 
 
 def _solve_with_slopes(

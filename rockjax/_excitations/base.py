@@ -1,7 +1,7 @@
 """Excitations: callables t ↦ ü_g with support and breakpoints.
 
 An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks
-`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `outlook(threshold)`
+`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)`
 answers what the engine wants to know about the future: when |ü_g| next exceeds the threshold, and how much
 can still come.
 """

@@ -190,6 +190,6 @@ class Gabor(AbstractExcitation):
 
 def _bounded_lookahead(motion, threshold, amplitude, curvature) -> AbstractLookahead:
     threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
-    return _BoundedOutlook(
+    return _BoundedLookahead(
         motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny)
     )

@@ -84,7 +84,7 @@ def solved(
     podiums, excitations, initial, t_end = arguments
     stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
     return responses(
-        podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads)
+        podiums, excitations, initial, t_end, options, progress, stop, **_workers(devices, threads)
     )
 
 

@@ -52,7 +52,8 @@ def animation(
     - `response`: a [`rockjax.Response`][] or its dataset
     - `columns`: how many columns to draw, ≥ 1; the response is the same for any number
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
-    - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the animation, > 0
+    - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
+      animation, > 0
     - `start`, `end`: part of the scene to show [s]; all of it by default
     - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the
       history
@@ -83,8 +84,8 @@ def animation(
 def save_animation(
     path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options
 ) -> Path:
-    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where there is
-    an ffmpeg.
+    """Write the animation of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where
+    there is an ffmpeg.
 
     That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of
     `animation`. Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there

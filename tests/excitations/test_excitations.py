@@ -109,7 +109,7 @@ def test_remaining_impulse_of_a_pulse_is_exact(pulse):
     start, end = (float(t) for t in motion.support)
     for t in np.linspace(start, end, 7)[:-1]:
         area = quad(lambda s: abs(float(3.0 * pulse.shape(np.float64(s / 0.8)))), t, end, limit=400)[0]
-        assert float(motion.outlook(None).impulse(jnp.asarray(t), 0)) == pytest.approx(
+        assert float(motion.lookahead(None).impulse(jnp.asarray(t), 0)) == pytest.approx(
             area, rel=1e-7, abs=1e-12
         )
 

@@ -194,7 +194,7 @@ def test_measures_and_units_must_match():
     assert float(converted) == pytest.approx(
         float(rj.annual_frequency(fragility(), HAZARD).frequency), rel=1e-12
     )
-    for curve, complaint in (
+    for curve, expected in (
         (rj.Lognormal(-1.0, 0.4), "median must be finite and > 0"),
         (rj.Lognormal(1.0, 0.0), "dispersion must be finite and > 0"),
         (np.ones(3), "curve must be a rockjax.Lognormal"),

@@ -57,7 +57,7 @@ class AbstractEstimator(abc.ABC):
             self.round(size)
             rounds += 1
             known, spent = self.estimate(), self.limit.scenes - start
-            told(known)
+            report(known)
             if spent >= max_scenes or (
                 rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
             ):
