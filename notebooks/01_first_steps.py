@@ -10,11 +10,15 @@
 #     name: python3
 # ---
 
-# %% [markdown] # First steps  A podium defined by its dimensions, a ground motion, and how the one answers
-# the other: the peak response, the history with its pictures, a rocking spectrum. Then what to know about
-# units, results and options.  A podium structure stands on free columns. In a strong earthquake they lift off
-# at their edges and rock. If $\theta$ reaches the slenderness $\alpha$ of a column, the weight passes its
-# edge, and the structure overturns.
+# %% [markdown]
+# # First steps
+#
+# A podium defined by its dimensions, a ground motion, and how the one answers the other: the peak response,
+# the history with its pictures, a rocking spectrum. Then what to know about units, results and options.
+#
+# A podium structure stands on free columns. In a strong earthquake they lift off at their edges and rock.
+# If $\theta$ reaches the slenderness $\alpha$ of a column, the weight passes its edge, and the structure
+# overturns.
 
 # %%
 import os
@@ -187,9 +191,13 @@ for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
     rotation = rj.peak_response(podium, pulse, options=rj.Options(rtol=rtol, atol=0.01 * rtol)).peak_rotation
     print(f"rtol {rtol:.0e}: peak rotation {rotation:.12f}, off by {abs(rotation - exact):.0e}")
 
-# %% [markdown] ## Next  - [`02_the_paper`](02_the_paper.py): the theory's source, its figures, and where it
-# contradicts itself - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py): when does it overturn? -
-# [`04_column_sizing`](04_column_sizing.py): how wide must the columns be? -
-# [`07_gradients_explained`](07_gradients_explained.py): every number can be differentiated, through uplift
-# and all impacts - [Getting started](../docs/getting-started.md), [the model](../docs/model.md), [sharp
-# bits](../docs/sharp-bits.md)
+# %% [markdown]
+# ## Next
+#
+# - [`02_the_paper`](02_the_paper.py): the theory's source, its figures, and where it contradicts itself
+# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py): when does it overturn?
+# - [`04_column_sizing`](04_column_sizing.py): how wide must the columns be?
+# - [`07_gradients_explained`](07_gradients_explained.py): every number can be differentiated, through uplift
+#   and all impacts
+# - [Getting started](../docs/getting-started.md), [the model](../docs/model.md), [sharp
+#   bits](../docs/sharp-bits.md)

@@ -208,6 +208,10 @@ ax.set(xlabel=plots.ACCELERATION_RATIO, ylabel="peak " + plots.ROTATION, xlim=(2
 ax.legend(loc="lower right")
 print(f"{len(changes)} changes on this grid, the first at {changes[0]:.4f}, the last at {changes[-1]:.4f}")
 
-# %% [markdown] ## Next  - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands
-# without a fine grid. - [Reproduction](../docs/reproduction.md) has published overturning accelerations and
-# free rocking beside those of rockjax. - [The model](../docs/model.md) settles what the paper leaves open.
+# %% [markdown]
+# ## Next
+#
+# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands without a fine grid.
+# - [Reproduction](../docs/reproduction.md) has published overturning accelerations and free rocking beside
+#   those of rockjax.
+# - [The model](../docs/model.md) settles what the paper leaves open.

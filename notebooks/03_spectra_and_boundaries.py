@@ -75,9 +75,11 @@ ax.set(xlabel=plots.ACCELERATION_RATIO, ylabel="[–]", xlim=(ratio[0], ratio[-1
 ax.grid(alpha=0.3)
 legend = ax.legend()
 
-# %% [markdown] ## The boundary  `overturning_acceleration` is the least amplitude that overturns, from a scan
-# and a refinement of its lowest change. Under `jax.grad` it has derivatives, see
-# [`07_gradients_explained`](07_gradients_explained.py).
+# %% [markdown]
+# ## The boundary
+#
+# `overturning_acceleration` is the least amplitude that overturns, from a scan and a refinement of its lowest
+# change. Under `jax.grad` it has derivatives, see [`07_gradients_explained`](07_gradients_explained.py).
 
 # %%
 T_p = 2 * math.pi / (3 * podium.p)  # ω_p/p = 3

@@ -10,9 +10,12 @@
 #     name: python3
 # ---
 
-# %% [markdown] # Sweeps  How do the proportions of the columns and the mass on top of them decide what a
-# suite of earthquakes does? That is a study of structures × records × scales. This notebook runs it in chunks
-# that are kept on disk, reads them back, and shows what happens when a chunk is lost.
+# %% [markdown]
+# # Sweeps
+#
+# How do the proportions of the columns and the mass on top of them decide what a suite of earthquakes does?
+# That is a study of structures × records × scales. This notebook runs it in chunks that are kept on disk,
+# reads them back, and shows what happens when a chunk is lost.
 
 # %%
 import os
@@ -27,9 +30,11 @@ from rockjax import plots
 
 REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for the tests
 
-# %% [markdown] ## The scenes  Columns of one half diagonal under a rigid building: slenderness and building
-# mass vary, under a suite of synthetic records, scaled. Every combination is a scene. The grid holds only its
-# axes.
+# %% [markdown]
+# ## The scenes
+#
+# Columns of one half diagonal under a rigid building: slenderness and building mass vary, under a suite of
+# synthetic records, scaled. Every combination is a scene. The grid holds only its axes.
 
 # %%
 podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(50.0))
@@ -66,8 +71,9 @@ data = rj.sweep(
 )
 data
 
-# %% [markdown] The dataset is lazy: nothing has been read yet. How large a share of the suite overturns, at
-# one building mass?
+# %% [markdown]
+# The dataset is lazy: nothing has been read yet. How large a share of the suite overturns, at one building
+# mass?
 
 # %%
 share = data["overturned"].mean("motion").compute()
@@ -81,8 +87,9 @@ ax.set(
 fig.colorbar(shown, label="share of the suite that overturns [–]")
 plt.show()
 
-# %% [markdown] Along the other axis: a heavier building on the same columns. As in the paper, the mass on top
-# hardly matters: the whole frame rocks like one larger block.
+# %% [markdown]
+# Along the other axis: a heavier building on the same columns. As in the paper, the mass on top hardly
+# matters: the whole frame rocks like one larger block.
 
 # %%
 fig, ax = plt.subplots(figsize=(6, 4), layout="constrained")
@@ -96,10 +103,12 @@ ax.set(xlabel="factor on the suite [–]", ylabel="share that overturns [–]")
 ax.legend(loc="lower right")
 plt.show()
 
-# %% [markdown] ## When something is lost  The store knows which chunks it holds, and the checksum of each.
-# Here a file of the second chunk is cut in half, as a full disk or a failing one would leave it. The same
-# call finds it, and solves that chunk again: the others are verified and left. (The warning is what a user
-# sees.)
+# %% [markdown]
+# ## When something is lost
+#
+# The store knows which chunks it holds, and the checksum of each. Here a file of the second chunk is cut in
+# half, as a full disk or a failing one would leave it. The same call finds it, and solves that chunk again:
+# the others are verified and left. (The warning is what a user sees.)
 
 # %%
 victim = sorted(Path("study.zarr/peak_rotation/c").rglob("*"))[-1]
@@ -124,7 +133,10 @@ try:
 except ValueError as error:
     print(error)
 
-# %% [markdown] ## Next  - `rockjax sweep` does the same from a [problem file](../docs/command-line.md), with
-# `--workers` or `--scheduler`. - [Sweeps and clusters](../docs/cluster.md): SSH, Slurm and Kubernetes, and
-# what happens when machines die. - [`05_records_and_fragility`](05_records_and_fragility.py) makes a curve of
-# such shares, with its bands.
+# %% [markdown]
+# ## Next
+#
+# - `rockjax sweep` does the same from a [problem file](../docs/command-line.md), with `--workers` or
+#   `--scheduler`.
+# - [Sweeps and clusters](../docs/cluster.md): SSH, Slurm and Kubernetes, and what happens when machines die.
+# - [`05_records_and_fragility`](05_records_and_fragility.py) makes a curve of such shares, with its bands.

@@ -375,7 +375,9 @@ def test_bad_boundaries_are_refused():
         rj.Options(outputs=("margin",), engine="segments")
     with pytest.raises(ValueError, match="overturn_ratio must be <= θ_s/α = 1 for the margin"):
         rj.peak_response(
-            rj.Podium(alpha=0.3, R=2.0), pulse(), options=rj.Options(outputs=("margin",), overturn_ratio=1.5)
+            rj.Podium(alpha=0.3, R=2.0),
+            rj.Ricker(3.0, 1.0),
+            options=rj.Options(outputs=("margin",), overturn_ratio=1.5),
         )
     assert options(1e-8).outputs  # the default is untouched
 

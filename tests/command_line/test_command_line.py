@@ -532,7 +532,7 @@ def test_numbers_have_units_in_the_help(run, name):
     lines = [line for line in run(name, "--help")[1].splitlines() if re.search(r"<float|FLOAT", line)]
     assert lines or name in ("plot", "cache")
     for line in lines:
-        assert re.search(r"\[(m|s|rad|Hz|–|kg|m/s|m/s²|rad/s)\]", line), line
+        assert re.search(r"\[(m|s|rad|Hz|–|kg|N|N/m|N \(s/m\)\^ν|m/s|m/s²|rad/s)\]", line), line
 
 
 @pytest.mark.parametrize("name", COMMANDS)
