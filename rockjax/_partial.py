@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ._files import write_whole
 
 if TYPE_CHECKING:
@@ -54,5 +56,14 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         )
     names = [f"dataset-{k}" for k in range(count)]
     return [
-        xarray.load_dataset(path, group=name, engine="netcdf4") if name in groups else None for name in names
+        _as_written(xarray.load_dataset(path, group=name, engine="netcdf4")) if name in groups else None
+        for name in names
     ]
+
+
+def _as_written(data: xarray.Dataset) -> xarray.Dataset:
+    """With attributes as they were before netCDF made NumPy's scalars of them."""
+    data.attrs = {
+        name: value.item() if isinstance(value, np.generic) else value for name, value in data.attrs.items()
+    }
+    return data

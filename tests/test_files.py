@@ -161,6 +161,20 @@ def test_partial_files_of_other_runs_are_refused(tmp_path):
     assert _partial.load(path, 2)[0] is None
 
 
+def test_partial_files_keep_attributes_as_they_are(tmp_path):
+    """Numbers of Python, also where a whole spectrum is taken over: messages and comparisons look at them."""
+    path = _partial.save(
+        tmp_path / "a.nc", [xarray.Dataset(attrs={"rtol": 1e-8, "columns": 4, "law": "paper"})]
+    )
+    (known,) = _partial.load(path, 1)
+    assert known is not None
+    assert {name: type(value) for name, value in known.attrs.items()} == {
+        "rtol": float,
+        "columns": int,
+        "law": str,
+    }
+
+
 @pytest.mark.slow
 def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
     """A real process, a real SIGINT: 130, one file, a word on how to go on; and then the same answer as in
