@@ -17,7 +17,7 @@ import rockjax as rj
 from rockjax._batch import lanes as _lanes
 from rockjax._engine import contact as _contact
 from rockjax._engine import step as _step
-from rockjax._excitations.pulses import _PulseOutlook
+from rockjax._excitations.pulses import _PulseLookahead
 from rockjax._programs.program import anew
 
 from .families import PERIODS, Family, family
@@ -35,7 +35,7 @@ def never(scene, plan, lane, piece, ground):
     return lane.t < -jax.numpy.inf
 
 
-impulse = _PulseOutlook.impulse
+impulse = _PulseLookahead.impulse
 
 
 def unknown_before_the_end(self, t, piece):
@@ -48,7 +48,7 @@ SKIPS = {
         _lanes, "cross_full_contact", lambda scene, plan, lane: lane
     ),
     "certificate before the end of the pulse": lambda: mock.patch.object(
-        _PulseOutlook, "impulse", unknown_before_the_end
+        _PulseLookahead, "impulse", unknown_before_the_end
     ),
     "certificate at all": lambda: mock.patch.object(_step, "certificate", never),
     "lanes refilled": lambda: mock.patch.object(_lanes, "PATIENCE", 2.0),

@@ -1,4 +1,5 @@
-"""A design and the account of it: what every start came to, which is the best, its margins and prices."""
+"""A design and the account of it: what every start came to, which is the best, its margins and shadow
+prices."""
 
 from __future__ import annotations
 
@@ -97,7 +98,7 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
         low, high = design.bounds[name]
         at = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
         variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{at}"])
-    targets = [["target", "worst margin", "of", "price"]]
+    targets = [["target", "worst margin", "of", "shadow price"]]
     for name, margins in design.margins.items():
         price = float(np.sum(design.multipliers[name]))
         shown = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
@@ -110,7 +111,7 @@ def check_design(owner: str, design) -> None:
 
 
 def table(design: Design) -> str:
-    """The design in lines: variables, targets with their worst margins and prices, what it took."""
+    """The design in lines: variables, targets with their worst margins and shadow prices, what it took."""
     check_design("table", design)
     headline, variables, targets = _account(design)
     lines = [f"Design: {headline}"]

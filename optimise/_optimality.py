@@ -1,5 +1,5 @@
-"""Whether a point is optimal, and at which prices: linear models there, and the step that unit curvature
-would take."""
+"""Whether a point is optimal, and at which shadow prices: linear models there, and the step that unit
+curvature would take."""
 
 from __future__ import annotations
 

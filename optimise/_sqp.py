@@ -103,8 +103,8 @@ class _Search:
     @property
     def stationary(self) -> bool:
         # Where margins are steep, a short step may still mend a violation.
-        mends = self.violated and self.left <= 0.5 * self.here.violation
-        return self.residual <= self.rules.tolerance and not mends
+        corrects = self.violated and self.left <= 0.5 * self.here.violation
+        return self.residual <= self.rules.tolerance and not corrects
 
     def raise_penalty(self) -> int | None:
         """At a stationary point: its result, or another merit to go on with."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         overturning_boundary,
         overturning_scale,
     )
-    from ._excitations.base import AbstractExcitation, AbstractOutlook, Rest
+    from ._excitations.base import AbstractExcitation, AbstractLookahead, Rest
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
     from ._motions.accelerogram import RecordWarning
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 __all__ = [
     "RESULTS",
     "AbstractExcitation",
-    "AbstractOutlook",
+    "AbstractLookahead",
     "AbstractPulse",
     "AnnualFrequency",
     "AntisymmetricRicker",
@@ -136,7 +136,7 @@ _MODULES = {
     ),
     "_excitations.base": (
         "AbstractExcitation",
-        "AbstractOutlook",
+        "AbstractLookahead",
         "Rest",
     ),
     "_excitations.pulses": (
@@ -237,7 +237,16 @@ _MODULES = {
 _WHERE = {name: module for module, names in _MODULES.items() for name in names}
 
 
+_RENAMED = {"AbstractOutlook": "AbstractLookahead"}
+
+
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        import warnings
+
+        new = _RENAMED[name]
+        warnings.warn(f"rockjax.{name} is called rockjax.{new} now", DeprecationWarning, stacklevel=2)
+        return __getattr__(new)
     if name not in _WHERE:
         raise AttributeError(f"module 'rockjax' has no attribute {name!r}")
     value = getattr(_import_module(f".{_WHERE[name]}", __name__), name)

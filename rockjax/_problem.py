@@ -119,7 +119,7 @@ from ._structures import Elastic, Podium, Rigid
 
 
 class Reported(ValueError):
-    """A complaint that names the file and the key already."""
+    """An error that names the file and the key already."""
 
 
 def load_table(path: Path) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def axis_values(value: Any) -> np.ndarray:
 
 
 class Reader:
-    """Reads tables; every complaint names the file, the key and the cause.
+    """Reads tables; every error names the file, the key and the cause.
 
     - `path`: the file, which others are named relative to; None for tables that come from no file
     - `where`: what complaints begin with, by default the path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 class Picture:
     """How to draw one picture of a dataset.
 
-    - `draw`: dataset → figure or axes, or for a film (path, dataset) → path
+    - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
     - `default`: drawn where no picture is asked for by name
     - `needs`: a variable without which there is no such picture
     - `group`: the group of the file with what is drawn; without it there is no such picture either
@@ -30,7 +31,7 @@ class Picture:
     draw: Callable[..., Any]
     default: bool = True
     needs: str | None = None
-    film: bool = False
+    moves: bool = False
     group: str | None = None
 
 
@@ -66,7 +67,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "phase-portrait": Picture(plots.phase_portrait, default=False),
         "moment-rotation": Picture(plots.moment_rotation, default=False),
         "energy": Picture(plots.energy_balance, default=False),
-        "film": Picture(plots.save_animation, default=False, film=True),
+        "animation": Picture(plots.save_animation, default=False, moves=True),
     },
     "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},
     "fragility": {
@@ -127,6 +128,9 @@ def redraw(
         for name, how in PICTURES[data.attrs["kind"]].items()
         if (how.needs is None or how.needs in data) and (how.group is None or how.group in groups)
     }
+    if "film" in names:
+        warnings.warn("the picture 'film' is called 'animation' now", DeprecationWarning, stacklevel=2)
+        names = ["animation" if name == "film" else name for name in names]
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
@@ -138,7 +142,7 @@ def redraw(
     for name in names or [name for name, how in known.items() if how.default]:
         how = known[name]
         drawing = data if how.group is None else groups[how.group]
-        if how.film:
+        if how.moves:
             written.append(how.draw(f"{prefix}-{name}.gif", drawing))
             continue
         drawn = how.draw(drawing)

@@ -74,8 +74,8 @@ def _meanings(cls: type) -> dict[str, str]:
     """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`:
     meaning"."""
     found = {}
-    told = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
-    for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", told, re.M):
+    described = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
+    for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", described, re.M):
         _, *parts = re.split(r"(?:^|; )((?:`\w+`(?:, )?)+): ", " ".join(bullet.split()))
         for names, meaning in zip(parts[::2], parts[1::2], strict=True):
             found |= dict.fromkeys(re.findall(r"\w+", names), _plain(meaning))

@@ -190,8 +190,8 @@ def _automaton(plan: Plan, options: Options):
         if plan.elastic:
             return lane
         waits = (lane.sigma == 0) & runs(lane, options.max_steps)
-        leapt, _ = advance_to_uplift(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), leapt, lane)
+        lifted, _ = advance_to_uplift(scene, plan, lane)
+        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
 
     return moves, settle
 

@@ -39,12 +39,13 @@ class SceneBatch(NamedTuple):
     def wide(self) -> bool:
         return self.numbers > WIDE
 
-    def part(self, start: int, stop: int, size: int, hands: int = 1) -> list[Any]:
-        """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many hands in turn.
+    def part(self, start: int, stop: int, size: int, devices: int = 1) -> list[Any]:
+        """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many devices in turn.
 
-        Hands lie one after another, each filled up to the compiled size with copies that are never run.
+        Those of the devices lie one after another, each filled up to the compiled size with copies that are
+        never run.
         """
-        dealt = start + np.arange(hands)[:, None] + hands * np.arange(size)
+        dealt = start + np.arange(devices)[:, None] + devices * np.arange(size)
         dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
         return [
             y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)

@@ -71,11 +71,11 @@ def first_boundary(row: Row, limit: Array, spacing: Array) -> First:
         scales = jnp.where(_goes_on(state, limit), scales, 0.0)
         margin, impacts = row(scales, state.stage >= CONFIRM)
 
-        def told(tell) -> _State:
+        def take(tell) -> _State:
             after = tell(state, scales, margin, impacts, limit)
             return jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), after, state)
 
-        return jax.lax.switch(state.stage, [functools.partial(told, tell) for tell in _TELL])
+        return jax.lax.switch(state.stage, [functools.partial(take, tell) for tell in _TELL])
 
     state = jax.lax.while_loop(lambda state: _goes_on(state, limit), look, state)
     found = jnp.isfinite(state.hi)

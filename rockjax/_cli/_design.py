@@ -38,9 +38,9 @@ def design(
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
     minimise.
 
-    Prints variables, targets with their margins and prices; writes OUTPUT.json, OUTPUT-convergence.png and,
-    before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where no
-    design satisfies the targets. Ctrl-C keeps the best design so far.
+    Prints variables, targets with their margins and shadow prices; writes OUTPUT.json, OUTPUT-convergence.png
+    and, before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where
+    no design satisfies the targets. Ctrl-C keeps the best design so far.
 
     \b
     Examples:
@@ -73,6 +73,6 @@ def design(
         report.wrote(path)
     report.facts |= {name: value for name, value in optimise.account(found).items() if name != "history"}
     if stopped is not None:
-        report.complain(f"{stopped}; the best design so far is kept", INTERRUPTED)
+        report.error(f"{stopped}; the best design so far is kept", INTERRUPTED)
     elif not found.satisfied:
-        report.complain("no design that satisfies the targets was found")
+        report.error("no design that satisfies the targets was found")

@@ -264,7 +264,7 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
             report.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
         report.facts["median_sensitivity"] = prices
     if failed:
-        report.complain(f"{failed} scenes ended without an answer")
+        report.error(f"{failed} scenes ended without an answer")
 
 
 def _curve(report: Report, analysis: xarray.Dataset, statistics: Statistics) -> xarray.Dataset | None:
@@ -278,9 +278,9 @@ def _curve(report: Report, analysis: xarray.Dataset, statistics: Statistics) -> 
         try:
             curve = rj.fragility(analysis, method=method, confidence=None)
         except ValueError:
-            report.complain(f"no curve: {error}")
+            report.error(f"no curve: {error}")
             return None
-        report.complain(str(error))
+        report.error(str(error))
         return curve
 
 

@@ -37,7 +37,7 @@ def plot(
 
     Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum:
     boundaries, sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait,
-    moment-rotation, energy, and film, a GIF.
+    moment-rotation, energy, and animation, a GIF.
 
     \b
     Examples:

@@ -33,8 +33,8 @@ def response(
 ) -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and a film of
-    it.
+    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
+    animation of it.
 
     \b
     Examples:
@@ -66,4 +66,4 @@ def response(
     wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}
     report.facts |= {"result": results.NAMES[code], **wanted}
     if code > results.OVERTURNED:
-        report.complain(f"the scene ended without an answer: {results.NAMES[code]}")
+        report.error(f"the scene ended without an answer: {results.NAMES[code]}")

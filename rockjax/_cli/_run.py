@@ -85,7 +85,7 @@ class Report(Flags):
         if self.verbose:
             typer.echo(line, err=True)
 
-    def complain(self, line: str, status: int = NO_ANSWER) -> None:
+    def error(self, line: str, status: int = NO_ANSWER) -> None:
         """Why the wanted answer is not there, or not all of it."""
         typer.echo(f"rockjax: {line}", err=True)
         self.status = status

@@ -106,4 +106,4 @@ def spectrum(
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:
-        report.complain(f"{failed} of {total} scenes ended without an answer")
+        report.error(f"{failed} of {total} scenes ended without an answer")

@@ -146,7 +146,7 @@ def sweep(
     report.say(f"{scenes.size} scenes: {overturned:.1%} overturned, {failed} without an answer")
     report.facts |= {"scenes": scenes.size, "overturned": overturned, "without_answer": failed}
     if failed:
-        report.complain(f"{failed} of {scenes.size} scenes ended without an answer")
+        report.error(f"{failed} of {scenes.size} scenes ended without an answer")
 
 
 def _axes(given: Given, grid: Grid) -> dict[str, Any]:

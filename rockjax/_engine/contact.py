@@ -49,7 +49,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     shaking = excitation.piece(state.piece)(state.t)
     settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
     state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
-    highest = scene.outlook.peak(state.t, state.piece, jnp.abs(shaking))
+    highest = scene.lookahead.peak(state.t, state.piece, jnp.abs(shaking))
     nodes, to_powers, to_tail = _interpolation(degree)
 
     def panel(carry: tuple[LoopState, Index]) -> tuple[LoopState, Index]:
@@ -127,7 +127,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     """Full contact with nothing elastic: the next uplift is a root of the excitation."""
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
-    lifts_at = constant(scene.outlook.next_exceedance(t, state.piece))
+    lifts_at = constant(scene.lookahead.next_exceedance(t, state.piece))
     end = constant(scene.end)
     lifts = lifts_at < end
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
@@ -151,7 +151,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     )
     force = state.shear
     if plan.shear:
-        highest = scene.outlook.highest_time(t, jnp.minimum(lifts_at, end))
+        highest = scene.lookahead.highest_time(t, jnp.minimum(lifts_at, end))
         force = larger(jnp.abs(excitation(constant(highest))) / c.g, present(state.shear))
     lifted = state._replace(
         t=stamp,

@@ -151,7 +151,7 @@ def replay(
 
     Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to
     another, and a step rejected the second time only would leave states and cotangents at different times:
-    hence the rehearsal.
+    hence the recording beforehand.
     """
 
     def body(carry):

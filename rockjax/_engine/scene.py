@@ -86,7 +86,7 @@ def prepare(
     scene = Scene(
         c=c,
         excitation=excitation,
-        outlook=excitation.outlook(None if plan.elastic else c.uplift),
+        lookahead=excitation.lookahead(None if plan.elastic else c.uplift),
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,

@@ -62,7 +62,7 @@ def run_segments(
         if plan.elastic:
             return _segment(scene, plan, options, state, nodes)
 
-        def leaps(carry):
+        def advance(carry):
             state, nodes = carry
             state, _ = advance_to_uplift(scene, plan, state)
             if nodes is not None:
@@ -71,7 +71,7 @@ def run_segments(
             return state, nodes
 
         return jax.lax.cond(
-            state.sigma == 0, leaps, lambda c: _segment(scene, plan, options, *c), (state, nodes)
+            state.sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), (state, nodes)
         )
 
     state, nodes = jax.lax.while_loop(running, body, (state, nodes))

@@ -22,8 +22,8 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     scene, state = jax.lax.stop_gradient((scene, state))
     c = scene.c
     x, v, t, sigma = state.x, state.v, state.t, state.sigma
-    impulse = scene.outlook.impulse(t, piece)
-    to_come = scene.outlook.peak(t, piece, ground)
+    impulse = scene.lookahead.impulse(t, piece)
+    to_come = scene.lookahead.peak(t, piece, ground)
     now = energy(c, sigma, x, v)
     most = energy_after(c, now, impulse)
     one = jnp.ones_like(t)
@@ -35,7 +35,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
         stays_under &= most < potential(c, one, jnp.minimum(state.peak, well))
     if plan.margin:
         stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
-    if not plan.elastic:  # at rest it leaps to its next uplift, and knows by itself that there is none
+    if not plan.elastic:  # at rest it goes to its next uplift at once, and knows by itself that there is none
         if plan.shear:
             # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.
             steepest = jnp.maximum(c.sin_alpha, jnp.sin(well - c.alpha)) if c.restrainers else c.sin_alpha

@@ -63,10 +63,10 @@ def _solve(
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-    function, rehearsed = _functions(
+    function, recorded = _functions(
         structure, plan_for(podium, options, history is not None), options, history
     )
-    return _differentiable(function, rehearsed, options.engine == "flat")(*leaves)
+    return _differentiable(function, recorded, options.engine == "flat")(*leaves)
 
 
 def _solve_with_slopes(
@@ -104,7 +104,7 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
             state, nodes = run_with_history(ready, plan, state, options.max_steps, history)
         return _with_nodes(answers(ready, plan, state), nodes)
 
-    def rehearsed(*leaves):
+    def recorded(*leaves):
         """The same for derivatives with respect to arrays, in forward and reverse mode."""
         constant = jax.lax.stop_gradient
         ready, state = scene(leaves)
@@ -114,7 +114,7 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
         _, integers = answers(ready, plan, last)
         return _with_nodes((floats, integers), nodes)
 
-    return function, rehearsed
+    return function, recorded
 
 
 PROGRAM = KeptProgram(_solve)

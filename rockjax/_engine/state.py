@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple, TypeVar
 
-from rockjax._excitations.base import AbstractExcitation, AbstractOutlook
+from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._types import Flag, Index, Value, Vector
 
 from .model import Coefficients
@@ -36,7 +36,7 @@ class Scene(NamedTuple):
 
     c: Coefficients
     excitation: AbstractExcitation
-    outlook: AbstractOutlook
+    lookahead: AbstractLookahead
     start: Value
     end: Value
     overturn_angle: Value  # overturn_ratio·α [rad]

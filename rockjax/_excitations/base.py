@@ -1,7 +1,7 @@
 """Excitations: callables t ↦ ü_g with support and breakpoints.
 
 An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks
-`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `outlook(threshold)`
+`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)`
 answers what the engine wants to know about the future: when |ü_g| next exceeds the threshold, and how much
 can still come.
 """
@@ -9,6 +9,7 @@ can still come.
 from __future__ import annotations
 
 import abc
+import warnings
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -22,7 +23,7 @@ from rockjax._repr import card, readable
 from rockjax._types import Index, Number, Value
 
 
-class AbstractOutlook(eqx.Module):
+class AbstractLookahead(eqx.Module):
     """What is still to come of one excitation; everything here is a constant for derivatives."""
 
     @abc.abstractmethod
@@ -45,6 +46,13 @@ class AbstractOutlook(eqx.Module):
 class AbstractExcitation(eqx.Module):
     """Base class of ground motions ü_g(t) [m/s²]. To write one, give what is abstract here."""
 
+    def __init_subclass__(cls, **kwargs):
+        super().__init_subclass__(**kwargs)
+        if "outlook" in cls.__dict__ and "lookahead" not in cls.__dict__:
+            words = f"{cls.__name__}.outlook is called lookahead now: rename the method"
+            warnings.warn(words, DeprecationWarning, stacklevel=2)
+            cls.lookahead = cls.__dict__["outlook"]
+
     @property
     @abc.abstractmethod
     def support(self) -> tuple[Number, Number]:
@@ -60,7 +68,7 @@ class AbstractExcitation(eqx.Module):
         """The smooth formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
 
     @abc.abstractmethod
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         """What is to come; `threshold` is given where the engine will ask for exceedances."""
 
     @property
@@ -127,7 +135,7 @@ class AbstractExcitation(eqx.Module):
         return card(self)
 
 
-class _Silence(AbstractOutlook):
+class _Silence(AbstractLookahead):
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         return jnp.full_like(t, jnp.inf)
 
@@ -155,7 +163,7 @@ class Rest(AbstractExcitation):
     def piece(self, index: Index) -> Callable[[Value], Value]:
         return jnp.zeros_like
 
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         return _Silence()
 
     def scaled(self, factor) -> Self:

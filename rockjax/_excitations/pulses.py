@@ -19,7 +19,7 @@ from rockjax._plausibility import doubt
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
 
-from .base import AbstractExcitation, AbstractOutlook
+from .base import AbstractExcitation, AbstractLookahead
 
 LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in gal that is read as m/s² does
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
@@ -39,7 +39,7 @@ def _bisect(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     return jax.lax.fori_loop(0, 60, halve, (lo, hi))[1]
 
 
-class _PulseOutlook(AbstractOutlook):
+class _PulseLookahead(AbstractLookahead):
     a_p: Value
     T_p: Value
     lead: Float[Array, " n"] | None  # on monotone interval k, |ü_g| > threshold in [b_k, lead_k) …
@@ -151,10 +151,10 @@ class AbstractPulse(AbstractExcitation):
 
         return inside if self.compact else formula
 
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
         if threshold is None:
-            return _PulseOutlook(a_p, T_p, None, None, type(self))
+            return _PulseLookahead(a_p, T_p, None, None, type(self))
         # Relative to the amplitude; a pulse of zero amplitude never exceeds.
         level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
         level = jnp.where(a_p == 0, jnp.inf, level)
@@ -168,7 +168,7 @@ class AbstractPulse(AbstractExcitation):
         rises = _bisect(lambda z: np.sign(end) * self.shape(z) - level, jnp.asarray(left), jnp.asarray(right))
         lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
         trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
-        return _PulseOutlook(a_p, T_p, lead, trail, type(self))
+        return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
 
 def _exp(x):

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from rockjax._types import Index, Value
 
-from .base import AbstractExcitation, AbstractOutlook
+from .base import AbstractExcitation, AbstractLookahead
 
 
 class Sampling(NamedTuple):
@@ -92,7 +92,7 @@ class AbstractSampled(AbstractExcitation):
         t0 = self._time(i)
         return lambda t: a0 + slope * (t - t0)
 
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
         size = record.sizes()
         # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
@@ -108,11 +108,11 @@ class AbstractSampled(AbstractExcitation):
         to_come = jnp.where(place >= 0, to_come, 0.0)
         highest = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
         if threshold is None:
-            return SampledOutlook(record, None, to_come, highest, None)
-        return SampledOutlook(record, jax.lax.stop_gradient(threshold), to_come, highest, _tree(size))
+            return SampledLookahead(record, None, to_come, highest, None)
+        return SampledLookahead(record, jax.lax.stop_gradient(threshold), to_come, highest, _tree(size))
 
 
-class SampledOutlook(AbstractOutlook):
+class SampledLookahead(AbstractLookahead):
     """What is to come of a sampled motion, from sums and maxima over the samples still to come."""
 
     record: AbstractSampled

@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_number, finite, positive, require
 from rockjax._types import Index, Number, Value
 
-from .base import AbstractExcitation, AbstractOutlook
+from .base import AbstractExcitation, AbstractLookahead
 
 
-class _BoundedOutlook(AbstractOutlook):
+class _BoundedLookahead(AbstractLookahead):
     """For a smooth motion of which only bounds are known: |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
 
     motion: AbstractExcitation
@@ -128,7 +128,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
         return inside
 
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
         omega = 2 * math.pi * motion.f_p
@@ -136,7 +136,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
         weights = (0.5 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A))
         amplitude = sum((w * r for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
         curvature = sum((w * r**3 for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
-        return _bounded_outlook(motion, threshold, amplitude, curvature)
+        return _bounded_lookahead(motion, threshold, amplitude, curvature)
 
 
 class Gabor(AbstractExcitation):
@@ -178,18 +178,18 @@ class Gabor(AbstractExcitation):
 
         return formula
 
-    def outlook(self, threshold: Value | None) -> AbstractOutlook:
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
         # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the
         # curvature.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
-        return _bounded_outlook(motion, threshold, amplitude, curvature)
+        return _bounded_lookahead(motion, threshold, amplitude, curvature)
 
 
-def _bounded_outlook(motion, threshold, amplitude, curvature) -> AbstractOutlook:
+def _bounded_lookahead(motion, threshold, amplitude, curvature) -> AbstractLookahead:
     threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
-    return _BoundedOutlook(
+    return _BoundedLookahead(
         motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny)
     )

@@ -142,7 +142,7 @@ def _sample(
     """One step of the method from node k to the time t."""
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    if not c.elastic:  # full contact is one leap, over many pieces
+    if not c.elastic:  # full contact is one step, over many pieces
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
 

@@ -139,10 +139,10 @@ def _impacts(floats, integers, options: Options, history: bool):
     history goes on to rest, or where the columns never lift: they cannot any more without a change of
     rotation and margin.
     """
-    told = integers["code"], integers["impacts"], integers["uplifted"]
-    traced, of_jax = any(isinstance(y, Tracer) for y in told), isinstance(told[1], jax.Array)
+    flags = integers["code"], integers["impacts"], integers["uplifted"]
+    traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
     # Every operation of JAX on its own is a program to compile.
-    code, count, uplifted = told if traced else map(np.asarray, told)
+    code, count, uplifted = flags if traced else map(np.asarray, flags)
     stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
         stands |= code == results.SETTLED

@@ -153,11 +153,11 @@ def probability_of(
     try:
         with bar(None, "scenes", progress) as shown:
 
-            def told(estimate: Estimate) -> None:
+            def report(estimate: Estimate) -> None:
                 shown.update(limit.scenes - shown.n)
                 known[:] = [estimate]
 
-            estimator.run(cov, max_scenes, 500, told)
+            estimator.run(cov, max_scenes, 500, report)
     except KeyboardInterrupt:
         partial = _answer(known[0], estimator.found, limit, method, cov) if known else None
         raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", partial) from None

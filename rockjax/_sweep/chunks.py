@@ -84,11 +84,11 @@ def solved(
     podiums, excitations, initial, t_end = arguments
     stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
     return responses(
-        podiums, excitations, initial, t_end, options, progress, stop, **_hands(devices, threads)
+        podiums, excitations, initial, t_end, options, progress, stop, **_workers(devices, threads)
     )
 
 
-def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:
+def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:
     """Who solves, as arguments of the batch."""
     if devices is None:
         return {"threads": threads}
@@ -96,7 +96,7 @@ def _hands(devices: Devices, threads: int | None) -> dict[str, Any]:
 
 
 def cores_of(devices: Devices, threads: int | None) -> int:
-    who = executor("sweep", **_hands(devices, threads))
+    who = executor("sweep", **_workers(devices, threads))
     return who.hosts * who.devices
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-class _Film(FuncAnimation):
+class _Animation(FuncAnimation):
     """Shown by Jupyter as it is, with buttons to play and stop."""
 
     def __init__(self, figure: Figure, *arguments: Any, **options: Any):
@@ -46,13 +46,14 @@ def animation(
     start: float | None = None,
     end: float | None = None,
     moving_ground: bool = False,
-) -> _Film:
+) -> _Animation:
     """The podium rocking, over its rotation history; in real time by default. Jupyter shows it as it is.
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `columns`: how many columns to draw, ≥ 1; the response is the same for any number
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
-    - `speed`: seconds of the scene per second of the film, > 0; `fps`: frames per second of the film, > 0
+    - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
+      animation, > 0
     - `start`, `end`: part of the scene to show [s]; all of it by default
     - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the
       history
@@ -77,14 +78,14 @@ def animation(
     times = np.arange(first, last + 1e-9, speed / fps)
     with in_style():
         stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
-        return _Film(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
+        return _Animation(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
 
 
 def save_animation(
     path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options
 ) -> Path:
-    """Write the film of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where there is
-    an ffmpeg.
+    """Write the animation of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where
+    there is an ffmpeg.
 
     That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of
     `animation`. Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there
@@ -94,13 +95,13 @@ def save_animation(
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
     program = _ffmpeg() if path.suffix == ".mp4" else ""
-    film = animation(response, **options)
+    moving = animation(response, **options)
     try:
         with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
             writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
-            return write_whole(path, lambda name: film.save(name, writer=writer, dpi=dpi))
+            return write_whole(path, lambda name: moving.save(name, writer=writer, dpi=dpi))
     finally:
-        plt.close(film.figure)
+        plt.close(moving.figure)
 
 
 def _ffmpeg() -> str:

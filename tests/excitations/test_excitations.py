@@ -58,7 +58,7 @@ def test_derivative_of_the_velocity_pulse():
 
 @pytest.mark.parametrize("pulse", PULSES)
 def test_tables_of_a_shape(pulse):
-    """Antiderivative, zeros and turning points, on which the outlook rests."""
+    """Antiderivative, zeros and turning points, on which the lookahead rests."""
     tau = np.linspace(*pulse.span, 9)[1:-1]
     rate = jax.vmap(jax.grad(lambda z: jnp.asarray(pulse.velocity(z))))(jnp.asarray(tau))
     np.testing.assert_allclose(rate, pulse.shape(tau), atol=1e-12)
@@ -70,14 +70,14 @@ def test_tables_of_a_shape(pulse):
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=LABELS)
-def test_outlook_is_true(motion):
+def test_lookahead_is_true(motion):
     """Exceedances, remaining impulse and remaining peak against the motion itself."""
     start, end = (float(t) for t in motion.support)
     times = grid(motion, over=0.0)
     a = np.abs(np.asarray(motion(times)))
     for level in (0.05, 0.3, 0.7, 0.95, 1.1):
-        outlook = motion.outlook(jnp.asarray(level * a.max()))
-        following = jax.jit(lambda t, o=outlook: o.next_exceedance(t, motion.locate(t)))
+        lookahead = motion.lookahead(jnp.asarray(level * a.max()))
+        following = jax.jit(lambda t, o=lookahead: o.next_exceedance(t, motion.locate(t)))
         for t in np.linspace(start - 0.1, end - 1e-9, 23):
             found = float(following(jnp.asarray(t)))
             later = (times >= t) & (a > level * a.max())
@@ -88,19 +88,19 @@ def test_outlook_is_true(motion):
             assert found <= times[later][0] + 1e-9
             assert found >= times[later][0] - (times[1] - times[0]) - 1e-9
             assert abs(float(motion(found))) >= level * a.max() * (1 - 1e-12)
-    outlook = motion.outlook(None)
+    lookahead = motion.lookahead(None)
     for t in np.linspace(start, end, 12)[:-1]:
         piece = motion.locate(jnp.asarray(t))
         rest = times >= t
         area = np.trapezoid(a[rest], times[rest])
-        assert float(outlook.impulse(jnp.asarray(t), piece)) >= area * (1 - 1e-3)
+        assert float(lookahead.impulse(jnp.asarray(t), piece)) >= area * (1 - 1e-3)
         now = jnp.abs(motion(t))
-        assert float(outlook.peak(jnp.asarray(t), piece, now)) >= a[rest].max() * (1 - 1e-9)
-        highest = float(outlook.highest_time(jnp.asarray(t), jnp.asarray(np.inf)))
+        assert float(lookahead.peak(jnp.asarray(t), piece, now)) >= a[rest].max() * (1 - 1e-9)
+        highest = float(lookahead.highest_time(jnp.asarray(t), jnp.asarray(np.inf)))
         assert abs(float(motion(highest))) >= a[rest].max() * (1 - 1e-9)
     after = jnp.asarray(end + 1.0)
-    assert float(outlook.impulse(after, motion.locate(after))) < 1e-15
-    assert float(outlook.peak(after, motion.locate(after), jnp.abs(motion(after)))) < 1e-15
+    assert float(lookahead.impulse(after, motion.locate(after))) < 1e-15
+    assert float(lookahead.peak(after, motion.locate(after), jnp.abs(motion(after)))) < 1e-15
 
 
 @pytest.mark.parametrize("pulse", PULSES)
@@ -109,7 +109,7 @@ def test_remaining_impulse_of_a_pulse_is_exact(pulse):
     start, end = (float(t) for t in motion.support)
     for t in np.linspace(start, end, 7)[:-1]:
         area = quad(lambda s: abs(float(3.0 * pulse.shape(np.float64(s / 0.8)))), t, end, limit=400)[0]
-        assert float(motion.outlook(None).impulse(jnp.asarray(t), 0)) == pytest.approx(
+        assert float(motion.lookahead(None).impulse(jnp.asarray(t), 0)) == pytest.approx(
             area, rel=1e-7, abs=1e-12
         )
 
@@ -143,3 +143,16 @@ def test_a_motion_of_ones_own():
             return -1.0 + 0 * self.T_p, 1.0 + 0 * self.T_p
 
     assert float(Chirp(1.0, 1.0)(0.0)) == pytest.approx(1.0)
+
+
+def test_the_earlier_name_of_the_lookahead_is_said():
+    with pytest.warns(DeprecationWarning, match="AbstractLookahead"):
+        assert rj.AbstractOutlook is rj.AbstractLookahead  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.warns(DeprecationWarning, match="Mine.outlook is called lookahead now"):
+
+        class Mine(rj.Ricker):
+            def outlook(self, threshold):
+                return rj.Ricker.lookahead(self, threshold)
+
+    mine = Mine(4.0, 1.0)
+    assert float(mine.lookahead(None).impulse(jnp.asarray(-3.0), jnp.asarray(0))) > 0

@@ -84,7 +84,7 @@ def test_a_hazard_is_linear_in_its_logarithms_and_goes_on_outside():
 
 
 @pytest.mark.parametrize(
-    ("points", "rates", "complaint"),
+    ("points", "rates", "expected"),
     [
         ([1.0, 1.0], [1e-2, 1e-3], "intensity must ascend, got 1 before 1"),
         ([1.0, 2.0], [1e-3, 1e-2], "must not increase with the intensity, got 0.001 before 0.01"),
@@ -95,8 +95,8 @@ def test_a_hazard_is_linear_in_its_logarithms_and_goes_on_outside():
         ([1.0, np.nan], [1e-2, 1e-3], "intensity must be finite"),
     ],
 )
-def test_hazards_that_make_no_sense_are_refused(points, rates, complaint):
-    with pytest.raises(ValueError, match=complaint):
+def test_hazards_that_make_no_sense_are_refused(points, rates, expected):
+    with pytest.raises(ValueError, match=expected):
         rj.Hazard(points, rates)
 
 
@@ -194,12 +194,12 @@ def test_measures_and_units_must_match():
     assert float(converted) == pytest.approx(
         float(rj.annual_frequency(fragility(), HAZARD).frequency), rel=1e-12
     )
-    for curve, complaint in (
+    for curve, expected in (
         (rj.Lognormal(-1.0, 0.4), "median must be finite and > 0"),
         (rj.Lognormal(1.0, 0.0), "dispersion must be finite and > 0"),
         (np.ones(3), "curve must be a rockjax.Lognormal"),
     ):
-        with pytest.raises(ValueError, match=complaint):
+        with pytest.raises(ValueError, match=expected):
             rj.annual_frequency(curve, HAZARD)
 
 
@@ -324,7 +324,7 @@ def test_a_random_pulse_on_top():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "complaint"),
+    ("numbers", "expected"),
     [
         ({"n": 1}, "n must be a whole number >= 2"),
         ({"n": 10.0}, "n must be a whole number >= 2"),
@@ -334,8 +334,8 @@ def test_a_random_pulse_on_top():
         ({"envelope": 1.0}, "envelope must be a function of time"),
     ],
 )
-def test_gaussian_motions_that_make_no_sense_are_refused(numbers, complaint):
-    with pytest.raises(ValueError, match=complaint):
+def test_gaussian_motions_that_make_no_sense_are_refused(numbers, expected):
+    with pytest.raises(ValueError, match=expected):
         rj.GaussianMotion(**({"n": 101, "dt": 0.02, "S_0": 0.01} | numbers))
     with pytest.raises(ValueError, match=r"u must have shape \(…, 601\)"):
         MOTION.acceleration(jnp.zeros(600))
@@ -427,7 +427,7 @@ def test_two_planes_are_added_up_exactly():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("arguments", "expected"),
     [
         (
             {"method": "form"},
@@ -443,8 +443,8 @@ def test_two_planes_are_added_up_exactly():
         ({"G": lambda u: jnp.log(u[0] - 10)}, "G is not a number at a point"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(arguments, complaint):
-    with pytest.raises(ValueError, match=complaint):
+def test_arguments_that_make_no_sense_are_refused(arguments, expected):
+    with pytest.raises(ValueError, match=expected):
         rj.reliability(**({"G": parabola, "dimension": 2} | arguments))
 
 
@@ -506,13 +506,13 @@ def test_probabilities_of_a_block():
 
 
 def test_limits_that_a_structure_has_not_are_refused():
-    for limit, complaint in (
+    for limit, expected in (
         ("falling", "limit must be 'overturning' or one of"),
         (("shear", 0.2), "is of a superstructure, and this podium has none"),
         (("rotation", 1.0), "'rotation' must be < 1"),
         (("rotation", -0.1), "must be finite and > 0"),
     ):
-        with pytest.raises(ValueError, match=complaint):
+        with pytest.raises(ValueError, match=expected):
             rj.failure_probability(BLOCK, NOISE, limit=limit)
     with pytest.raises(ValueError, match=r"motion must be a rockjax.GaussianMotion, got Ricker"):
         rj.failure_probability(BLOCK, rj.Ricker(1.0, 1.0))

@@ -85,10 +85,10 @@ def test_segments_engine_takes_a_table():
 def test_next_exceedance_against_fine_sampling(n, threshold):
     rng = np.random.default_rng(n)
     record = rj.Record(rng.normal(size=n), 0.1, scale=-1.5)
-    outlook = record.outlook(jnp.asarray(threshold))
+    lookahead = record.lookahead(jnp.asarray(threshold))
     samples = 0.1 * np.arange(n)
     begin = np.sort(np.concatenate([rng.uniform(-0.2, samples[-1], 100), samples[:-1]]))
-    found = np.asarray(jax.jit(jax.vmap(lambda t: outlook.next_exceedance(t, record.locate(t))))(begin))
+    found = np.asarray(jax.jit(jax.vmap(lambda t: lookahead.next_exceedance(t, record.locate(t))))(begin))
     fine = np.union1d(np.linspace(-0.2, samples[-1], 30001), samples)
     above = fine[np.abs(np.asarray(record(fine))) > threshold]
     for t, next_time in zip(begin, found, strict=True):

@@ -50,14 +50,14 @@ class AbstractEstimator(abc.ABC):
     def estimate(self) -> Estimate:
         """What is known so far."""
 
-    def run(self, cov: float, max_scenes: int, first: int, told: Callable[[Estimate], None]) -> Estimate:
+    def run(self, cov: float, max_scenes: int, first: int, report: Callable[[Estimate], None]) -> Estimate:
         """Rounds, each as large as the last estimate asks for, at most four times all before it."""
         start, rounds, size = self.limit.scenes, 0, first
         while True:
             self.round(size)
             rounds += 1
             known, spent = self.estimate(), self.limit.scenes - start
-            told(known)
+            report(known)
             if spent >= max_scenes or (
                 rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
             ):
