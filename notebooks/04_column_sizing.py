@@ -86,8 +86,8 @@ answer = optimise.design(
 print(answer)
 
 # %% [markdown]
-# A margin of 0 is a target that binds. Its shadow price says by how much the objective would fall if the limit
-# were relaxed. Filled dots are designs that keep the targets, and each line is a start.
+# A margin of 0 is a target that binds. Its shadow price says by how much the objective would fall if the
+# limit were relaxed. Filled dots are designs that keep the targets, and each line is a start.
 
 # %%
 ax = optimise.convergence(answer)

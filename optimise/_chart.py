@@ -28,6 +28,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+def _axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
+    """Periods and amplitudes as arrays; `ValueError` where they are none."""
+    periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
+    if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
+        raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
+    amplitudes = np.atleast_1d(np.asarray(as_float(a_p, f"{owner}: a_p")))
+    require(owner, "T_p", periods, lambda v: v > 0, "finite and > 0")
+    require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
+    return periods, amplitudes
+
+
+def _check_search(owner: str, method, scans, resolution) -> None:
+    if method not in ("scan", "trace"):
+        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
+    if not isinstance(resolution, int) or resolution < 4:
+        raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
+    if not isinstance(scans, int) or scans < 2:
+        raise ValueError(f"{owner}: scans must be a whole number ≥ 2, got {scans!r}")
+
+
 def design_chart(
     podium: Structure,
     vary: tuple[str, tuple[float, float]],
@@ -67,20 +87,10 @@ def design_chart(
     variables(podium, {name: (low, high)}, owner)
     pulse = as_pulse(owner, pulse)
     of_kind(owner, "options", options, rj.Options, "rockjax.Options")
-    periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
-    if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
-        raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
-    amplitudes = np.atleast_1d(np.asarray(as_float(a_p, f"{owner}: a_p")))
-    require(owner, "T_p", periods, lambda v: v > 0, "finite and > 0")
-    require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
-    if method not in ("scan", "trace"):
-        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
+    periods, amplitudes = _axes(owner, T_p, a_p)
+    _check_search(owner, method, scans, resolution)
     if method == "trace" and (periods.size < 2 or not has_margin(options, as_podium(podium))):
         raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ θ_s/α")
-    if not isinstance(resolution, int) or resolution < 4:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
-    if not isinstance(scans, int) or scans < 2:
-        raise ValueError(f"{owner}: scans must be a whole number ≥ 2, got {scans!r}")
     rows, least, cost = [], [], []
     for amplitude in amplitudes:
 

@@ -62,6 +62,20 @@ class Fit(eqx.Module):
         return "\n".join(lines)
 
 
+def _measured(times, theta) -> tuple[np.ndarray, np.ndarray]:
+    """Times and rotations as arrays; `ValueError` where they are no measurement."""
+    times, theta = (
+        np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
+    )
+    if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
+        raise ValueError(
+            f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}"
+        )
+    if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
+        raise ValueError("fit: times and theta must be finite, and times ascending")
+    return times, theta
+
+
 def fit(
     podium: Structure,
     vary: Mapping[str, tuple[float, float]],
@@ -94,15 +108,7 @@ def fit(
     of_kind("fit", "options", options, rj.Options, "rockjax.Options")
     single("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     whole("fit", "seed", seed, 0)
-    times, theta = (
-        np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
-    )
-    if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
-        raise ValueError(
-            f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}"
-        )
-    if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
-        raise ValueError("fit: times and theta must be finite, and times ascending")
+    times, theta = _measured(times, theta)
     if not isinstance(starts, int) or starts < 1:
         raise ValueError(f"fit: starts must be a whole number ≥ 1, got starts = {starts!r}")
     if len(times) < len(vary):

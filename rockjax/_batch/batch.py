@@ -167,13 +167,7 @@ def run_batch(
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
 
-    def chunks() -> Iterator[tuple[int, int]]:
-        # A small batch is shared out: not every chunk is full.
-        share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
-        for start in range(0, scenes.total, share):
-            yield start, min(start + share, scenes.total)
-
-    todo = chunks()
+    todo = _chunks(scenes, lane_layout, who)
 
     # Ctrl-C while a thread is being started can leave it out of those that the pool waits for.
     closed = threading.Event()
@@ -232,6 +226,13 @@ def run_batch(
     with lock:
         closed.set()
     return floats, integers, Tally(useful, possible)
+
+
+def _chunks(scenes: SceneBatch, layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
+    """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
+    share = min(layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+    for start in range(0, scenes.total, share):
+        yield start, min(start + share, scenes.total)
 
 
 def layout(scenes: SceneBatch, who: AbstractExecutor) -> LaneLayout:

@@ -69,8 +69,7 @@ class _Loop(NamedTuple):
 def advance(
     held: Lanes, leaves, first, stride, count, options: Options, layout: LaneLayout
 ) -> tuple[Lanes, Done]:
-    """Go on until the last scene of a chunk has been handed out; with none in it, until every lane has come
-    to its end.
+    """Go on until the last scene of a chunk is handed out; with none in it, until every lane is at its end.
 
     The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
     """
@@ -142,8 +141,7 @@ def advance(
         functools.partial(over_lanes, lambda scene, lane: answers(scene, plan, lane)), held.parts, held.lane
     )
     floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
-    zero = jnp.zeros((), index_type)
-    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, zero, zero, zero)
+    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, *[jnp.zeros((), index_type)] * 3)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     drains = (count == 0) | (not refill)
     loop = jax.lax.while_loop(

@@ -112,12 +112,8 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
     def may(carry: tuple[LoopState, Index]) -> Flag:
         state, level = carry
-        return (
-            (level < len(kinds))
-            & (state.code == results.RUNNING)
-            & (state.sigma == 0)
-            & (state.t < scene.quiet)
-        )
+        down = (level < len(kinds)) & (state.code == results.RUNNING) & (state.sigma == 0)
+        return down & (state.t < scene.quiet)
 
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
 

@@ -13,7 +13,7 @@ from rockjax._structures import Elastic, Podium
 from rockjax._types import Value
 
 from . import margin
-from .model import coefficients, uplift_demand
+from .model import Coefficients, coefficients, uplift_demand
 from .runge_kutta import tableau
 from .state import LoopState, Plan, Scene
 from .transitions import contact_mode, restart
@@ -53,6 +53,16 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     return excitation.support[1] + after
 
 
+def _longest_step(c: Coefficients, plan: Plan) -> Value:
+    """As long as rocking, and what vibrates while it lasts, can be seen in [s]."""
+    longest = 1 / c.p
+    if plan.elastic:
+        return jnp.minimum(longest, 3 / c.uplifted_frequency)
+    if c.restrained_frequency is not None:
+        return jnp.minimum(longest, 3 / c.restrained_frequency)
+    return longest
+
+
 def prepare(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -67,18 +77,12 @@ def prepare(
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
-    longest = 1 / c.p
-    if plan.elastic:
-        longest = jnp.minimum(longest, 3 / c.uplifted_frequency)
-    elif c.restrained_frequency is not None:
-        longest = jnp.minimum(longest, 3 / c.restrained_frequency)
-    longest = options.stride * longest
-    # A closer look lets columns rest some impacts later, so that what the rest velocity takes away shows in
-    # it.
+    longest = options.stride * _longest_step(c, plan)
+    # A closer look lets columns rest some impacts later: what the rest velocity takes away shows in it.
     closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
-    duration = quiet - start
+    duration, lands = quiet - start, jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
@@ -91,8 +95,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
-        landing=jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
-        * jnp.where(closer, LANDED_CLOSER, 1.0),
+        landing=lands * jnp.where(closer, LANDED_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
@@ -112,9 +115,8 @@ def prepare(
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
     sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
-    code = jnp.where(
-        toppled, results.OVERTURNED, jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
-    )
+    begins = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
+    code = jnp.where(toppled, results.OVERTURNED, begins)
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(

@@ -66,6 +66,30 @@ def _levels(owner: str, intensity) -> np.ndarray:
     return levels
 
 
+def _of_records(places, impacts, certain, unit, measure: Measure) -> dict[str, Any]:
+    """The variables over `record`: boundaries, what they are certain to, and the unscaled intensity."""
+    of = {"units": measure.units, "long_name": measure.name}
+    return {
+        "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
+        "boundaries": (
+            ("record", "boundary"),
+            places,
+            of | {"long_name": f"{measure.name} where the verdict changes"},
+        ),
+        "certain_width": (
+            "record",
+            certain,
+            of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
+        ),
+        "boundary_impacts": (
+            ("record", "boundary"),
+            impacts,
+            {"units": "1", "long_name": "impacts before overturning"},
+        ),
+        "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
+    }
+
+
 def incremental_dynamic_analysis(
     podium: Podium,
     records: AnyMotions,
@@ -141,25 +165,7 @@ def incremental_dynamic_analysis(
             name: (("record", "intensity"), y, attributes)
             for name, y, attributes in peak_variables(peaks, options.outputs)
         }
-        | {
-            "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
-            "boundaries": (
-                ("record", "boundary"),
-                places,
-                of | {"long_name": f"{measure.name} where the verdict changes"},
-            ),
-            "certain_width": (
-                "record",
-                found.certain,
-                of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
-            ),
-            "boundary_impacts": (
-                ("record", "boundary"),
-                impacts,
-                {"units": "1", "long_name": "impacts before overturning"},
-            ),
-            "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
-        },
+        | _of_records(places, impacts, found.certain, unit, measure),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             "intensity": ("intensity", levels, of),

@@ -152,18 +152,25 @@ def rocking_spectra(
     solved = [future.result() for future in futures]
     # Ctrl-C may come before the last kind has begun.
     solved += [[known[k] for k in members] for members in list(kinds.values())[len(futures) :]]
-    spectra = {
-        k: spectrum
-        for members, group in zip(kinds.values(), solved, strict=True)
-        for k, spectrum in zip(members, group, strict=True)
-    }
-    ordered = [spectra[k] for k in range(len(podiums))]
+    ordered = _in_order(list(kinds.values()), solved)
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
     left = sum(int(_unsolved(data, size).sum()) for data in ordered)
     if left or stop.is_set():
         total = len(podiums) * size[0] * size[1]
         raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
+
+
+def _in_order(
+    kinds: list[list[int]], solved: list[list[xarray.Dataset | None]]
+) -> list[xarray.Dataset | None]:
+    """The spectra of all kinds as their podiums were given."""
+    spectra = {
+        k: spectrum
+        for members, group in zip(kinds, solved, strict=True)
+        for k, spectrum in zip(members, group, strict=True)
+    }
+    return [spectra[k] for k in sorted(spectra)]
 
 
 def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
