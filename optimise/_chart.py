@@ -128,10 +128,7 @@ def design_chart(
                 unit | {"long_name": f"{name} where survival changes"},
             ),
         },
-        coords={
-            "a_p": ("a_p", amplitudes, about("a_p")),
-            "T_p": ("T_p", periods, about("T_p")),
-        },
+        coords={"a_p": ("a_p", amplitudes, about("a_p")), "T_p": ("T_p", periods, about("T_p"))},
     )
     data.attrs = {
         "title": "Design chart",
