@@ -41,9 +41,9 @@ FUNCTIONS = {
         "power",
         "restoring_moment",
     ),
-    "_structures.py": (
-        "factor",
-        "omega_s",
+    "_structures/restitution.py": ("factor",),
+    "_structures/superstructures.py": ("omega_s",),
+    "_structures/podium.py": (
         "p",
         "width",
         "height",

@@ -103,22 +103,9 @@ def draw() -> plt.Figure:
     ax.plot(SPAN * np.ones(2), [0, 3.05], color=BLACK, lw=0.9, ls=":", zorder=3)
     ax.plot(*pivot, "o", color=BLACK, ms=5, zorder=5)
     ax.plot(*(pivot + corner) / 2, "+", color=BLUE, ms=11, mew=1.8, zorder=5)
-    ax.text(
-        *(pivot + 0.78 * (corner - pivot) + [0.16, 0.03]),
-        "$R$",
-        color=BLUE,
-        fontsize=13,
-        ha="center",
-        va="center",
-    )
-    ax.text(
-        *(pivot + 0.40 * (corner - pivot) + [-0.16, -0.03]),
-        "$R$",
-        color=BLUE,
-        fontsize=13,
-        ha="center",
-        va="center",
-    )
+    for share, beside in ((0.78, [0.16, 0.03]), (0.40, [-0.16, -0.03])):
+        place = pivot + share * (corner - pivot) + beside
+        ax.text(*place, "$R$", color=BLUE, fontsize=13, ha="center", va="center")
     angle(ax, pivot, 1.30, 0.0, PSI, r"$\psi$", VERMILION)
     angle(ax, pivot, 1.85, -THETA, 0.0, r"$\theta$", VERMILION)
     angle(ax, pivot, 0.72, -THETA, PSI, r"$\alpha$", GREEN)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import AnyMotion, as_excitation, find, of_kind, written
+from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, find, of_kind, written
 
 from ._answer import Design, check_design
 
@@ -57,7 +57,8 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
     reached = f"design: {design.objective:.4g}"
     entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
-    unit = written(entry.unit) if (entry := find(design.minimised)) else ""
+    entry = find(design.minimised) or DIMENSIONS.get(design.minimised)
+    unit = written(entry.unit) if entry else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)

@@ -16,12 +16,11 @@ from . import _tables
 from ._checks import concrete
 
 LONGEST = 90  # characters of a meaning
-_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "1": ""}
 
 
 def units(of: str) -> str:
     """The units of a dataset as they are shown; nothing for ratios."""
-    return _UNITS.get(of, of)
+    return "" if of == "1" else _tables.written(of)
 
 
 def readable(module: eqx.Module) -> str:

@@ -36,3 +36,11 @@ def _cells(row: Sequence[str], k: int, heads: str) -> str:
         tag = "th" if (heads == "row" and k == 0) or (heads == "column" and j == 0) else "td"
         found.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
     return "".join(found)
+
+
+_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
+
+
+def written(unit: str) -> str:
+    """The unit of a dataset as it is shown, "–" for ratios."""
+    return _UNITS.get(unit, unit)

@@ -7,7 +7,7 @@ from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
-from ._parameters.table import DIMENSIONS, STRUCTURE, Parameter, about, clash, of_motion, written
+from ._parameters.table import DIMENSIONS, STRUCTURE, Parameter, about, clash, of_motion
 from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
@@ -17,7 +17,7 @@ from ._repr import card, readable
 from ._responses.datasets import describe_options
 from ._restrainers.damper import as_exponent
 from ._studies.lognormal import fit_capacities
-from ._tables import html, lines
+from ._tables import html, lines, written
 
 __all__ = [
     "BOUNDARY",

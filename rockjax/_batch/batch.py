@@ -228,9 +228,9 @@ def run_batch(
     return floats, integers, Tally(useful, possible)
 
 
-def _chunks(scenes: SceneBatch, layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
+def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
     """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
-    share = min(layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+    share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
     for start in range(0, scenes.total, share):
         yield start, min(start + share, scenes.total)
 

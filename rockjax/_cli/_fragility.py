@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -165,6 +164,7 @@ def fragility(
 
     import rockjax as rj
     from rockjax._motions.convert import distinct
+    from rockjax._structures import g_tan_alpha
 
     problems = [path for path in inputs or [] if path.suffix.lower() == ".toml"]
     paths = [path for path in inputs or [] if path not in problems]
@@ -183,8 +183,7 @@ def fragility(
     if levels.intensity is None:
         highest = (
             HIGHEST
-            * float(podium.g)
-            * math.tan(float(podium.alpha))
+            * float(g_tan_alpha(podium.alpha, podium.g))
             * float(np.median(measure.values / np.array([m.pga for m in found])))
         )
         low, high = highest / levels.levels, highest

@@ -204,6 +204,13 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
     return total + 0.75 * c.apparent_mass * elongation(c, sigma, theta).lever ** 2
 
 
+def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
+    """What ½θ̇² of the kinetic energy of Eq. (18) is of, with inerters, (C17)."""
+    if c.apparent_mass is None:
+        return c.spin
+    return c.spin + c.apparent_mass * (0.5 * c.two_R * elongation(c, sigma, theta).lever) ** 2
+
+
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
     """Horizontal displacement and velocity of the beam (u_b, u̇_b), Eqs. (13), (14)."""
     s, cos = sincos(sigma * c.alpha - theta)
@@ -291,10 +298,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     (C17)."""
     s, cos = sincos(sigma * c.alpha - x[0])
     if c.restrainers:
-        spin = c.spin
-        if c.apparent_mass is not None:
-            spin = spin + c.apparent_mass * (0.5 * c.two_R * elongation(c, sigma, x[0]).lever) ** 2
-        total = 0.5 * spin * v[0] ** 2 + _restrained_potential(c, sigma, x[0])
+        total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + _restrained_potential(c, sigma, x[0])
     else:
         total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
     if c.elastic:

@@ -15,7 +15,7 @@ import numpy as np
 
 from rockjax._checks import as_float, of_kind, single
 from rockjax._files import CONVENTIONS
-from rockjax._structures import STANDARD_GRAVITY, Podium
+from rockjax._structures import STANDARD_GRAVITY, Podium, g_tan_alpha
 
 from .accelerogram import Accelerogram
 
@@ -134,7 +134,7 @@ def intensity_measures(
         of_kind(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
-        unit, p = float(podium.g) * math.tan(float(podium.alpha)), float(podium.p)
+        unit, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)
         attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
         columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / unit for m in motions])
         columns["velocity_ratio"] = ("1", "p PGV/(g tan α)", [p * m.pgv / unit for m in motions])

@@ -11,6 +11,8 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from rockjax._tables import written
+
 
 class Range(NamedTuple):
     """Which numbers a parameter may be; the ends count where they are closed."""
@@ -207,13 +209,6 @@ MOTION = _named(
         Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
     )
 )
-
-_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
-
-
-def written(unit: str) -> str:
-    """The unit of a dataset as it is shown, "–" for ratios."""
-    return _UNITS.get(unit, unit)
 
 
 def attribute(parameter: Parameter) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from rockjax._checks import require
-from rockjax._structures import Podium, column_of
+from rockjax._structures import Podium, column_of, g_tan_alpha
 
 from .table import MOTION, SIDES, STRUCTURE, Parameter, clash
 
@@ -75,7 +75,7 @@ def check_values(owner: str, values: Mapping[str, Any]) -> None:
 
 def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
     """a_p of a pulse of given a_p/(g tan α) [m/s²]."""
-    return acceleration_ratio * (podium.g * jnp.tan(podium.alpha))
+    return acceleration_ratio * g_tan_alpha(podium.alpha, podium.g)
 
 
 def pulse_period(p: Any, frequency_ratio: Any) -> Any:

@@ -14,7 +14,7 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
 from rockjax._plausibility import doubt
 from rockjax._results import State
-from rockjax._structures import Podium
+from rockjax._structures import STANDARD_GRAVITY, Podium
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
@@ -77,16 +77,13 @@ def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) 
     Only where it has two digits, as amplitudes do that are typed: what was worked out is taken at its word.
     """
     size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
-    alpha, g = concrete(podium.alpha), concrete(podium.g)
-    if size is None or alpha is None or g is None or not IN_G[0] <= abs(size) < IN_G[1]:
+    if size is None or not IN_G[0] <= abs(size) < IN_G[1] or float(f"{float(size):.2g}") != float(size):
         return
-    if float(f"{float(size):.2g}") != float(size):
-        return
-    uplift = float(np.tan(alpha))  # in g
-    if abs(size) / g < uplift <= abs(size):
+    lifts, g = concrete(podium.uplift_ground_acceleration), concrete(podium.g)
+    if lifts is not None and g is not None and abs(size) < lifts <= abs(size) * g:
         doubt(
             f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at "
-            f"{uplift:.3g} g; "
-            f"was it meant in g? rockjax takes m/s²: a_p = {float(size):g} * 9.80665",
+            f"{float(lifts / g):.3g} g; was it meant in g? rockjax takes m/s²: "
+            f"a_p = {float(size):g} * {STANDARD_GRAVITY}",
             stacklevel=4,
         )

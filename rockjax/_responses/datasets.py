@@ -9,7 +9,6 @@ from importlib.metadata import version
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
@@ -20,7 +19,7 @@ from rockjax._parameters.table import attribute, of_motion
 from rockjax._programs.program import KeptProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
-from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid
+from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid, g_tan_alpha
 
 
 @KeptProgram
@@ -30,7 +29,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
         "p_rad_s": podium.p,
         "uplift_acceleration_m_s2": podium.uplift_acceleration,
         "uplift_ground_acceleration_m_s2": podium.uplift_ground_acceleration,
-        "g_tan_alpha_m_s2": podium.g * jnp.tan(podium.alpha),
+        "g_tan_alpha_m_s2": g_tan_alpha(podium.alpha, podium.g),
     }
 
 

@@ -66,27 +66,28 @@ def _levels(owner: str, intensity) -> np.ndarray:
     return levels
 
 
-def _of_records(places, impacts, certain, unit, measure: Measure) -> dict[str, Any]:
-    """The variables over `record`: boundaries, what they are certain to, and the unscaled intensity."""
-    of = {"units": measure.units, "long_name": measure.name}
+def _of_records(places, impacts, certain, unit, of: dict[str, str]) -> dict[str, Any]:
+    """The variables over `record`: boundaries, what they are certain to, and the unscaled intensity; `of` are
+    attributes of the measure."""
+    name = of["long_name"]
     return {
-        "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {measure.name}"}),
+        "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {name}"}),
         "boundaries": (
             ("record", "boundary"),
             places,
-            of | {"long_name": f"{measure.name} where the verdict changes"},
+            of | {"long_name": f"{name} where the verdict changes"},
         ),
         "certain_width": (
             "record",
             certain,
-            of | {"long_name": f"no wider interval of {measure.name} below the capacity overturns"},
+            of | {"long_name": f"no wider interval of {name} below the capacity overturns"},
         ),
         "boundary_impacts": (
             ("record", "boundary"),
             impacts,
             {"units": "1", "long_name": "impacts before overturning"},
         ),
-        "measure": ("record", unit, of | {"long_name": f"{measure.name} of the unscaled record"}),
+        "measure": ("record", unit, of | {"long_name": f"{name} of the unscaled record"}),
     }
 
 
@@ -165,7 +166,7 @@ def incremental_dynamic_analysis(
             name: (("record", "intensity"), y, attributes)
             for name, y, attributes in peak_variables(peaks, options.outputs)
         }
-        | _of_records(places, impacts, found.certain, unit, measure),
+        | _of_records(places, impacts, found.certain, unit, of),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             "intensity": ("intensity", levels, of),

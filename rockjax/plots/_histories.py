@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._engine.model import coefficients, elongation, potential, potential_slope
+from rockjax._engine.model import coefficients, potential, potential_slope, spin_with_inerters
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 from rockjax._structures import Elastic, Podium, Rigid
@@ -177,11 +177,7 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     c = coefficients(podium)
     held = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
     depth = potential(c, jnp.ones(()), jnp.asarray(saddle(podium))) - held
-    spin = c.spin
-    if c.apparent_mass is not None:
-        spin = (
-            spin + c.apparent_mass * (podium.R * elongation(c, jnp.ones(()), jnp.asarray(theta)).lever) ** 2
-        )
+    spin = spin_with_inerters(c, jnp.ones(()), jnp.asarray(theta))
     return np.sqrt(np.maximum(2 * np.asarray(depth / spin), 0.0))
 
 

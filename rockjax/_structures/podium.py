@@ -1,26 +1,23 @@
-"""Structures: the rocking podium and what stands on it.
+"""The podium: a frame of rocking columns, what stands on it and what holds it.
 
-All classes are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every number may be
-traced, batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are concrete.
+All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every
+number may be traced, batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are
+concrete.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ._checks import as_float, as_number, concrete, not_negative, positive, require
-from ._plausibility import doubt
-from ._repr import card, readable
-from ._restrainers.base import AbstractRestrainer
-from ._restrainers.damper import Damper
-from ._restrainers.inerter import Inerter
-from ._restrainers.tendon import Tendon
-from ._restrainers.together import (
+from rockjax._checks import as_float, as_number, not_negative, positive, require
+from rockjax._repr import card, readable
+from rockjax._restrainers.base import AbstractRestrainer
+from rockjax._restrainers.dimensions import restrainers_of
+from rockjax._restrainers.together import (
     apparent_mass,
     as_restrainers,
     check_restrainers,
@@ -28,187 +25,11 @@ from ._restrainers.together import (
     stability_angle,
     stiffness,
 )
-from ._types import Number
+from rockjax._types import Number
 
-STANDARD_GRAVITY = 9.80665
-
-
-class Elastic(eqx.Module):
-    """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
-
-    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it is driven but does not act back.
-    - `T_s`: fixed-base period, > 0 [s]. The paper's "T_s = 0" is [`rockjax.Rigid`][], not a small period.
-    - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
-    """
-
-    eta: Number = eqx.field(converter=as_number("Elastic: eta"))
-    T_s: Number = eqx.field(converter=as_number("Elastic: T_s"))
-    zeta: Number = eqx.field(converter=as_number("Elastic: zeta"), default=0.05)
-
-    def __check_init__(self):
-        not_negative("Elastic", eta=self.eta, zeta=self.zeta)
-        require(
-            "Elastic",
-            "T_s",
-            self.T_s,
-            lambda v: v > 0,
-            "finite and > 0 (for a rigid superstructure use Rigid(eta))",
-        )
-
-    @property
-    def omega_s(self) -> Number:
-        """Fixed-base circular frequency ω_s = 2π/T_s [rad/s]."""
-        return 2 * math.pi / self.T_s
-
-    def __repr__(self):
-        return readable(self)
-
-    def _repr_html_(self):
-        return card(self)
-
-
-class Rigid(eqx.Module):
-    """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
-
-    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
-    """
-
-    eta: Number = eqx.field(converter=as_number("Rigid: eta"))
-
-    def __check_init__(self):
-        not_negative("Rigid", eta=self.eta)
-
-    def __repr__(self):
-        return readable(self)
-
-    def _repr_html_(self):
-        return card(self)
-
-
-class PaperRestitution(eqx.Module):
-    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
-
-    With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
-    """
-
-    def factor(
-        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
-    ) -> Number:
-        if mu is None:
-            return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
-        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
-
-    def __repr__(self):
-        return "'paper'"
-
-
-class CompatibleRestitution(eqx.Module):
-    """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
-
-    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
-    """
-
-    def factor(
-        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
-    ) -> Number:
-        if mu is None:
-            return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
-        return 1 - 2 * sin2 * (1 + 4 * (gamma + eta + mu)) / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
-
-    def __repr__(self):
-        return "'compatible'"
-
-
-class GivenRestitution(eqx.Module):
-    """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
-
-    e: Number = eqx.field(converter=as_number("Podium: restitution"))
-
-    def __check_init__(self):
-        require(
-            "Podium",
-            "restitution",
-            self.e,
-            lambda v: (v >= 0) & (v <= 1),
-            "'paper', 'compatible' or a factor in [0, 1]",
-        )
-
-    def factor(
-        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
-    ) -> Number:
-        del sin2, gamma, eta, lam, mu
-        return self.e
-
-    def __repr__(self):
-        value = concrete(self.e)
-        return (
-            "traced"
-            if value is None
-            else f"{float(value):.6g}"
-            if value.ndim == 0
-            else f"array(shape {value.shape})"
-        )
-
-
-Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
-
-
-def _as_restitution(value) -> Restitution:
-    if isinstance(value, Restitution):
-        return value
-    if isinstance(value, str):
-        laws = {"paper": PaperRestitution, "compatible": CompatibleRestitution}
-        if value not in laws:
-            raise ValueError(
-                f"Podium: restitution must be 'paper', 'compatible' or a factor in [0, 1], got {value!r}"
-            )
-        return laws[value]()
-    return GivenRestitution(value)
-
-
-LARGEST_R = 100.0  # m: no column of that size was ever left free to rock
-
-
-def _doubt_size(width, height) -> None:
-    sides = concrete(width), concrete(height)
-    if sides[0] is None or sides[1] is None:
-        return
-    R = float(np.max(0.5 * np.hypot(*sides)))
-    if R > LARGEST_R:
-        size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
-        doubt(
-            f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3
-        )
-
-
-def column_of(width: Number, height: Number) -> tuple[Number, Number]:
-    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq.
-    (1)."""
-    return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
-
-
-def _devices(
-    owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
-) -> tuple[AbstractRestrainer, ...]:
-    """The restrainers of a column of `mass` [kg] from their numbers in N, N/m, N(s/m)^ν and kg."""
-    given = {
-        "tendon_force": force,
-        "tendon_stiffness": slope,
-        "damper_coefficient": coefficient,
-        "inertance": inertance,
-    }
-    not_negative(owner, **given)
-    require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
-    absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
-    weight, found = mass * g, []
-    if not (absent[0] and absent[1]):
-        found.append(Tendon(as_float(force) / weight, as_float(slope) * R / weight))
-    if not absent[2]:
-        speed = jnp.sqrt(0.75 * g * R)  # Rp
-        found.append(Damper(as_float(coefficient) * speed**exponent / weight, exponent))
-    if not absent[3]:
-        found.append(Inerter(as_float(inertance) / mass))
-    return tuple(found)
+from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
+from .restitution import Restitution, as_restitution
+from .superstructures import Elastic, Rigid
 
 
 class Podium(eqx.Module):
@@ -234,7 +55,7 @@ class Podium(eqx.Module):
     gamma: Number = eqx.field(converter=as_number("Podium: gamma"), default=0.0)
     superstructure: Elastic | Rigid | None = None
     lam: Number = eqx.field(converter=as_number("Podium: lam"), default=1 / 3)
-    restitution: Restitution = eqx.field(converter=_as_restitution, default="paper")
+    restitution: Restitution = eqx.field(converter=as_restitution, default="paper")
     g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
     restrainers: tuple[AbstractRestrainer, ...] = eqx.field(converter=as_restrainers, default=())
 
@@ -286,7 +107,7 @@ class Podium(eqx.Module):
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)
-        _doubt_size(width, height)
+        doubt_size(width, height)
         columns_mass = columns * column_mass
         eta = as_float(top_mass) / columns_mass
         if period is not None:
@@ -297,7 +118,7 @@ class Podium(eqx.Module):
             superstructure = Rigid(eta=eta)
         alpha, R = column_of(width, height)
         numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        devices = _devices(owner, column_mass, R, as_float(g), *numbers)
+        devices = restrainers_of(owner, column_mass, R, as_float(g), *numbers)
         return cls(
             alpha=alpha,
             R=R,
@@ -340,7 +161,7 @@ class Podium(eqx.Module):
         go that makes the top mass swing depends on the motion: a swing lifts the columns at less than g tan
         α, a jump, which the spring has not answered yet, at once only above `uplift_acceleration`.
         """
-        threshold = self.g * jnp.tan(self.alpha)
+        threshold = g_tan_alpha(self.alpha, self.g)
         if any(each.stores for each in self.restrainers):
             threshold = threshold * (
                 1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5)

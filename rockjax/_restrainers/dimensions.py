@@ -1,0 +1,37 @@
+"""Restrainers from numbers in SI units."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from rockjax._checks import as_float, not_negative, require
+from rockjax._types import Number
+
+from .base import AbstractRestrainer
+from .damper import Damper
+from .inerter import Inerter
+from .tendon import Tendon
+
+
+def restrainers_of(
+    owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
+) -> tuple[AbstractRestrainer, ...]:
+    """The restrainers of a column of `mass` [kg] from their numbers in N, N/m, N(s/m)^ν and kg."""
+    given = {
+        "tendon_force": force,
+        "tendon_stiffness": slope,
+        "damper_coefficient": coefficient,
+        "inertance": inertance,
+    }
+    not_negative(owner, **given)
+    require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
+    absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
+    weight, found = mass * g, []
+    if not (absent[0] and absent[1]):
+        found.append(Tendon(as_float(force) / weight, as_float(slope) * R / weight))
+    if not absent[2]:
+        speed = jnp.sqrt(0.75 * g * R)  # Rp
+        found.append(Damper(as_float(coefficient) * speed**exponent / weight, exponent))
+    if not absent[3]:
+        found.append(Inerter(as_float(inertance) / mass))
+    return tuple(found)

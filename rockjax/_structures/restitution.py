@@ -1,0 +1,89 @@
+"""Laws of restitution: what an impact leaves of the rate of rotation."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+from rockjax._checks import as_number, concrete, require
+from rockjax._types import Number
+
+
+class PaperRestitution(eqx.Module):
+    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
+
+    With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
+    """
+
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
+        if mu is None:
+            return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
+        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
+
+    def __repr__(self):
+        return "'paper'"
+
+
+class CompatibleRestitution(eqx.Module):
+    """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
+
+    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
+    """
+
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
+        if mu is None:
+            return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
+        return 1 - 2 * sin2 * (1 + 4 * (gamma + eta + mu)) / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
+
+    def __repr__(self):
+        return "'compatible'"
+
+
+class GivenRestitution(eqx.Module):
+    """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
+
+    e: Number = eqx.field(converter=as_number("Podium: restitution"))
+
+    def __check_init__(self):
+        require(
+            "Podium",
+            "restitution",
+            self.e,
+            lambda v: (v >= 0) & (v <= 1),
+            "'paper', 'compatible' or a factor in [0, 1]",
+        )
+
+    def factor(
+        self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
+    ) -> Number:
+        del sin2, gamma, eta, lam, mu
+        return self.e
+
+    def __repr__(self):
+        value = concrete(self.e)
+        return (
+            "traced"
+            if value is None
+            else f"{float(value):.6g}"
+            if value.ndim == 0
+            else f"array(shape {value.shape})"
+        )
+
+
+Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
+
+
+def as_restitution(value) -> Restitution:
+    if isinstance(value, Restitution):
+        return value
+    if isinstance(value, str):
+        laws = {"paper": PaperRestitution, "compatible": CompatibleRestitution}
+        if value not in laws:
+            raise ValueError(
+                f"Podium: restitution must be 'paper', 'compatible' or a factor in [0, 1], got {value!r}"
+            )
+        return laws[value]()
+    return GivenRestitution(value)
