@@ -24,7 +24,7 @@ class RESULTS(eqx.Enumeration):
     chattering = (
         "The columns bounced on until max_steps, on hops ever shorter, for impacts take almost nothing; a "
         "restitution "
-        "further below 1 or a larger rest_velocity lets them come to rest."
+        "further below 1, a larger rest_velocity or no restrainers lets them come to rest."
     )
     too_stiff = (
         "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration "

@@ -18,6 +18,7 @@ from jax.custom_batching import custom_vmap
 from rockjax import _results as results
 from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.flat import closed, runs
+from rockjax._engine.hops import chatters, many_hops
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene
@@ -91,6 +92,8 @@ def advance(
     def exchange(loop: _Loop) -> _Loop:
         state, done = loop.lanes, loop.done
         lane = over_lanes(settle, state.parts, state.lane)
+        if plan.many_hops:
+            lane = _bounced(chunk, plan, options, state._replace(lane=lane))
         ended = (state.held >= 0) & ~runs(lane, options.max_steps)
         floats, integers = over_lanes(
             lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, lane
@@ -152,6 +155,22 @@ def advance(
     return loop.lanes, loop.done
 
 
+def _bounced(chunk: _Chunk, plan: Plan, options: Options, lanes: Lanes) -> LoopState:
+    """Lanes whose columns bounce on, many hops later: one after another, they are rare and take long."""
+
+    def waits(lane: LoopState) -> jax.Array:
+        return jax.vmap(chatters)(lane) & runs(lane, options.max_steps) & (lanes.held >= 0)
+
+    def one(lane: LoopState) -> LoopState:
+        k = jnp.argmax(waits(lane))
+        pick = lambda y: y[k]
+        scene = chunk.scene(jax.tree.map(pick, lanes.parts))
+        after = many_hops(scene, plan, jax.tree.map(pick, lane), options.max_steps)
+        return jax.tree.map(lambda store, y: store.at[k].set(y), lane, after)
+
+    return jax.lax.while_loop(lambda lane: jnp.any(waits(lane)), one, lanes.lane)
+
+
 def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
     """The answers of the lanes whose scenes have ended, written after those that are kept already."""
     nowhere = done.which.shape[0]
@@ -172,6 +191,8 @@ def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
     exchange."""
     going = runs(lane, options.max_steps)
+    if plan.many_hops:
+        return going & ~chatters(lane)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 

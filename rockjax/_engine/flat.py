@@ -13,6 +13,7 @@ from rockjax import _results as results
 from rockjax._types import Index, Value
 
 from .contact import cross_full_contact
+from .hops import chatters, many_hops
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .step import step
 
@@ -84,9 +85,18 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
     state = cross_full_contact(scene, plan, state)
-    state = jax.lax.while_loop(
-        lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
-    )
+
+    def goes(state: LoopState) -> Array:
+        return runs(state, max_steps)
+
+    def steps(state: LoopState) -> LoopState:
+        """Steps until the end, or until hops may be followed in large numbers."""
+        on = (lambda state: goes(state) & ~chatters(state)) if plan.many_hops else goes
+        return jax.lax.while_loop(on, lambda state: step(scene, plan, state)[0], state)
+
+    if not plan.many_hops:
+        return closed(scene, steps(state))
+    state = jax.lax.while_loop(goes, lambda state: steps(many_hops(scene, plan, state, max_steps)), state)
     return closed(scene, state)
 
 

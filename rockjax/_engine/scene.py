@@ -33,6 +33,7 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         errors="errors" in options.outputs,
         to_the_end=history,
         refine=tab.order > 5,
+        many_hops=elastic and not (podium.restrainers or history),
         tableau=tab,
     )
 
@@ -42,6 +43,7 @@ LANDED, FARTHEST = (
     10.0,
     0.02,
 )  # times √rtol of the step, and at most: its quintic carries the state over the rest …
+FIRST_LOOK = 1024  # impacts, after which many hops are looked for
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -138,6 +140,7 @@ def prepare(
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
         impacts=jnp.zeros((), jnp.int32),
+        look=jnp.full((), FIRST_LOOK, jnp.int32) if plan.many_hops else None,
         slowest=inf,
         slowest_before_peak=inf,
         steps=jnp.zeros((), jnp.int32),
