@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         overturning_scale,
     )
     from ._excitations.base import AbstractExcitation, AbstractLookahead, Rest
+    from ._excitations.ground import GroundMotion
     from ._excitations.pulses import AbstractPulse, AntisymmetricRicker, HalfSine, OneCosine, OneSine, Ricker
     from ._excitations.wavelets import Gabor, MavroeidisPapageorgiou
     from ._motions.accelerogram import RecordWarning
@@ -70,6 +71,7 @@ __all__ = [
     "Gabor",
     "GaussianMotion",
     "Grid",
+    "GroundMotion",
     "HalfSine",
     "Hazard",
     "Inerter",
@@ -139,6 +141,7 @@ _MODULES = {
         "AbstractLookahead",
         "Rest",
     ),
+    "_excitations.ground": ("GroundMotion",),
     "_excitations.pulses": (
         "AbstractPulse",
         "AntisymmetricRicker",

@@ -116,6 +116,9 @@ class Records(AbstractSampled):
     def row(self, table: Float[Array, "k n"]) -> Float[Array, " n"]:
         return table[self.which]
 
+    def of_row(self, rows: Array) -> Array:
+        return rows[self.which]
+
     def counts_of_rows(self) -> Int[Array, "k 1"]:
         return self.counts[:, None]
 
