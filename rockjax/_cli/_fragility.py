@@ -199,7 +199,7 @@ def fragility(
     with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
         analysis = rj.incremental_dynamic_analysis(
             podium,
-            rj.Records.of(found.records()),
+            found,
             x,
             measure=measure,
             names=distinct(found.names),

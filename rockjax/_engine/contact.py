@@ -65,6 +65,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
         values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
         raised: list[Value] = []
+        rounding: list[Value] = []
         if isinstance(values, Shaking):
             raised = [c.tilt * y for y in _combine(to_powers, values.vertical)]
             rounding = [c.tilt * y for y in _combine(to_tail, values.vertical)]

@@ -8,6 +8,7 @@ level (C10): lookaheads find its roots.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -16,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from rockjax._checks import concrete, shown
+from rockjax._checks import concrete, shown, single
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead, Shaking
@@ -114,7 +115,8 @@ class GroundMotion(AbstractExcitation):
         )
 
     def common_form(self) -> GroundMotion:
-        return GroundMotion(self.horizontal.common_form(), self.vertical.common_form())
+        both = self.horizontal.common_form(), self.vertical.common_form()
+        return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
 
     def _together(self, i: Any, j: Any) -> Any:
         return i * self.vertical.most_pieces + j
@@ -167,11 +169,11 @@ class GroundMotion(AbstractExcitation):
         """Horizontal ground acceleration ü_g(t) [m/s²]; that of `vertical` is v̈_g(t)."""
         return self.horizontal(t)
 
-    def curvature(self) -> Value:
-        return self.horizontal.curvature()
-
-    def lowest(self) -> tuple[Value, Value]:
-        return self.horizontal.lowest()
+    @staticmethod
+    def in_proportion(pulse: Callable[[Any, Any], AbstractExcitation], ratio: float) -> Proportional:
+        """A function (a_p, T_p) → pair for spectra: a pulse, and `ratio` times the same as its vertical
+        motion."""
+        return Proportional(pulse, ratio)
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
         """With `tilt`, K of the combined signals, exceedances are those of max_± (±ü_g − K v̈_g)."""
@@ -185,6 +187,48 @@ class GroundMotion(AbstractExcitation):
         curvature = motion.horizontal.curvature() + tilt * motion.vertical.curvature()
         horizontal = motion.horizontal.lookahead(doubtful)
         return PairLookahead(motion, horizontal, vertical, threshold, tilt, curvature)
+
+
+@dataclasses.dataclass(frozen=True)
+class Proportional:
+    """Pulses with a vertical component in proportion, v̈_g = `ratio` ü_g."""
+
+    pulse: Callable[[Any, Any], AbstractExcitation]
+    ratio: float
+
+    def __post_init__(self):
+        single("GroundMotion.in_proportion", "ratio", self.ratio, math.isfinite, "finite")
+
+    @property
+    def __name__(self) -> str:
+        return f"{getattr(self.pulse, '__name__', repr(self.pulse))} with vertical ratio {self.ratio:g}"
+
+    def __call__(self, a_p, T_p) -> GroundMotion:
+        return GroundMotion(self.pulse(a_p, T_p), self.pulse(self.ratio * a_p, T_p))
+
+
+class OfAmplitude(AbstractExcitation):
+    """The motions of a function (a_p, T_p) → excitation as one whose scale is a_p: itself it is that of 1."""
+
+    T_p: Number
+    pulse: Callable[[Any, Any], AbstractExcitation] = eqx.field(static=True)
+
+    def scaled(self, factor) -> AbstractExcitation:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return self.pulse(factor, self.T_p)
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        return self.scaled(1.0).support
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return self.scaled(1.0).breakpoints
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        return self.scaled(1.0).piece(index)
+
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+        return self.scaled(1.0).lookahead(threshold)
 
 
 class PairLookahead(AbstractLookahead):
@@ -271,7 +315,7 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
         return
     low, when = (concrete(y) for y in motion.vertical.lowest())
     gravity = concrete(g)
-    if low is None or when is None or gravity is None or gravity + low > 0:
+    if low is None or when is None or gravity is None or low.ndim or gravity + low > 0:
         return
     raise ValueError(
         f"{owner}: g + v̈_g must be positive at all times, got {float(gravity):g} {float(low):+.6g} m/s² "

@@ -14,10 +14,11 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, of_kind
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, several, together
 from rockjax._motions.motion import Motion
-from rockjax._motions.records import Records
+from rockjax._motions.records import RecordPairs, Records
 from rockjax._parameters.table import MOTION, STRUCTURE, clash
 from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
 from rockjax._structures import Podium
@@ -69,7 +70,8 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
       `zeta`. Of any motion a factor `scale`; of a single one any number, such as `a_p`, `T_p`, `f_p`; of a
       single pulse also `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of each podium. A
       number of the motion that is named as one of the podium's is `excitation.gamma`, given as
-      `**{"excitation.gamma": …}`
+      `**{"excitation.gamma": …}`; one of the vertical motion of a [`rockjax.GroundMotion`][] is
+      `**{"vertical.a_p": …}`, and `scale` is of both
 
     Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
 
@@ -98,7 +100,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     }
     if labels is not None:
         place = along.pop("motion").shape
-        if isinstance(motion, Records):
+        if isinstance(motion, Records | RecordPairs):
             motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
         else:
             motion = jax.tree.map(lambda y: y.reshape(place), motion)
@@ -127,7 +129,8 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
     of_motion = _numbers(motion) if single else []
-    ratios = _RATIOS if isinstance(motion, AbstractPulse) and single else ()
+    pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
+    ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
     known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
     for name in names:
         if name not in known:
@@ -142,7 +145,10 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
 
 
 def _numbers(motion: AbstractExcitation) -> list[str]:
-    """The fields of a motion that are single numbers."""
+    """The fields of a motion that are single numbers; of a pair those of the horizontal one, and
+    `vertical.…`."""
+    if isinstance(motion, GroundMotion):
+        return [*_numbers(motion.horizontal), *(VERTICAL + name for name in _numbers(motion.vertical))]
     left_out = {*motion.own_dimensions, "which", "scale"}
     names = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
     return [name for name in names if isinstance(getattr(motion, name), jax.Array)]
@@ -152,7 +158,20 @@ def _name(field: str) -> str:
     return f"excitation.{field}" if field in STRUCTURE else field
 
 
+VERTICAL = "vertical."
+
+
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
+    if isinstance(base, GroundMotion):
+        scale = {name: y for name, y in along.items() if name == "scale"}
+        of_vertical = {
+            name.removeprefix(VERTICAL): y for name, y in along.items() if name.startswith(VERTICAL)
+        }
+        vertical = dataclasses.replace(base.vertical, **of_vertical)
+        vertical = vertical.scaled(scale["scale"]) if scale else vertical
+        return dataclasses.replace(
+            base, horizontal=_motion(base.horizontal, podium, along), vertical=vertical
+        )
     changes: dict[str, Any] = {
         field: along[_name(field)] for field in _numbers(base) if _name(field) in along
     }
