@@ -10,7 +10,6 @@ from jaxtyping import Array
 
 from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import check_weight
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
 from rockjax._plausibility import doubt
@@ -39,7 +38,6 @@ def as_end(owner: str, t_end) -> Array | None:
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
     """What can be said of concrete numbers together."""
     check_dtype(owner, "excitation", excitation)
-    check_weight(owner, excitation, podium.g)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())
