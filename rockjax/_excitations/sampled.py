@@ -138,9 +138,8 @@ class SampledLookahead(AbstractLookahead):
 
     record: AbstractSampled
     threshold: Value | None
-    to_come: Float[
-        Array, "*table n"
-    ]  # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero
+    # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero.
+    to_come: Float[Array, "*table n"]
     highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # of |samples|, unscaled, where exceedances are asked for
 

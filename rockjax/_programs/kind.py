@@ -25,25 +25,12 @@ from typing import Any
 import jax
 import numpy as np
 
-_OWN = ("rockjax", "optimise")  # what stands in them is in the text by their source …
-_LIBRARIES = (
-    "jax",
-    "jaxlib",
-    "numpy",
-    "equinox",
-    "diffrax",
-    "optimistix",
-    "lineax",
-)  # … and in these by their versions
+# What stands in these is in the text by their source, and what stands in those by their versions.
+_OWN = ("rockjax", "optimise")
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")
 _WITHOUT = ("_cli", "plots")  # folders whose source is in no program
-_SAY_NOTHING = (
-    "cache",
-    "log",
-    "dump",
-    "traceback",
-    "profil",
-    "hash",
-)  # settings of JAX that do not change a program
+# In the names of JAX's settings that do not change a program.
+_SAY_NOTHING = ("cache", "log", "dump", "traceback", "profil", "hash")
 
 
 class Unknown(Exception):

@@ -255,9 +255,8 @@ def test_unreachable_targets_return_the_closest_design():
 
 
 def test_without_objective_the_nearest_design_is_found():
-    target = Analytic(
-        lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45
-    )  # a straight line in scaled variables
+    # A straight line in scaled variables.
+    target = Analytic(lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45)
     answer = optimise.design(
         BLOCK.replace(alpha=0.05, R=0.5), {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, None, target
     )
