@@ -36,9 +36,8 @@ class LaneLayout(NamedTuple):
     structure: Any  # of (podium, excitation, initial, t_end)
     lanes: int
     size: int  # scenes of a chunk, a multiple of the lanes
-    refill: (
-        bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
-    )
+    # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
+    refill: bool
 
 
 class Lanes(NamedTuple):
@@ -58,6 +57,13 @@ class Done(NamedTuple):
     used: jax.Array
     trials: jax.Array  # of each lane
     useful: jax.Array  # of all lanes, those that moved a scene on
+
+
+def _room_for(rows: int, answers: Any, index_type: Any) -> Done:
+    """Room for the answers of so many scenes, of which none has ended."""
+    floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
+    none = jnp.zeros((), index_type)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
 
 
 class _Loop(NamedTuple):
@@ -140,8 +146,7 @@ def advance(
     blank = jax.eval_shape(
         functools.partial(over_lanes, lambda scene, lane: answers(scene, plan, lane)), held.parts, held.lane
     )
-    floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
-    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, *[jnp.zeros((), index_type)] * 3)
+    done = _room_for(size + lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     drains = (count == 0) | (not refill)
     loop = jax.lax.while_loop(
@@ -235,15 +240,8 @@ def _prepared(leaves, layout: LaneLayout, options: Options) -> _Chunk:
     return _Chunk(parts, common, scene_structure, lane, differs[1])
 
 
-_CROSSED = (
-    "t",
-    "event_time",
-    "x",
-    "v",
-    "piece",
-    "code",
-    "steps",
-)  # what changes of a lane that crosses panels
+# What changes of a lane that crosses panels.
+_CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")
 
 
 def _crossed(chunk: _Chunk, plan: Plan, lanes: int, count) -> _Chunk:

@@ -114,7 +114,7 @@ class GroundMotion(AbstractExcitation):
             self, horizontal=self.horizontal.scaled(factor), vertical=self.vertical.scaled(factor)
         )
 
-    def common_form(self) -> GroundMotion:
+    def common_form(self) -> Self:
         both = self.horizontal.common_form(), self.vertical.common_form()
         return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
 

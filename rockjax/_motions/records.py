@@ -12,13 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import as_number, concrete, shown
+from rockjax._checks import array_module, as_number, concrete, shown
 from rockjax._excitations.ground import GroundMotion
-from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .motion import Motion
 from .record import Record
+
+LEAST_ROWS = 8
 
 
 class Records(AbstractSampled):
@@ -64,15 +66,19 @@ class Records(AbstractSampled):
                 )
         counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
+        # Of JAX every operation would be compiled for every length.
+        numpy = array_module(singles)
         rows = [
-            jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size))
+            numpy.pad(
+                numpy.multiply(record.scale, record.acceleration), (0, longest - record.acceleration.size)
+            )
             for record in singles
         ]
         return cls(
-            acceleration=jnp.stack(rows),
+            acceleration=jnp.asarray(numpy.stack(rows)),
             counts=jnp.asarray(counts),
-            intervals=jnp.stack([record.dt for record in singles]),
-            starts=jnp.stack([record.t_start for record in singles]),
+            intervals=jnp.asarray(numpy.stack([record.dt for record in singles])),
+            starts=jnp.asarray(numpy.stack([record.t_start for record in singles])),
             which=np.arange(len(singles), dtype=np.int32),
         )
 
@@ -133,6 +139,17 @@ class Records(AbstractSampled):
         """Some of the records, scaled; in NumPy where these are."""
         return dataclasses.replace(self, which=which, scale=scale)
 
+    def common_form(self) -> Self:
+        """The table filled up to one of few sizes, with records that nobody means."""
+        rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
+        return dataclasses.replace(
+            self,
+            acceleration=filled_up(self.acceleration, rows, common_size(self.acceleration.shape[-1])),
+            counts=_more(self.counts, rows, 2),
+            intervals=_more(self.intervals, rows, 1.0),
+            starts=_more(self.starts, rows, 0.0),
+        )
+
     @property
     def own_dimensions(self) -> dict[str, int]:
         return {"acceleration": 2, "counts": 1, "intervals": 1, "starts": 1}
@@ -178,3 +195,9 @@ class RecordPairs(GroundMotion):
     def _each(self, change: Callable[[Records], Records]) -> Self:
         both = change(self._table), change(cast(Records, self.vertical))
         return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
+
+
+def _more(values, size: int, fill: float):
+    """Values with others behind them."""
+    numpy = array_module(values)
+    return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])
