@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ._responses.history import Energies
     from ._responses.peak import Peak
     from ._responses.response import Response
+    from ._responses.sensitivities import Sensitivities
     from ._responses.simulate import peak_response, simulate
     from ._restrainers.damper import Damper
     from ._restrainers.inerter import Inerter
@@ -93,6 +94,7 @@ __all__ = [
     "Rest",
     "Ricker",
     "Rigid",
+    "Sensitivities",
     "State",
     "Stats",
     "SweepPlan",
@@ -169,6 +171,7 @@ _MODULES = {
     "_responses.history": ("Energies",),
     "_responses.peak": ("Peak",),
     "_responses.response": ("Response",),
+    "_responses.sensitivities": ("Sensitivities",),
     "_responses.simulate": (
         "peak_response",
         "simulate",
