@@ -49,9 +49,8 @@ OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
 PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
-MAX_STEPS = (
-    50_000  # a twentieth of the default: what needs more is told by cause, and some of it tried again …
-)
+# A twentieth of the default: what needs more is told by cause, and some of it tried again …
+MAX_STEPS = 50_000
 AGAIN = 3  # … so many of a batch
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -228,9 +227,8 @@ class Findings:
     results: dict[str, int] = dataclasses.field(default_factory=dict)
     failures: dict[str, int] = dataclasses.field(default_factory=dict)
     examples: list[tuple[str, str]] = dataclasses.field(default_factory=list)
-    ratios: list[np.ndarray] = dataclasses.field(
-        default_factory=list
-    )  # true error over estimate, of the rotation
+    # True error over estimate, of the rotation.
+    ratios: list[np.ndarray] = dataclasses.field(default_factory=list)
     flips: int = 0  # classes that change between the asked-for tolerance and the truth …
     unflagged: int = 0  # … without having been flagged as undecided
     undecided: int = 0
@@ -296,12 +294,10 @@ def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))
         fit = np.asarray(peak.stats.steps) < 1000
-        fit &= ~(
-            np.asarray(peak.impacts) >= 100
-        )  # NaN where they were not counted to their end, which the steps bound
-        fit &= (
-            np.asarray(peak.peak_rotation) > 1e-6
-        )  # SciPy looks for events at its steps, and misses shorter lifts
+        # NaN where they were not counted to their end, which the steps bound.
+        fit &= ~(np.asarray(peak.impacts) >= 100)
+        # SciPy looks for events at its steps, and misses shorter lifts.
+        fit &= np.asarray(peak.peak_rotation) > 1e-6
         stand, fall = (
             rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True)
         )

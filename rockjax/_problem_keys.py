@@ -55,7 +55,6 @@ NOT_NEGATIVES = Kind("a list of numbers >= 0", lambda value: is_list(value, NOT_
 ONE_OR_MORE = Kind(
     "a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number)
 )
-RANGE = Kind("two numbers [lowest, highest], the lowest first", _is_range)
 POSITIVE_RANGE = Kind(
     "two numbers [lowest, highest] with 0 < lowest < highest", lambda value: _is_range(value) and value[0] > 0
 )

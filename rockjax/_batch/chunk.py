@@ -33,9 +33,8 @@ class LaneLayout(NamedTuple):
     structure: Any  # of (podium, excitation, initial, t_end)
     lanes: int
     size: int  # scenes of a chunk, a multiple of the lanes
-    refill: (
-        bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
-    )
+    # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
+    refill: bool
     sensitivities: tuple[str, ...] = ()  # parameters with respect to whose logarithms derivatives are wanted
 
 

@@ -49,6 +49,13 @@ class Done(NamedTuple):
     useful: jax.Array  # of all lanes, those that moved a scene on
 
 
+def _room_for(rows: int, answers: Any, index_type: Any) -> Done:
+    """Room for the answers of so many scenes, of which none has ended."""
+    floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
+    none = jnp.zeros((), index_type)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
+
+
 class _Loop(NamedTuple):
     lanes: Lanes
     following: jax.Array  # the next scene of the chunk to hand out
@@ -119,8 +126,7 @@ def advance(
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
-    floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
-    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, *[jnp.zeros((), index_type)] * 3)
+    done = _room_for(size + lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     drains = (count == 0) | (not refill)
     loop = jax.lax.while_loop(

@@ -20,9 +20,8 @@ class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
     leaves: list[Any]
-    rows: list[
-        np.ndarray | None
-    ]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
+    # Which row of a leaf belongs to each scene of the grid; None where it is common to all.
+    rows: list[np.ndarray | None]
     structure: Any
     total: int
 

@@ -54,9 +54,8 @@ class Crossings(NamedTuple):
 class Scan(NamedTuple):
     crossings: Crossings
     survives_at_once: np.ndarray  # at the lower end of each line
-    dip: (
-        np.ndarray
-    )  # least dip of the margin among the survivors below the first crossing of each line, at most 1
+    # Least dip of the margin among the survivors below the first crossing of each line, at most 1.
+    dip: np.ndarray
     certain: np.ndarray  # of each line: below its first crossing no wider interval overturns
     scenes: int
 
@@ -190,9 +189,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray)
     slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = together[1:] & together[:-1]
     # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
-    bend = np.where(
-        inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0
-    )  # half the second derivative
+    # Half the second derivative.
+    bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
     left, right = margin[:-1], margin[1:]
     apart = (left > 0) != (right > 0)

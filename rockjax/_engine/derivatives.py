@@ -75,9 +75,8 @@ def known(leaf: Any) -> bool:
     """Whether the value of a leaf is known, though derivatives with respect to it may be wanted."""
     if not isinstance(leaf, Tracer):
         return True
-    value = getattr(
-        leaf, "to_concrete_value", None
-    )  # of a tracer for derivatives, the value that it is taken at
+    # Of a tracer for derivatives, the value that it is taken at.
+    value = getattr(leaf, "to_concrete_value", None)
     return value is not None and value() is not None
 
 

@@ -38,10 +38,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
-LANDED, FARTHEST = (
-    10.0,
-    0.02,
-)  # times √rtol of the step, and at most: its quintic carries the state over the rest …
+# Times √rtol of the step, and at most: its quintic carries the state over the rest …
+LANDED, FARTHEST = 10.0, 0.02
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -63,6 +61,12 @@ def _longest_step(c: Coefficients, plan: Plan) -> Value:
     return longest
 
 
+def _landing(options: Options) -> Value:
+    """The part of a step within which it lands on an event."""
+    part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
+    return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
+
+
 def prepare(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -82,7 +86,7 @@ def prepare(
     closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
-    duration, lands = quiet - start, jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
+    duration = quiet - start
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
@@ -95,7 +99,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
-        landing=lands * jnp.where(closer, LANDED_CLOSER, 1.0),
+        landing=_landing(options),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

@@ -221,6 +221,7 @@ def _sensitivities(
     """d ln a/d ln y at boundaries `scale` (k,) of each record: (names, k); NaN where `scale` is."""
     result = np.full((len(names), scale.size), np.nan)
     at = np.flatnonzero(np.isfinite(scale))
+    records = records.common_form()
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)

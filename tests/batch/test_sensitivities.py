@@ -75,7 +75,7 @@ def test_derivatives_of_a_batch_are_those_of_its_scenes():
 @pytest.mark.slow
 @pytest.mark.parametrize("T_s", [0.5, 0.1])
 def test_derivatives_of_a_batch_of_elastic_scenes(T_s):
-    # Dozens of impacts while the pulse ramps up amplify rounding, and a vibration's maximum is landed on within
+    # Dozens of impacts amplify rounding, and a vibration's maximum is landed on within
     # the tolerance only.
     compare(elastic(T_s), rtol=1e-9, landed=2e-6)
 

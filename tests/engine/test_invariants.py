@@ -186,9 +186,8 @@ def test_without_shaking_energy_only_falls(kind):
         E = np.asarray(jax.vmap(lambda s, x, v: model.energy(c, s, x, v))(nodes.sigma, nodes.x, nodes.v))
         scale = E.max()
         assert np.all(np.diff(E) <= 1e-8 * scale + 1e-15)
-        assert np.all(
-            np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300
-        )  # subnormal angles count as zero
+        # Subnormal angles count as zero.
+        assert np.all(np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300)
         hits = np.asarray(response.impact_times)[:3]
         before, after = response(hits, left=True), response(hits)
         e = max(float(podium.restitution_factor), 0.0)

@@ -273,10 +273,8 @@ def test_power_and_moment_by_hand(name, sigma):
             assert taken == 0
         assert rate == pytest.approx(given - taken, rel=1e-9, abs=1e-10)
         rises = 2 * R * (acceleration * np.sin(psi) - omega**2 * np.cos(psi))
-        arm, at_uplift = (
-            np.sin(psi),
-            np.sin(alpha) * g * (2 * heavy + 1),
-        )  # of the beam twice that of the columns
+        # Of the beam twice that of the columns.
+        arm, at_uplift = np.sin(psi), np.sin(alpha) * g * (2 * heavy + 1)
         assert moment == pytest.approx(
             arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11
         )

@@ -129,9 +129,8 @@ def test_a_flat_segment_contributes_nothing():
     steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
     assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
     ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
-    found = rj.annual_frequency(
-        rj.Lognormal(1.4, 0.01), ends
-    )  # what is exceeded for ever is never reached by anything more
+    # What is exceeded for ever is never reached by anything more.
+    found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)
     assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
 
 
@@ -176,9 +175,8 @@ def test_counted_shares_are_integrated_as_they_are():
     expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
     assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
     above = 0.9 * float(HAZARD(jnp.asarray(8.0)))  # beyond the levels …
-    between = by_quadrature(
-        lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels
-    )  # … or the points
+    # … or the points.
+    between = by_quadrature(lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels)
     assert float(found.extrapolated) == pytest.approx((above + between) / expected, rel=1e-8)
     with pytest.raises(ValueError, match="20% of the records overturn at the lowest level, 1"):
         rj.annual_frequency(analysis(share[1:], levels[1:]), HAZARD)
@@ -239,9 +237,8 @@ def test_hazards_of_openquake(tmp_path):
         rj.Hazard.from_file(path)
     first, second = (rj.Hazard.from_file(path, site=k) for k in (0, 1))
     np.testing.assert_allclose(first.annual_rate, -np.log([0.1, 0.5, 0.99]) / 50)
-    np.testing.assert_allclose(
-        second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665
-    )  # certain points say nothing
+    # Certain points say nothing.
+    np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)
     assert first.measure == "Sa(0.5 s)"
 
 
