@@ -21,6 +21,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
+from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import describe_options, describe_podium
@@ -30,7 +31,7 @@ from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
 
 from .lognormal import Lognormal, fit_capacities
-from .sensitivities import along_boundary, check_parameters, varied
+from .sensitivities import along_boundary
 
 if TYPE_CHECKING:
     import xarray

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -19,8 +18,9 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, several, together
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import RecordPairs, Records
-from rockjax._parameters.table import MOTION, STRUCTURE, clash
+from rockjax._parameters.table import MOTION, clash
 from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
+from rockjax._responses.sensitivities import numbers_of, with_numbers
 from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
@@ -128,10 +128,10 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    of_motion = _numbers(motion) if single else []
+    of_motion = numbers_of(motion) if single else {}
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
+    known = [*parameters_of(structure), *of_motion, *ratios, "scale"]
     for name in names:
         if name not in known:
             raise ValueError(
@@ -144,41 +144,15 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
         )
 
 
-def _numbers(motion: AbstractExcitation) -> list[str]:
-    """The fields of a motion that are single numbers; of a pair those of the horizontal one, and
-    `vertical.…`."""
-    if isinstance(motion, GroundMotion):
-        return [*_numbers(motion.horizontal), *(VERTICAL + name for name in _numbers(motion.vertical))]
-    left_out = {*motion.own_dimensions, "which", "scale"}
-    names = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
-    return [name for name in names if isinstance(getattr(motion, name), jax.Array)]
-
-
-def _name(field: str) -> str:
-    return f"excitation.{field}" if field in STRUCTURE else field
-
-
-VERTICAL = "vertical."
-
-
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
-    if isinstance(base, GroundMotion):
-        scale = {name: y for name, y in along.items() if name == "scale"}
-        of_vertical = {
-            name.removeprefix(VERTICAL): y for name, y in along.items() if name.startswith(VERTICAL)
-        }
-        vertical = dataclasses.replace(base.vertical, **of_vertical)
-        vertical = vertical.scaled(scale["scale"]) if scale else vertical
-        return dataclasses.replace(
-            base, horizontal=_motion(base.horizontal, podium, along), vertical=vertical
-        )
     changes: dict[str, Any] = {
-        field: along[_name(field)] for field in _numbers(base) if _name(field) in along
+        place: along[name] for name, place in numbers_of(base).items() if name in along
     }
     check_values("grid", {name: along[name] for name in _RATIOS if name in along})
+    part = "horizontal." if isinstance(base, GroundMotion) else ""
     if "acceleration_ratio" in along:
-        changes["a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
+        changes[f"{part}a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
     if "frequency_ratio" in along:
-        changes["T_p"] = pulse_period(podium.p, along["frequency_ratio"])
-    motion = dataclasses.replace(base, **changes)
+        changes[f"{part}T_p"] = pulse_period(podium.p, along["frequency_ratio"])
+    motion = with_numbers(base, changes)
     return motion.scaled(along["scale"]) if "scale" in along else motion
