@@ -33,6 +33,7 @@ from ._plausibility import PlausibilityWarning as PlausibilityWarning
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
+from ._responses.sensitivities import Sensitivities as Sensitivities
 from ._responses.simulate import peak_response as peak_response
 from ._responses.simulate import simulate as simulate
 from ._restrainers.damper import Damper as Damper

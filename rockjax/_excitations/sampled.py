@@ -9,11 +9,32 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
+
+LEAST_SIZE = 2048  # samples
+
+
+def common_size(count: int) -> int:
+    """What a number of samples is filled up to: 2048, 8192, 32768, … Each size is a program of its own, and
+    what fills up costs a scene little."""
+    size = LEAST_SIZE
+    while size < count:
+        size *= 4
+    return size
+
+
+def filled_up(samples, *sizes: int):
+    """Samples with zeros behind them, along the last axes."""
+    last = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
+    room = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
+    # What JAX would do here it would compile for every length.
+    return jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
 
 
 class Sampling(NamedTuple):

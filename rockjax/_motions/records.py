@@ -12,12 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import as_number, concrete, shown
-from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._checks import array_module, as_number, concrete, shown
+from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .motion import Motion
 from .record import Record
+
+LEAST_ROWS = 8
 
 
 class Records(AbstractSampled):
@@ -63,15 +65,19 @@ class Records(AbstractSampled):
                 )
         counts = np.array([record.acceleration.size for record in records], np.int32)
         longest = int(counts.max())
+        # Of JAX every operation would be compiled for every length.
+        numpy = array_module(records)
         rows = [
-            jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size))
+            numpy.pad(
+                numpy.multiply(record.scale, record.acceleration), (0, longest - record.acceleration.size)
+            )
             for record in records
         ]
         return cls(
-            acceleration=jnp.stack(rows),
+            acceleration=jnp.asarray(numpy.stack(rows)),
             counts=jnp.asarray(counts),
-            intervals=jnp.stack([record.dt for record in records]),
-            starts=jnp.stack([record.t_start for record in records]),
+            intervals=jnp.asarray(numpy.stack([record.dt for record in records])),
+            starts=jnp.asarray(numpy.stack([record.t_start for record in records])),
             which=np.arange(len(records), dtype=np.int32),
         )
 
@@ -125,6 +131,23 @@ class Records(AbstractSampled):
         )
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
 
+    def common_form(self) -> Self:
+        """The table filled up to one of few sizes, with records that nobody means."""
+        rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
+        return dataclasses.replace(
+            self,
+            acceleration=filled_up(self.acceleration, rows, common_size(self.acceleration.shape[-1])),
+            counts=_more(self.counts, rows, 2),
+            intervals=_more(self.intervals, rows, 1.0),
+            starts=_more(self.starts, rows, 0.0),
+        )
+
     @property
     def own_dimensions(self) -> dict[str, int]:
         return {"acceleration": 2, "counts": 1, "intervals": 1, "starts": 1}
+
+
+def _more(values, size: int, fill: float):
+    """Values with others behind them."""
+    numpy = array_module(values)
+    return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

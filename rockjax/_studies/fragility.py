@@ -22,6 +22,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import describe_options, describe_podium
@@ -31,7 +32,7 @@ from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
 
 from .lognormal import Lognormal, fit_capacities
-from .sensitivities import along_boundary, check_parameters, varied
+from .sensitivities import along_boundary
 
 if TYPE_CHECKING:
     import xarray
@@ -220,6 +221,7 @@ def _sensitivities(
     """d ln a/d ln y at boundaries `scale` (k,) of each record: (names, k); NaN where `scale` is."""
     result = np.full((len(names), scale.size), np.nan)
     at = np.flatnonzero(np.isfinite(scale))
+    records = records.common_form()
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)

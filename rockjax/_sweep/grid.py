@@ -18,8 +18,9 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, several, together
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import Records
-from rockjax._parameters.table import MOTION, STRUCTURE, clash
+from rockjax._parameters.table import MOTION, clash
 from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
+from rockjax._responses.sensitivities import numbers_of
 from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
@@ -126,9 +127,9 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    of_motion = _numbers(motion) if single else []
+    of_motion = numbers_of(motion) if single else {}
     ratios = _RATIOS if isinstance(motion, AbstractPulse) and single else ()
-    known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
+    known = [*parameters_of(structure), *of_motion, *ratios, "scale"]
     for name in names:
         if name not in known:
             raise ValueError(
@@ -141,20 +142,9 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
         )
 
 
-def _numbers(motion: AbstractExcitation) -> list[str]:
-    """The fields of a motion that are single numbers."""
-    left_out = {*motion.own_dimensions, "which", "scale"}
-    names = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
-    return [name for name in names if isinstance(getattr(motion, name), jax.Array)]
-
-
-def _name(field: str) -> str:
-    return f"excitation.{field}" if field in STRUCTURE else field
-
-
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
     changes: dict[str, Any] = {
-        field: along[_name(field)] for field in _numbers(base) if _name(field) in along
+        field: along[name] for name, field in numbers_of(base).items() if name in along
     }
     check_values("grid", {name: along[name] for name in _RATIOS if name in along})
     if "acceleration_ratio" in along:

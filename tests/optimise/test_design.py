@@ -22,6 +22,7 @@ from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
+from rockjax._programs.program import COUNTS, forget
 from tests.scenes import Stops, shaking
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
@@ -49,6 +50,46 @@ class Analytic(optimise.AbstractTarget):
 
 def _alpha(podium):
     return podium.alpha
+
+
+# Suites
+
+
+def test_suites_side_by_side_keep_their_order():
+    """Each motion where it was, motions of one kind in one group."""
+    pulse, wave = lambda a: rj.Ricker(a, 1.0), lambda a: rj.HalfSine(a, 1.0)
+    first, second = (
+        Suite([pulse(1.0), wave(2.0), pulse(3.0)]),
+        Suite([wave(4.0), pulse(5.0), rj.OneSine(6.0, 1.0)]),
+    )
+    both = first.and_also(second).and_also(Suite([pulse(7.0)]))
+    assert [type(group) for group in both.groups] == [rj.Ricker, rj.HalfSine, rj.OneSine]
+    assert both.each(lambda motion: motion.a_p).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+@pytest.mark.slow
+def test_a_later_design_compiles_nothing():
+    """Of another structure, with the same objective written anew; motions that two targets use are simulated
+    once, in one loop."""
+    motions = [rj.Ricker(4.0, 0.6), rj.Ricker(3.0, 1.0)]
+
+    def answer(height):
+        column = dataclasses.replace(DRAWING, height=height, top_mass=0.0)
+        targets = [
+            optimise.PeakRotation(0.4, motions),
+            optimise.NoOverturning([motion.scaled(1.5) for motion in motions]),
+        ]
+        least = lambda podium: 2 * podium.alpha
+        return optimise.design(column, {"width": (0.2, 1.5)}, least, targets)
+
+    first = answer(3.0)
+    assert first.satisfied
+    before = dict(COUNTS)
+    forget()
+    second = answer(3.2)
+    assert second.satisfied
+    assert second.variables["width"] != first.variables["width"]
+    assert {"loaded": before["loaded"] + 1, "compiled": before["compiled"]} == COUNTS
 
 
 # Variables

@@ -1,0 +1,90 @@
+"""Derivatives of the peaks of scenes with respect to the logarithms of named parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from rockjax import _checks
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._parameters.sensitivities import check_parameters, varied
+from rockjax._parameters.table import STRUCTURE
+from rockjax._structures import Podium
+
+SENSITIVE = ("peak_rotation", "peak_deformation", "peak_shear", "margin")  # answers that have sensitivities
+
+
+class Sensitivities(eqx.Module):
+    """Derivatives of peaks with respect to the logarithms ln y of some parameters y, the others held.
+
+    - `parameters`: their names; they are along the last axis of what follows
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–]: y ∂(…)/∂y, None for those
+      that are not wanted; zero where a parameter is zero
+    """
+
+    parameters: tuple[str, ...] = eqx.field(static=True)
+    peak_rotation: Float[Array, "*batch parameters"] | None
+    peak_deformation: Float[Array, "*batch parameters"] | None
+    peak_shear: Float[Array, "*batch parameters"] | None
+    margin: Float[Array, "*batch parameters"] | None
+
+
+def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> Sensitivities | None:
+    """Those of wanted peaks from the answers of lanes, None where no parameters are named."""
+    if not names:
+        return None
+    wanted = (floats[slope_name(peak)] if peak in outputs else None for peak in SENSITIVE)
+    return Sensitivities(names, *wanted)
+
+
+def slope_name(answer: str) -> str:
+    """What the derivatives of an answer are called."""
+    return f"{answer}_sensitivity"
+
+
+def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
+    """The fields of a motion that are single numbers, by the names of parameters of a scene."""
+    left_out = {*motion.own_dimensions, "which", "scale"}
+    fields = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
+    numbers = [name for name in fields if isinstance(getattr(motion, name), jax.Array)]
+    return {f"excitation.{field}" if field in STRUCTURE else field: field for field in numbers}
+
+
+def of_scenes(
+    owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
+) -> tuple[str, ...]:
+    """Names of parameters of a structure and a ground motion, checked.
+
+    Raises `ValueError`, in the name of `owner`, for one that is neither's, that is named twice, or that says
+    the same as another.
+    """
+    names = _checks.texts(owner, "sensitivities", names)
+    check_parameters(owner, podium, names, more=[*numbers_of(motion), "scale"])
+    if len(set(names)) < len(names):
+        raise ValueError(f"{owner}: sensitivities name a parameter twice: {list(names)}")
+    return names
+
+
+def moved(
+    podium: Podium, motion: AbstractExcitation, names: Sequence[str], factors: Float[Array, " n"]
+) -> tuple[Podium, AbstractExcitation]:
+    """A structure and a ground motion as they are, that move with factors on named parameters."""
+    factor = dict(zip(names, factors, strict=True))
+    fields = {field: factor.pop(name) for name, field in numbers_of(motion).items() if name in factor}
+    scale = factor.pop("scale", None)
+    changed = dataclasses.replace(motion, **{name: y * getattr(motion, name) for name, y in fields.items()})
+    changed = changed if scale is None else changed.scaled(scale)
+    structure = varied(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
+    return _as_is(podium, structure), _as_is(motion, changed)
+
+
+def _as_is(now: Any, changed: Any) -> Any:
+    """What is now to the last digit, with the derivatives of what it has changed into."""
+    constant = jax.lax.stop_gradient
+    return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), now, changed)
