@@ -21,15 +21,17 @@ T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the struct
                                  # lists of one length go together, a single number goes with all
 vertical_ratio = 0.5             # optional, of any motion: its vertical component over the horizontal one
 
-[[motions.records]]              # a set may have several entries file = "record.csv"              # beside
-this file; any format that rockjax.read_motion reads units = "g"                      # or "m/s2", "cm/s2",
-"gal", "mm/s2"; only where the file does not say it, as text does dt = 0.01                        # only
-where the file does not say it, as one column does [s] scale = 1.0                      # optional component =
-1                    # number or name of a channel, where the file has several [[motions.records]] suite =
-"folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it pattern = "*.AT2"
-# optional, of a folder; as are units, dt, scale, component for all of its motions [[motions.records]]
-synthetic = 20                   # so many of rockjax.synthetic_motions; optional: seed, dt, duration, pga,
-omega_g, zeta_g
+[[motions.records]]              # a set may have several entries
+file = "record.csv"              # beside this file; any format that rockjax.read_motion reads
+units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; only where the file does not say it
+dt = 0.01                        # only where the file does not say it, as one column does [s]
+scale = 1.0                      # optional
+component = 1                    # number or name of a channel, where the file has several
+[[motions.records]]
+suite = "folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it
+pattern = "*.AT2"                # optional, of a folder; as are units, dt, scale and component
+[[motions.records]]
+synthetic = 20                   # of rockjax.synthetic_motions; optional: seed, dt, duration, pga, omega_g …
 
 [options]                        # optional: rtol, atol, method, … of rockjax.Options
 rtol = 1e-8
@@ -61,16 +63,18 @@ confidence = 0.9
 seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
-[risk]                           # of `rockjax risk` hazard = "site.csv"              # beside this file: two
-columns, such as PGA [g],annual_rate; or OpenQuake's site = 0                         # row of an OpenQuake
-file, where it has several fragility = "curve.nc"           # of `rockjax fragility`, or a fragility model
-(.xml) with structure = "name" … median = 3.5                     # … or a lognormal curve: median, in SI
-units of the hazard's measure, and dispersion dispersion = 0.4 years = 50.0                     # time in
-which the probability is wanted, optional
+[risk]                           # of `rockjax risk`
+hazard = "site.csv"              # beside this file: two columns, such as PGA [g],annual_rate; or OpenQuake's
+site = 0                         # row of an OpenQuake file, where it has several
+fragility = "curve.nc"           # of `rockjax fragility`, or a model (.xml) with structure = "name" …
+median = 3.5                     # … or a lognormal curve: median, in SI units of the hazard, and dispersion
+dispersion = 0.4
+years = 50.0                     # time in which the probability is wanted, optional
 
-[sweep]                          # of `rockjax sweep` motion = "records"               # which set; optional
-where there is one. Several motions are an axis of their own outputs = ["peak_rotation"]      # optional chunk
-= 100000                   # scenes in a chunk, optional
+[sweep]                          # of `rockjax sweep`
+motion = "records"               # which set; optional where there is one. Several are an axis of their own
+outputs = ["peak_rotation"]      # optional
+chunk = 100000                   # scenes in a chunk, optional
 
 [sweep.axes]                     # as rockjax.grid: names of the structure and of the motion
 alpha = [0.12, 0.15, 0.18]

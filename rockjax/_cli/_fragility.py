@@ -322,7 +322,7 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions.intensity import measured
+    from rockjax._motions.intensity import measured_as
 
     name = levels.values()["measure"]
     if name != "Sa" and levels.measure_period is not None:
@@ -331,6 +331,6 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
         raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
     if name == "scale":
         return rj.Measure(name, np.ones(len(found)), "1")
-    values = np.array([measured(motion, name, levels.measure_period, 0.05)[0] for motion in found])
     label = f"Sa({levels.measure_period:g} s)" if name == "Sa" else name
+    values = np.array([measured_as(motion, label) for motion in found])
     return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
