@@ -6,6 +6,7 @@ from ._boundaries.boundary import overturning_scale as overturning_scale
 from ._excitations.base import AbstractExcitation as AbstractExcitation
 from ._excitations.base import AbstractLookahead as AbstractLookahead
 from ._excitations.base import Rest as Rest
+from ._excitations.ground import GroundMotion as GroundMotion
 from ._excitations.pulses import AbstractPulse as AbstractPulse
 from ._excitations.pulses import AntisymmetricRicker as AntisymmetricRicker
 from ._excitations.pulses import HalfSine as HalfSine

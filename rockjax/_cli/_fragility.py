@@ -56,6 +56,10 @@ class Suite(Flags):
     dt: SamplingInterval = None
     component: Component = None
     pattern: Pattern = None
+    paired: Annotated[
+        bool,
+        option("--paired", panel=MOTION, help="Each horizontal record with the vertical one of its station."),
+    ] = False
     motions: Annotated[
         str | None,
         option(
@@ -199,7 +203,7 @@ def fragility(
     with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
         analysis = rj.incremental_dynamic_analysis(
             podium,
-            rj.Records.of(found.records()),
+            found,
             x,
             measure=measure,
             names=distinct(found.names),
@@ -293,12 +297,13 @@ def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
     if suite.synthetic is not None:
         return synthetic_motions(suite.synthetic, seed=seed)
     if paths:
-        return read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
+        found = read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
+        return found.paired() if suite.paired else found
     if not sets:
         raise ValueError(
             "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
         )
-    for name in ("units", "dt", "component", "pattern"):
+    for name in ("units", "dt", "component", "pattern", "paired"):
         if name in suite.given:
             raise ValueError(f"{flag(name)}: is for files that are named here, not in the problem file")
     name = suite.motions
