@@ -25,6 +25,7 @@ from ._histories import (
     rotation_history,
 )
 from ._risk import risk
+from ._sensitivities import sensitivity_spectra, sensitivity_spectrum
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
@@ -56,5 +57,7 @@ __all__ = [
     "rotation_history",
     "save_animation",
     "sensitivities",
+    "sensitivity_spectra",
+    "sensitivity_spectrum",
     "spectra",
 ]
