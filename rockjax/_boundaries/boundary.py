@@ -31,6 +31,7 @@ from rockjax._checks import array_module, as_float, require
 from rockjax._engine.derivatives import known
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion, OfAmplitude
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
@@ -104,7 +105,8 @@ def overturning_acceleration(
     says more about the result.
 
     - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
-      a_p
+      a_p. A function may also make a [`rockjax.GroundMotion`][], of which a_p need not change the vertical
+      motion; its numbers then are constants
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
@@ -116,7 +118,10 @@ def overturning_acceleration(
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     limit = pulse_acceleration(podium, as_float(max_acceleration_ratio))
-    motion = as_pulse(owner, pulse)(1.0, T_p)
+    pulse = as_pulse(owner, pulse)
+    motion = pulse(1.0, T_p)
+    if isinstance(motion, GroundMotion):  # which need not be in proportion to a_p
+        motion = OfAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
     ).scale
@@ -271,6 +276,9 @@ def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> Fir
 
 def _picked(excitation, line: np.ndarray, of_each) -> Any:
     """The motions of scenes of these searches; the samples of many records stay in one table."""
+    if isinstance(excitation, GroundMotion):
+        both = (_picked(y, line, of_each) for y in (excitation.horizontal, excitation.vertical))
+        return GroundMotion(*both)
     if isinstance(excitation, Record) and excitation.acceleration.shape[0] > 1:
         one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
         dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))

@@ -17,6 +17,8 @@ from ._options import (
     Pulse,
     PulseName,
     Resume,
+    VerticalRatio,
+    pulse_of,
 )
 from ._outputs import outputs
 from ._panels import joined, least
@@ -26,6 +28,7 @@ from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 @dataclass
 class Grid(Flags):
     pulse: Pulse = PulseName.ricker
+    vertical_ratio: VerticalRatio = None
     frequency_ratio: Frequencies = (1.0, 8.0)
     acceleration_ratio: Annotated[
         tuple[float, float], option("--acceleration", panel=GRID, help="Range of a_p/(g tan α) [–].")
@@ -75,7 +78,6 @@ def spectrum(
     import rockjax as rj
     from rockjax import _partial
     from rockjax._batch.memory import require_memory
-    from rockjax._excitations.pulses import PULSES
     from rockjax._studies.grid_boundaries import with_boundaries
 
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
@@ -84,6 +86,7 @@ def spectrum(
     parameters = names(grid.sensitivities)
     drawn = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
     to = outputs(output, "rockjax-spectrum").check(drawn)
+    pulse = pulse_of(grid.pulse, grid.vertical_ratio)
     options = given.options(accuracy, outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
@@ -98,17 +101,9 @@ def spectrum(
     prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
-            spectra = rj.rocking_spectra(
-                podiums,
-                PULSES[grid.pulse],
-                x,
-                y,
-                options=options,
-                progress=bar,
-                resume=known,
-                sensitivities=parameters,
-            )
-        spectra = with_boundaries(spectra, podiums, PULSES[grid.pulse], options=options)
+            how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
+            spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
+        spectra = with_boundaries(spectra, podiums, pulse, options=options)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     from rockjax import plots

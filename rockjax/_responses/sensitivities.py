@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from jaxtyping import Array, Float
 
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
@@ -50,7 +52,15 @@ def slope_name(answer: str) -> str:
 
 
 def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
-    """The fields of a motion that are single numbers, by the names of parameters of a scene."""
+    """Where a motion keeps single numbers, by the names of parameters of a scene.
+
+    Of a pair those of the horizontal motion have their own names, those of the vertical one are
+    `vertical.…`.
+    """
+    if isinstance(motion, GroundMotion):
+        of_each = {part: numbers_of(getattr(motion, part)) for part in ("horizontal", "vertical")}
+        places = {name: f"horizontal.{field}" for name, field in of_each["horizontal"].items()}
+        return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
     left_out = {*motion.own_dimensions, "which", "scale"}
     fields = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
     numbers = [name for name in fields if _varies(getattr(motion, name))]
@@ -59,6 +69,17 @@ def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
 
 def _varies(value: Any) -> bool:
     return isinstance(value, jax.Array | np.ndarray) and jnp.issubdtype(value.dtype, jnp.floating)
+
+
+def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
+    """The motion with other numbers in some places."""
+    for place, value in values.items():
+        part, _, field = place.rpartition(".")
+        if part:
+            changed = dataclasses.replace(getattr(motion, part), **{field: value})
+            motion = dataclasses.replace(motion, **{part: changed})
+    own = {place: value for place, value in values.items() if "." not in place}
+    return dataclasses.replace(motion, **own)
 
 
 def of_scenes(
@@ -83,10 +104,14 @@ def moved(
     factor = dict(zip(names, factors, strict=True))
     fields = {field: factor.pop(name) for name, field in numbers_of(motion).items() if name in factor}
     scale = factor.pop("scale", None)
-    changed = dataclasses.replace(motion, **{name: y * getattr(motion, name) for name, y in fields.items()})
+    changed = with_numbers(motion, {place: y * _kept(motion, place) for place, y in fields.items()})
     changed = changed if scale is None else changed.scaled(scale)
     structure = varied(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
     return _as_is(podium, structure), _as_is(motion, changed)
+
+
+def _kept(motion: AbstractExcitation, place: str) -> Any:
+    return functools.reduce(getattr, place.split("."), motion)
 
 
 def _as_is(now: Any, changed: Any) -> Any:
