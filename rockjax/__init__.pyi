@@ -6,6 +6,7 @@ from ._boundaries.boundary import overturning_scale as overturning_scale
 from ._excitations.base import AbstractExcitation as AbstractExcitation
 from ._excitations.base import AbstractLookahead as AbstractLookahead
 from ._excitations.base import Rest as Rest
+from ._excitations.ground import GroundMotion as GroundMotion
 from ._excitations.pulses import AbstractPulse as AbstractPulse
 from ._excitations.pulses import AntisymmetricRicker as AntisymmetricRicker
 from ._excitations.pulses import HalfSine as HalfSine
@@ -18,6 +19,11 @@ from ._motions.accelerogram import RecordWarning as RecordWarning
 from ._motions.measures import intensity_measures as intensity_measures
 from ._motions.motion import Motion as Motion
 from ._motions.motion import Motions as Motions
+from ._motions.near_fault import PulseFit as PulseFit
+from ._motions.near_fault import PulseTable as PulseTable
+from ._motions.near_fault import fit_pulse as fit_pulse
+from ._motions.near_fault import read_pulses as read_pulses
+from ._motions.near_fault import refit_pulse as refit_pulse
 from ._motions.readers import read_motion as read_motion
 from ._motions.readers import read_suite as read_suite
 from ._motions.record import Record as Record
@@ -28,6 +34,7 @@ from ._plausibility import PlausibilityWarning as PlausibilityWarning
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
+from ._responses.sensitivities import Sensitivities as Sensitivities
 from ._responses.simulate import peak_response as peak_response
 from ._responses.simulate import simulate as simulate
 from ._restrainers.damper import Damper as Damper
@@ -61,6 +68,7 @@ from ._studies.fragility import incremental_dynamic_analysis as incremental_dyna
 from ._studies.fragility import overturning_distribution as overturning_distribution
 from ._studies.lognormal import Lognormal as Lognormal
 from ._studies.overturning_spectrum import overturning_spectrum as overturning_spectrum
+from ._studies.record_spectra import record_spectrum as record_spectrum
 from ._studies.spectra import minimum_overturning as minimum_overturning
 from ._studies.spectra import rocking_spectra as rocking_spectra
 from ._studies.spectra import rocking_spectrum as rocking_spectrum

@@ -119,6 +119,7 @@ OPTIONS: dict[str, Kind] = {
 }
 _PANELS: dict[str, Kind] = {
     "pulse": one_of(PULSES),
+    "vertical_ratio": NUMBER,
     "frequency_ratio": POSITIVE_RANGE,
     "points": whole(2),
     "eta_over_gamma": NOT_NEGATIVES,
@@ -150,10 +151,16 @@ COMMANDS: dict[str, dict[str, Kind]] = {
     },
     "sweep": {"motion": TEXT, "number": whole(1), "outputs": TEXTS, "chunk": whole(1), "axes": TABLE},
 }
-_RECORD: dict[str, Kind] = {"units": TEXT, "dt": POSITIVE, "scale": NUMBER, "component": LABEL}
+_RECORD: dict[str, Kind] = {
+    "units": TEXT,
+    "dt": POSITIVE,
+    "scale": NUMBER,
+    "component": LABEL,
+    "vertical_ratio": NUMBER,
+}
 RECORDED: dict[str, tuple[Kind, dict[str, Kind]]] = {
-    "file": (TEXT, _RECORD),
-    "suite": (TEXT, _RECORD | {"pattern": TEXT}),
+    "file": (TEXT, _RECORD | {"vertical": TEXT, "vertical_component": LABEL}),
+    "suite": (TEXT, _RECORD | {"pattern": TEXT, "paired": TRUTH}),
     "synthetic": (
         whole(1),
         {
@@ -163,6 +170,7 @@ RECORDED: dict[str, tuple[Kind, dict[str, Kind]]] = {
             "pga": POSITIVE,
             "omega_g": POSITIVE,
             "zeta_g": POSITIVE,
+            "vertical_ratio": NUMBER,
         },
     ),
 }

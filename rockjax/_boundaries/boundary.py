@@ -31,8 +31,9 @@ from rockjax._checks import array_module, as_float, require
 from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion, OfAmplitude
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
-from rockjax._motions.record import Record
+from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._parameters.variants import pulse_acceleration
@@ -108,7 +109,8 @@ def overturning_acceleration(
     says more about the result.
 
     - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
-      a_p
+      a_p. A function may also make a [`rockjax.GroundMotion`][], of which a_p need not change the vertical
+      motion; its numbers then are constants
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
@@ -120,7 +122,10 @@ def overturning_acceleration(
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     limit = _amplitude(_values(podium), as_float(max_acceleration_ratio))
-    motion = as_pulse(owner, pulse)(1.0, T_p)
+    pulse = as_pulse(owner, pulse)
+    motion = pulse(1.0, T_p)
+    if isinstance(motion, GroundMotion):  # which need not be in proportion to a_p
+        motion = OfAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
     ).scale
@@ -195,6 +200,7 @@ def positive_limit(owner: str, name: str, value) -> None:
 
 
 def _boundary(podium: Podium, excitation, limit, options: Options, width, margin: bool) -> Boundary:
+    excitation = excitation.common_form()
     leaves, structure = jax.tree.flatten((podium, excitation, limit, (options, width)))
     own = jax.tree.structure((podium, excitation))
     search = _searched(structure, margin)
@@ -205,8 +211,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         numbers = numbers_of(primals[: own.num_leaves])
         places = [k for k, moves in enumerate(live) if moves]
         if all(map(known, primals)) and set(places) <= set(numbers):
-            podium, excitation, *others = jax.tree.unflatten(structure, primals)
-            arguments = podium, excitation.common_form(), *others
+            arguments = jax.tree.unflatten(structure, primals)
             weights.ahead(arguments, np.zeros((), jnp.result_type(float)), numbers=numbers, margin=margin)
             first = search(*primals)
             slopes = weights(arguments, first.scale, numbers=numbers, margin=margin)
@@ -292,12 +297,19 @@ def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> Fir
 
 def _picked(excitation, line: np.ndarray, of_each) -> Any:
     """The motions of scenes of these searches; the samples of many records stay in one table."""
-    if isinstance(excitation, Record) and excitation.acceleration.shape[0] > 1:
+    if isinstance(excitation, GroundMotion):
+        both = (_picked(y, line, of_each) for y in (excitation.horizontal, excitation.vertical))
+        return GroundMotion(*both)
+    if isinstance(excitation, PaddedRecord) and excitation.acceleration.shape[0] > 1:
         one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
         dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
-        counts = jnp.full(len(dt), excitation.acceleration.shape[1], jnp.int32)
         return Records(
-            excitation.acceleration, counts, jnp.asarray(dt), jnp.asarray(start), line, scale[line]
+            excitation.acceleration,
+            jnp.asarray(one(excitation.count)),
+            jnp.asarray(dt),
+            jnp.asarray(start),
+            line,
+            scale[line],
         )
     return jax.tree.map(of_each, excitation)
 

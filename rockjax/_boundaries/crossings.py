@@ -178,7 +178,8 @@ def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progre
     floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
     value = signed_margin(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
     value = np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, value)
-    return np.broadcast_to(value, x.shape), np.broadcast_to(np.asarray(peaks.impacts), x.shape)
+    # Copies: what is solved again more sharply is put in their place.
+    return tuple(np.array(np.broadcast_to(y, x.shape)) for y in (value, np.asarray(peaks.impacts)))
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:

@@ -17,6 +17,8 @@ from ._options import (
     Pulse,
     PulseName,
     Resume,
+    VerticalRatio,
+    pulse_of,
 )
 from ._outputs import outputs
 from ._panels import joined, least
@@ -26,6 +28,7 @@ from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 @dataclass
 class Grid(Flags):
     pulse: Pulse = PulseName.ricker
+    vertical_ratio: VerticalRatio = None
     frequency_ratio: Frequencies = (1.0, 8.0)
     acceleration_ratio: Annotated[
         tuple[float, float], option("--acceleration", panel=GRID, help="Range of a_p/(g tan α) [–].")
@@ -66,13 +69,13 @@ def spectrum(
     import rockjax as rj
     from rockjax import _partial
     from rockjax._batch.memory import require_memory
-    from rockjax._excitations.pulses import PULSES
     from rockjax._studies.grid_boundaries import with_boundaries
 
     to = outputs(output, "rockjax-spectrum").check(("rotation", "overturning"))
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)
     grid = given.settings(grid)
+    pulse = pulse_of(grid.pulse, grid.vertical_ratio)
     options = given.options(accuracy, outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
@@ -87,10 +90,8 @@ def spectrum(
     prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
-            spectra = rj.rocking_spectra(
-                podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known
-            )
-        spectra = with_boundaries(spectra, podiums, PULSES[grid.pulse], options=options)
+            spectra = rj.rocking_spectra(podiums, pulse, x, y, options=options, progress=bar, resume=known)
+        spectra = with_boundaries(spectra, podiums, pulse, options=options)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     from rockjax import plots

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._excitations.base import Shaking
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.together import apparent_mass, stiffness
 from rockjax._structures import Elastic, Podium
@@ -58,6 +59,8 @@ class Coefficients(NamedTuple):
     well: Value  # θ_w: |θ| at the top of the potential well
     apparent_mass: Value  # μ, None where there is no inerter
     restrained_frequency: Value  # of rocking against the stiffness of tendons alone, None where there is none
+    # Likewise where the ground moves horizontally alone:
+    tilt: Value  # K = tan α (1+2γ+2η)/(1+2γ), (C10)
 
     @property
     def elastic(self) -> bool:
@@ -72,10 +75,11 @@ class Coefficients(NamedTuple):
 SLIP = 1e-8  # over pα: the rate of rotation below which forces without a slope are rounded, unless it is said
 
 
-def coefficients(podium: Podium, slip: Value | float = SLIP) -> Coefficients:
+def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = False) -> Coefficients:
     """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`).
 
-    `slip` is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded.
+    `slip` is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded; `vertical` whether the ground
+    moves vertically as well.
     """
     elastic = podium.superstructure if isinstance(podium.superstructure, Elastic) else None
     eta = podium.eta
@@ -108,6 +112,7 @@ def coefficients(podium: Podium, slip: Value | float = SLIP) -> Coefficients:
         damping=2 * elastic.zeta * elastic.omega_s if elastic else absent,
         uplifted_frequency=podium.uplifted_frequency if elastic else absent,
         **_of_restrainers(podium, slip),
+        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + moving)) / (1 + 2 * gamma) if vertical else absent,
     )
 
 
@@ -211,6 +216,21 @@ def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
     return c.spin + c.apparent_mass * (0.5 * c.two_R * elongation(c, sigma, theta).lever) ** 2
 
 
+def horizontal(ground: Value | Shaking) -> Value:
+    """ü_g of a ground motion."""
+    return ground.horizontal if isinstance(ground, Shaking) else ground
+
+
+def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
+    """What gravity is multiplied with in Eq. (24): g becomes g + v̈_g in all weights."""
+    return c.gravity * (1 + ground.vertical / c.g) if isinstance(ground, Shaking) else c.gravity
+
+
+def _relief(c: Coefficients, ground: Shaking) -> Value:
+    """q_up(t) over its static value, (C10): positive as long as g + v̈_g is."""
+    return 1 + c.tilt * ground.vertical / c.uplift
+
+
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
     """Horizontal displacement and velocity of the beam (u_b, u̇_b), Eqs. (13), (14)."""
     s, cos = sincos(sigma * c.alpha - theta)
@@ -225,13 +245,13 @@ def beam_acceleration(
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
 
-def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Vector:
+def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Vector:
     """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` =
-    ü_g.
+    ü_g, or ü_g and v̈_g, (C8).
 
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
-    against, added = 0.0, 0.0
+    against, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
     if c.restrainers:
         s, cos, open_by = _angles(c, sigma, x[0])
         against, added = _restraint(c, open_by, v[0])
@@ -239,13 +259,11 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vec
         s, cos = sincos(sigma * c.alpha - x[0])
     if not c.elastic:
         rocks = -jnp.abs(sigma)
-        return (rocks * _plus(c.gravity * s + c.ground * ground * cos, against) / _plus(c.inertia, added),)
+        return (rocks * _plus(gravity * s + c.ground * ground * cos, against) / _plus(c.inertia, added),)
     deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
     rate = v[1] - c.two_R * v[0] * cos
     spring = c.omega2 * deformation + c.damping * rate  # V_s/m_t, Eq. (7)
-    moment = s * (c.centrifugal * v[0] ** 2 * cos - c.gravity) + cos * (
-        c.coupling * spring - c.ground * ground
-    )
+    moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (c.coupling * spring - c.ground * ground)
     theta_ddot = jnp.abs(sigma) * _plus(moment, -against) / _plus(c.inertia + c.centrifugal * s**2, added)
     return theta_ddot, -ground - spring
 
@@ -255,11 +273,33 @@ def _plus(value: Value, more: Value | float) -> Value:
     return value if isinstance(more, float) else value + more
 
 
-def uplift_demand(c: Coefficients, ground: Value, x: Vector, v: Vector) -> Value:
-    """q of Eq. (9) in full contact; the columns uplift where |q| exceeds `c.uplift`, to the side −sign q."""
+def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
+    """q of Eq. (9) in full contact; the columns uplift where |q| exceeds `c.uplift`, to the side −sign q.
+
+    Where the ground moves vertically it is what q would be without, at the same share of q_up(t), (C10).
+    """
+    q = _demand(c, ground, x, v)
+    return q / _relief(c, ground) if isinstance(ground, Shaking) else q
+
+
+def _demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
+    """q of Eq. (9)."""
+    ground = horizontal(ground)
     if not c.elastic:
         return ground
     return ground - c.demand * (c.omega2 * x[1] + c.damping * v[1])
+
+
+def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
+    """The demand with its first two derivatives in time, from those of the ground motion and of the state
+    (x, v): everything is linear in full contact but the weight that vertical motion takes off."""
+    if not isinstance(grounds[0], Shaking):
+        return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
+    q, q1, q2 = (_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
+    r, r1, r2 = _relief(c, grounds[0]), *(c.tilt * ground.vertical / c.uplift for ground in grounds[1:])
+    share = q / r
+    rate = (q1 - share * r1) / r
+    return share, rate, (q2 - 2 * rate * r1 - share * r2) / r
 
 
 def impact(c: Coefficients, theta_dot: Value) -> Value:
@@ -315,22 +355,29 @@ def damper_power(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     return 0.5 * c.two_R * c.g * c.p * taken
 
 
-def power(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> tuple[Value, Value]:
+def power(
+    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector
+) -> tuple[Value, Value]:
     """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their
     difference.
 
     The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq.
-    (22) takes 2ζω_s η (u̇_t − u̇_b)².
+    (22) takes 2ζω_s η (u̇_t − u̇_b)². Vertical motion gives −v̈_g w v̇_b, (C18).
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
+    lifted = 0.0
+    if isinstance(ground, Shaking):
+        rises, _ = sincos(sigma * c.alpha - x[0])
+        lifted = -ground.vertical * 0.5 * c.gravity / c.p**2 * c.two_R * v[0] * rises
+        ground = ground.horizontal
     if not c.elastic:
-        return -ground * heavy * beam_rate, jnp.zeros_like(beam_rate)
-    given = -ground * (heavy * beam_rate + c.eta * v[1])
+        return _plus(-ground * heavy * beam_rate, lifted), jnp.zeros_like(beam_rate)
+    given = _plus(-ground * (heavy * beam_rate + c.eta * v[1]), lifted)
     return given, c.eta * c.damping * (v[1] - beam_rate) ** 2
 
 
-def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> Value:
+def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
     """The moment about the edges that holds the frame up, over its value at uplift [–].
 
     Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
@@ -341,10 +388,13 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value, x: Vector, v:
     s, cos = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
     rises = c.two_R * (theta_ddot * s - v[0] ** 2 * cos)
-    rocking = s / c.sin_alpha * (1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g)
+    share = 1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g
+    if isinstance(ground, Shaking):
+        share = share + ground.vertical / c.g
+    rocking = s / c.sin_alpha * share
     if c.restrainers:
         rocking = _with_restrainers(c, sigma, x[0], v[0], theta_ddot, rocking)
-    return jnp.where(sigma == 0, -uplift_demand(c, ground, x, v) / c.uplift, rocking)
+    return jnp.where(sigma == 0, -_demand(c, ground, x, v) / c.uplift, rocking)
 
 
 def _with_restrainers(
@@ -363,6 +413,12 @@ def _with_restrainers(
     return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + pressed)
 
 
+def vertical_impulse(c: Coefficients, steepest: Value) -> Value:
+    """C_v of (C19) over C, with `steepest` the largest |sin ψ|: what ∫|v̈_g| dt counts beside ∫|ü_g| dt."""
+    spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
+    return weight * steepest / jnp.sqrt(2 * (spin + 4 * c.eta * steepest**2)) / c.impulse
+
+
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
     """The most that the energy can ever be again, when ∫|ü_g| dt = `impulse` is still to come.
 
@@ -373,9 +429,10 @@ def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2
 
 
-def shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector, a: Vector) -> Value:
+def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector) -> Value:
     """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration
     over −g."""
+    ground = horizontal(ground)
     if c.elastic:
         return -(a[1] + ground) / c.g
     return -(beam_acceleration(c, sigma, x[0], v[0], a[0]) + ground) / c.g

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import State
 from rockjax._structures import Elastic, Podium
@@ -61,6 +62,13 @@ def _longest_step(c: Coefficients, plan: Plan) -> Value:
     return longest
 
 
+def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
+    threshold = None if plan.elastic else c.uplift
+    if isinstance(excitation, GroundMotion):
+        return excitation.lookahead(threshold, c.tilt)
+    return excitation.lookahead(threshold)
+
+
 def _landing(options: Options) -> Value:
     """The part of a step within which it lands on an event."""
     part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
@@ -77,7 +85,7 @@ def prepare(
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
-    c = coefficients(podium, options.rtol)
+    c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
@@ -87,6 +95,8 @@ def prepare(
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
     duration = quiet - start
+    if isinstance(excitation, GroundMotion):
+        duration = excitation.shorter
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
@@ -94,7 +104,7 @@ def prepare(
     scene = Scene(
         c=c,
         excitation=excitation,
-        lookahead=excitation.lookahead(None if plan.elastic else c.uplift),
+        lookahead=_lookahead(excitation, c, plan),
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
@@ -147,4 +157,7 @@ def prepare(
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
     )
+    if isinstance(excitation, GroundMotion):
+        weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
+        state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
     return scene, state

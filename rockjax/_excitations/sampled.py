@@ -93,6 +93,10 @@ class AbstractSampled(AbstractExcitation):
     def last_piece(self) -> Any:
         return self.sampling.count
 
+    @property
+    def most_pieces(self) -> int:
+        return self.table.shape[-1] + 1
+
     def breakpoint(self, index: Index) -> Value:
         return jnp.where(index < self.sampling.count, self._time(index), jnp.inf)
 
@@ -112,6 +116,21 @@ class AbstractSampled(AbstractExcitation):
         a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
         t0 = self._time(i)
         return lambda t: a0 + slope * (t - t0)
+
+    def curvature(self) -> Value:
+        return jnp.zeros_like(self.sampling.dt)
+
+    def lowest(self) -> tuple[Value, Value]:
+        scale, table = self.sampling.scale, self.table  # what fills up a row is zero
+        places = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
+        low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in places)
+        low, high, first, last = (self.of_row(y) for y in (low, high, *places))
+        falls = scale > 0
+        return scale * jnp.where(falls, low, high), self._time(jnp.where(falls, first, last))
+
+    def of_row(self, rows: Array) -> Array:
+        """The entry of this motion among one for each row of the table."""
+        return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)

@@ -151,6 +151,7 @@ MOTION = _named(
     Parameter("nu", "ν", "rad", ANY, "phase of the pulse"),
     Parameter("phi", "φ", "rad", ANY, "phase of the pulse"),
     Parameter("scale", "f", "1", ANY, "factor on the motion"),
+    Parameter("vertical_ratio", "v̈_g/ü_g", "1", ANY, "vertical over horizontal ground acceleration"),
     Parameter("dt", "Δt", "s", POSITIVE, "sampling interval"),
     Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
 )

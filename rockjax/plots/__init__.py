@@ -24,6 +24,7 @@ from ._histories import (
     response,
     rotation_history,
 )
+from ._records import record_spectrum
 from ._risk import risk
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
@@ -49,6 +50,7 @@ __all__ = [
     "overturning_spectrum",
     "phase_portrait",
     "plt",
+    "record_spectrum",
     "response",
     "risk",
     "rocking_spectrum",

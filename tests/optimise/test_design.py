@@ -495,6 +495,10 @@ def test_suite_groups_kinds_and_keeps_the_order():
 
 
 MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
+RECORDS = rj.synthetic_motions(3, seed=2, duration=4.0, dt=0.04).records()
+HAZARD = rj.Hazard([0.5, 2.0, 8.0, 30.0], [5e-2, 5e-3, 2e-4, 2e-5])
+IN_G = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], units="g")
+OVER_PGD = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], measure="PGD")
 TARGETS = {
     "rotation": optimise.PeakRotation(0.4, MOTIONS),
     "shear": optimise.PeakShear(0.5, MOTIONS),
@@ -502,6 +506,7 @@ TARGETS = {
     # What the acceleration is over moves too; the median takes in every scale.
     "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True),
     "median": optimise.MedianCapacity(1.5, MOTIONS),
+    "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS),
     "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
 }
 
@@ -528,6 +533,20 @@ def test_margins_have_exact_derivatives(name):
     assert np.all(np.isfinite(value))
     assert np.allclose(slope, (high - low) / (2 * h), rtol=2e-5, atol=1e-6)
     assert np.all(slope != 0)
+
+
+@pytest.mark.slow
+def test_the_annual_frequency_of_a_target_is_that_of_the_analysis():
+    podium, target = BLOCK.replace(alpha=0.2), TARGETS["risk"]
+    options = rj.Options(rtol=1e-10, atol=1e-12)
+    levels = np.linspace(2.0, 30.0, 4)
+    analysis = rj.incremental_dynamic_analysis(podium, RECORDS, levels, options=options)
+    assert np.isfinite(analysis["capacity"]).all()
+    expected = rj.annual_frequency(rj.fragility(analysis, confidence=None), HAZARD).frequency
+    assert float(target.frequency(podium, options)) == pytest.approx(float(expected), rel=1e-6)
+    # Where nothing overturns: what is known for certain, and no slope.
+    stocky = podium.replace(alpha=1.0, R=20.0)
+    assert float(target.frequency(stocky, options)) == pytest.approx(float(HAZARD(jnp.asarray(30.0))))
 
 
 @pytest.mark.slow
@@ -598,6 +617,16 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.OverturningScale(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS[:1]), "two motions or more"),
+        (lambda: optimise.AnnualFrequency(0.0, HAZARD, RECORDS), "at_most must be"),
+        (lambda: optimise.AnnualFrequency(1e-3, [0.1, 1.0], RECORDS), "hazard must be a rockjax.Hazard"),
+        (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; see hazard\.in_si"),
+        (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher one"),
+        (lambda: optimise.AnnualFrequency(1e-3, HAZARD, RECORDS[0]), "two motions or more"),
+        (lambda: optimise.AnnualFrequency(1e-3, HAZARD, MOTIONS), "samples a motion at times t"),
+        (
+            lambda: optimise.AnnualFrequency(1e-3, OVER_PGD, RECORDS),
+            r"'PGA', 'PGV' or such as 'Sa\(0\.5 s\)'",
+        ),
         (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
     ],
 )
