@@ -111,7 +111,7 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
         label = r"$\ddot u_g$, $\ddot v_g$ [g]"
         vertical = data["vertical_acceleration"].values / g
         ax.plot(data["time"].values, vertical, color=COLOURS[1], lw=0.9, label=r"vertical $\ddot v_g$")
-        ax.plot([], [], color=COLOURS[0], lw=1.2, label=r"horizontal $\ddot u_g$")
+        ax.plot([], [], color=COLOURS[0], ls="-", lw=1.2, label=r"horizontal $\ddot u_g$")
         ax.legend(loc="upper right", fontsize="small")
     return _line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 

@@ -15,7 +15,7 @@ from scipy.stats import norm
 import rockjax as rj
 from rockjax._risk import search
 from rockjax._risk.limit_state import OfFunction
-from rockjax._risk.reliability import first_order, starting
+from rockjax._risk.reliability import first_order, probability_of, starting
 from rockjax._risk.structure import OfStructure, limit_of
 
 POINTS = np.array([0.1, 0.7, 2.0, 5.0])
@@ -461,6 +461,60 @@ def test_ctrl_c_keeps_what_is_known(monkeypatch):
     assert not caught.value.partial.converged
 
 
+class Moved(OfFunction):
+    """G(u, b), which knows its derivative by b."""
+
+    def __init__(self, G, b, dimension):
+        super().__init__(lambda u: G(u, b), dimension)
+        self._by_b = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))
+        self.b = b
+
+    def with_sensitivities(self, u):
+        value, (slope, of_b) = self._by_b(jnp.asarray(u), self.b)
+        return np.asarray(value), np.asarray(slope), {"b": np.asarray(of_b)}
+
+
+def z(u):
+    return jnp.sum(u) / jnp.sqrt(u.size)
+
+
+def bowl(u, b):
+    return b - z(u) + 0.1 * (u[0] - u[1]) ** 2
+
+
+def window(u, b):
+    """Fails between b and 3: every line leaves failure again."""
+    return (z(u) - b) * (z(u) - 3.0)
+
+
+def step(u, b):
+    return jnp.where(z(u) < b, 1.0, -1.0) - 1e-3 * z(u)
+
+
+@pytest.mark.parametrize(
+    ("G", "dimension", "exact"),
+    [
+        (bowl, 2, -quad(lambda w: norm.pdf(w) * norm.pdf(2.0 + 0.2 * w * w), -9, 9)[0]),
+        (window, 5, -norm.pdf(2.0)),
+    ],
+)
+def test_derivatives_of_probabilities_are_surface_integrals(G, dimension, exact):
+    limit = Moved(G, 2.0, dimension)
+    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.03, 1, 100_000, False)
+    slope, error = found.sensitivities["b"]
+    assert found.jumps == 0
+    assert abs(slope - exact) < 3 * error + 1e-3 * abs(exact)
+    assert error < 0.05 * abs(exact)
+
+
+def test_where_a_limit_state_jumps_derivatives_are_said_to_know_nothing():
+    limit = Moved(step, 2.0, 3)
+    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.1, 1, 100_000, False)
+    assert found.probability == pytest.approx(norm.sf(2.0), rel=0.1)
+    assert found.jumps == pytest.approx(1.0)
+    assert found.sensitivities["b"] == (0.0, 0.0)
+
+
 # Rocking structures: one block, and a frame that rocks alike.
 
 NOISE = rj.GaussianMotion(121, 0.04, 0.02)
@@ -481,12 +535,12 @@ def test_the_limit_state_of_a_block():
     np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # to either side alike
     # Its derivative, by a sample and by the numbers of structure and ground.
     near = np.asarray(u[:8]) * 0.9
-    value, (slope, of_podium, of_motion) = limit.with_sensitivities(near)
+    value, slope, named = limit.with_sensitivities(near)
     best = int(np.argmin(np.abs(value - 0.5)))
     along, h = np.random.default_rng(3).standard_normal(limit.dimension), 1e-5
     up, down = limit.values(np.stack([near[best] + h * along, near[best] - h * along]))
     assert slope[best] @ along == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-7)
-    for name, whole, exact in (("alpha", BLOCK, of_podium.alpha), ("S_0", NOISE, of_motion.S_0)):
+    for name, whole, exact in (("alpha", BLOCK, named["alpha"]), ("S_0", NOISE, named["S_0"])):
         y = float(getattr(whole, name))
         moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
         pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]
