@@ -72,14 +72,19 @@ class Coefficients(NamedTuple):
         return any(each.steep for each in self.restrainers)
 
 
-SLIP = 1e-8  # over pα: the rate of rotation below which forces without a slope are rounded, unless it is said
+SLIP = 1e-8  # the tolerance that forces without a slope are rounded for, unless it is said
+ROUNDED = 10.0  # times the tolerance, over pα: the rate of rotation below which they are
+SLOWING, GATHERING = (
+    0.75,
+    3.0,
+)  # of the time to a stop, and of that since one: steps close to it are no longer
 
 
 def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = False) -> Coefficients:
     """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`).
 
-    `slip` is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded; `vertical` whether the ground
-    moves vertically as well.
+    `slip` is the tolerance; ten times it is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded.
+    `vertical` says whether the ground moves vertically as well.
     """
     elastic = podium.superstructure if isinstance(podium.superstructure, Elastic) else None
     eta = podium.eta
@@ -127,7 +132,7 @@ def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
     k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
     return {
         "restrainers": restrainers,
-        "slip": jax.lax.stop_gradient(2 * sin_alpha * slip * podium.alpha),
+        "slip": jax.lax.stop_gradient(2 * sin_alpha * ROUNDED * slip * podium.alpha),
         "well": jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
         "apparent_mass": apparent_mass(restrainers),
         "restrained_frequency": None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),
@@ -137,14 +142,14 @@ def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
 def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
     """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
 
-    Half as long as it takes to stop, or as long as it has taken to come to its rate. Steps that are no longer
-    close in on a moment without motion in halves, so that their error is that of the method although the
-    forces have no slope there; not in states alone, whose error tells, but in their derivatives as well,
+    A share of the time that it takes to stop, or that it has taken to come to its rate. Steps that are no
+    longer close in on a moment without motion in quarters, so that their error is that of the method although
+    the forces have no slope there; not in states alone, whose error tells, but in their derivatives as well,
     whose error does not.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     rounded = c.slip / (2 * c.sin_alpha)  # over p
-    share = jnp.where(theta_dot * theta_ddot < 0, 0.5, 1.0)
+    share = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
     still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
     span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
     span = jnp.where(change > 0, span, jnp.inf)
