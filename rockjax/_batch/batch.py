@@ -254,7 +254,9 @@ def run_batch(
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
     """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
-    share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+    # Of all lanes, or of few of them twice: one scene more than lanes would take as long as two.
+    lanes = lane_layout.lanes * who.devices
+    share = min(lane_layout.size * who.devices, lanes * max(1, scenes.total // (lanes * who.hosts)))
     for start in range(0, scenes.total, share):
         yield start, min(start + share, scenes.total)
 
