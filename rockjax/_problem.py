@@ -45,6 +45,7 @@ t_end = 10.0                     # [s], optional
 pulse = "ricker"
 frequency_ratio = [1.0, 8.0]     # range of ω_p/p
 acceleration_ratio = [1.0, 12.0] # range of a_p/(g tan α)
+sensitivities = ["alpha"]        # parameters y of ∂(max|θ|/α)/∂ ln y
 points = 100                     # along each axis
 eta_over_gamma = [1.0, 5.0]      # one panel for each instead of that of the structure
 T_s = [0.0, 0.5]                 # … and for each of these [s], 0 is rigid

@@ -127,7 +127,7 @@ _PANELS: dict[str, Kind] = {
 }
 COMMANDS: dict[str, dict[str, Kind]] = {
     "response": {"motion": TEXT, "number": whole(1), "t_end": NUMBER},
-    "spectrum": _PANELS | {"acceleration_ratio": AMPLITUDES},
+    "spectrum": _PANELS | {"acceleration_ratio": AMPLITUDES, "sensitivities": TEXTS},
     "overturning": _PANELS | {"max_acceleration_ratio": POSITIVE, "sensitivities": TEXTS},
     "fragility": {
         "motions": TEXT,

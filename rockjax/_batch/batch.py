@@ -141,7 +141,7 @@ def responses(
         first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
     for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
-            answer[name] = values.reshape(*shape, *values.shape[1:])
+            answer[name] = values.reshape((*shape, *values.shape[1:]))
     floats, integers = solutions[0]
     doubt = (
         errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np)
@@ -254,7 +254,9 @@ def run_batch(
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
     """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
-    share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+    # Of all lanes, or of few of them twice: one scene more than lanes would take as long as two.
+    lanes = lane_layout.lanes * who.devices
+    share = min(lane_layout.size * who.devices, lanes * max(1, scenes.total // (lanes * who.hosts)))
     for start in range(0, scenes.total, share):
         yield start, min(start + share, scenes.total)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from rockjax._options import Options
 
-from .boundary import PAST
 from .branches import Branch, Slopes, trace
 from .crossings import Crossings, Plane, margins, scan
+from .implicit import PAST
 from .verdict import NARROWEST
 
 

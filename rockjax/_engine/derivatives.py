@@ -80,6 +80,13 @@ def known(leaf: Any) -> bool:
     return value is not None and value() is not None
 
 
+def value_of(leaf: Any) -> Any:
+    """The value of a leaf that is known, without derivatives."""
+    while isinstance(leaf, Tracer):
+        leaf = leaf.to_concrete_value()  # pyright: ignore[reportAttributeAccessIssue]
+    return leaf
+
+
 @functools.cache
 def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any, history: int | None):
     """The answers of a scene from its leaves, with the derivative rule of this module.
@@ -94,13 +101,14 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
 
     def rule(primals, tangents):
         live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
-        numbers = _numbers(structure, primals)
+        podium, excitation, *_ = structure.children()
+        numbers = numbers_of(primals[: podium.num_leaves + excitation.num_leaves])
         if not set(live) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
             return _traced(program, structure, history, primals, tangents, live)
         answer, slopes = slopes_of(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
         directions = {numbers.index(i): tangents[i] for i in live}
         _, integers = answer
-        floats_dot = jax.tree.map(lambda slope: _along(np.asarray(slope), directions), slopes)
+        floats_dot = jax.tree.map(lambda slope: along(np.asarray(slope), directions), slopes)
         return answer, (
             floats_dot,
             jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers),
@@ -110,16 +118,16 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
     return evaluate
 
 
-def _numbers(structure: Any, leaves) -> tuple[int, ...]:
-    """Which leaves are numbers of the podium and the excitation."""
-    podium, excitation, *_ = structure.children()
-    own = range(podium.num_leaves + excitation.num_leaves)
+def numbers_of(leaves) -> tuple[int, ...]:
+    """Which leaves are single numbers, with respect to which there may be derivatives."""
     return tuple(
-        i for i in own if np.ndim(leaves[i]) == 0 and jnp.issubdtype(jnp.result_type(leaves[i]), jnp.floating)
+        i
+        for i, y in enumerate(leaves)
+        if np.ndim(y) == 0 and jnp.issubdtype(jnp.result_type(y), jnp.floating)
     )
 
 
-def _along(slope: np.ndarray, directions: dict[int, Any]):
+def along(slope: np.ndarray, directions: dict[int, Any]):
     """The derivative of one answer along directions: as few and as small operations as can be, each of them
     is compiled."""
     terms = []

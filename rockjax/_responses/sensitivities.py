@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _checks
@@ -62,8 +63,12 @@ def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
         return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
     left_out = {*motion.own_dimensions, "which", "scale"}
     fields = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
-    numbers = [name for name in fields if isinstance(getattr(motion, name), jax.Array)]
+    numbers = [name for name in fields if _varies(getattr(motion, name))]
     return {f"excitation.{field}" if field in STRUCTURE else field: field for field in numbers}
+
+
+def _varies(value: Any) -> bool:
+    return isinstance(value, jax.Array | np.ndarray) and jnp.issubdtype(value.dtype, jnp.floating)
 
 
 def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:

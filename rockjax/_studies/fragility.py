@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import PAST, check_search, overturning_boundary, positive_limit
+from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve

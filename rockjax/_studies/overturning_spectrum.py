@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._boundaries.boundaries import Boundaries, boundaries
-from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, PAST, check_search, positive_limit
+from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
 from rockjax._boundaries.branches import LANES
+from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve

@@ -26,6 +26,7 @@ from ._histories import (
 )
 from ._records import record_spectrum
 from ._risk import risk
+from ._sensitivities import sensitivity_spectra, sensitivity_spectrum
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
@@ -58,5 +59,7 @@ __all__ = [
     "rotation_history",
     "save_animation",
     "sensitivities",
+    "sensitivity_spectra",
+    "sensitivity_spectrum",
     "spectra",
 ]

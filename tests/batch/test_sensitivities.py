@@ -75,9 +75,9 @@ def test_derivatives_of_a_batch_are_those_of_its_scenes():
 @pytest.mark.slow
 @pytest.mark.parametrize("T_s", [0.5, 0.1])
 def test_derivatives_of_a_batch_of_elastic_scenes(T_s):
-    # Dozens of impacts amplify rounding, and a vibration's maximum is landed on within
-    # the tolerance only.
-    compare(elastic(T_s), rtol=1e-9, landed=2e-6)
+    # As far apart as those of one scene are when the last digit of its amplitude changes: dozens of impacts
+    # amplify rounding, and a vibration's maximum is landed on within the tolerance only.
+    compare(elastic(T_s), rtol=1e-7, landed=1e-5)
 
 
 @pytest.mark.slow

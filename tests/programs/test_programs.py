@@ -185,6 +185,23 @@ def test_the_folder_is_where_the_user_says(monkeypatch, tmp_path):
     assert folder.path().is_absolute()
 
 
+def test_a_program_is_made_ready_ahead(kept):
+    """By another thread, under the settings of this one; and who calls it meanwhile waits for that one."""
+    made, before = program._ALL[-1], len(TRACED)
+    made.ahead(*ARGUMENTS)
+    made.ahead(*ARGUMENTS, times=3)
+    answers = made(*ARGUMENTS), made(*ARGUMENTS, times=3)
+    assert len(TRACED) == before + 2
+    for times, answer in zip((2, 3), answers, strict=True):
+        np.testing.assert_array_equal(answer["sum"], expected(*ARGUMENTS, times=times))
+    with jax.numpy_rank_promotion("warn"):  # which that thread would not have
+        made.ahead(*ARGUMENTS, times=4)
+    assert all(
+        thread is threading.main_thread() or thread.join(60) is None for thread in threading.enumerate()
+    )
+    assert len(TRACED) == before + 2
+
+
 def test_functions_of_the_users_own_are_known_by_what_they_do(kept):
     """Written anew in every process, with numbers of their own, and with derivatives of their own."""
     made = lambda factor: kind.TracedFunction(lambda podium: factor * jnp.tan(podium.alpha), PODIUMS["block"])
