@@ -79,3 +79,10 @@ value, slope = jax.value_and_grad(
 print(f"peak rotation {value:.3f} α")
 for device in slope.restrainers:
     print(device)
+
+# %% [markdown]
+# ## Next
+#
+# - [Tendons, dampers, inerters, vertical motion](../docs/control.md): equations, and what counts as overturned
+# - `04_column_sizing`: design, which also varies the numbers of devices
+# - `05_records_and_fragility`: suites of records, which `Motions.paired` gives their vertical components
