@@ -141,7 +141,7 @@ def responses(
         first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
     for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
-            answer[name] = values.reshape(*shape, *values.shape[1:])
+            answer[name] = values.reshape((*shape, *values.shape[1:]))
     floats, integers = solutions[0]
     doubt = (
         errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np)

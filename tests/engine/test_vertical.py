@@ -50,6 +50,22 @@ def test_uplift_and_the_bound_of_energy():
     assert float(vertical) == pytest.approx(1.290150147295639, rel=1e-14)
 
 
+def test_the_demand_and_its_rates():
+    c, zero = model.coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True), jnp.zeros(())
+    u, ground = lambda t: 0.01 * jnp.sin(7 * t), lambda t: Shaking(jnp.sin(3 * t), 2 * jnp.cos(5 * t))
+    rates = lambda f, t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
+    moves, ground_rate = lambda t: rates(u, t), lambda t: rates(ground, t)
+    accelerates = lambda t: rates(moves, t)
+    demand = lambda t: model.uplift_demand(c, ground(t), (zero, u(t)), (zero, moves(t)))
+    t = jnp.asarray(0.37)
+    x, v, a, jerk = ((zero, f(t)) for f in (u, moves, accelerates, lambda t: rates(accelerates, t)))
+    found = model.demand_jet(
+        c, (ground(t), ground_rate(t), rates(ground_rate, t)), ((x, v), (v, a), (a, jerk))
+    )
+    exact = demand(t), rates(demand, t), rates(lambda t: rates(demand, t), t)
+    np.testing.assert_allclose(found, exact, rtol=1e-12)
+
+
 def test_uplift_under_motions_in_proportion():
     """Fact 19: v̈_g = r ü_g."""
     for a, level in ((3.0, 1.603286731022941), (-3.0, 1.377998159975468)):
