@@ -21,12 +21,9 @@ LEAST_SIZE = 2048  # samples
 
 
 def common_size(count: int) -> int:
-    """What a number of samples is filled up to: 2048, 8192, 32768, … Each size is a program of its own, and
+    """What a number of samples is filled up to: 2048, 4096, 8192, … Each size is a program of its own, and
     what fills up costs a scene little."""
-    size = LEAST_SIZE
-    while size < count:
-        size *= 4
-    return size
+    return max(LEAST_SIZE, 1 << (count - 1).bit_length())
 
 
 def filled_up(samples, *sizes: int):
