@@ -30,7 +30,7 @@ from rockjax import plots
 REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for the tests
 
 bare = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
-held = bare.replace(restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=3.0)))
+held = bare.replace(restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=15.0)))
 pulse = rj.OneSine(3.0, 0.8)
 for name, podium in (("bare", bare), ("held", held)):
     lifts, stable = float(podium.uplift_acceleration), float(podium.stability_angle)
@@ -83,6 +83,6 @@ for device in slope.restrainers:
 # %% [markdown]
 # ## Next
 #
-# - [Tendons, dampers, inerters, vertical motion](../docs/control.md): equations, and what counts as overturned
+# - [Tendons, dampers, inerters](../docs/control.md): equations, and what counts as overturned
 # - `04_column_sizing`: design, which also varies the numbers of devices
 # - `05_records_and_fragility`: suites of records, which `Motions.paired` gives their vertical components
