@@ -23,7 +23,7 @@ from rockjax._excitations.base import Shaking
 from rockjax._types import Flag, Index, Value
 
 from .hermite import derivative
-from .model import horizontal, uplift_demand
+from .model import Coefficients, horizontal, uplift_demand
 from .ratio import safe_ratio
 from .records import larger
 from .settled import certificate
@@ -86,14 +86,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         shaken = c.omega2 * jnp.sqrt(1 + 4 * zeta**2) * vibration
         padded = [*force, *[0.0] * (len(path) - len(force))]
         demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
-        if raised:  # ±q − K v̈_g, (C10)
-            raised = [*raised, *[jnp.zeros_like(half)] * (len(demand) - len(raised))]
-            sides = ([d + s * r for d, r in zip(demand, raised, strict=True)] for s in (1.0, -1.0))
-            goes = jnp.maximum(*map(_size, sides)) + c.demand * shaken < c.uplift
-            for coefficient in rounding:
-                goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
-        else:
-            goes = _size(demand) + c.demand * shaken < c.uplift
+        goes = _stays_down(c, demand, shaken, raised, rounding)
         if plan.deformation:
             goes &= _size(path) + vibration < jnp.maximum(
                 present(state.deformation), scene.atol * c.two_R * c.sin_alpha
@@ -110,18 +103,8 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         )
         goes &= (zeta < _DAMPED) & inside
 
-        # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
         event_time = jnp.where(reaches, edge, state.t + length)
-        past = event_time - constant(event_time)
-        u_ddot = -horizontal(ground_at(constant(event_time))) - (c.omega2 * x + c.damping * v)
-        x, v = x + past * v, v + past * u_ddot
-        piece = excitation.past(state.piece, reaches)
-        xs, vs = restart(
-            scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece
-        )
-        crossed = state._replace(
-            t=constant(event_time), event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1
-        )
+        crossed = _past_panel(scene, state, event_time, reaches, x, v)
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
         return state, level + (~goes).astype(jnp.int32)
 
@@ -131,6 +114,36 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return down & (state.t < scene.quiet)
 
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
+
+
+def _past_panel(
+    scene: Scene, state: LoopState, event_time: Value, reaches: Flag, x: Value, v: Value
+) -> LoopState:
+    """The state at the end of a panel, with displacement and velocity of the superstructure there."""
+    c, t = scene.c, jax.lax.stop_gradient(event_time)
+    # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
+    past = event_time - t
+    u_ddot = -horizontal(scene.excitation.piece(state.piece)(t)) - (c.omega2 * x + c.damping * v)
+    x, v = x + past * v, v + past * u_ddot
+    piece = scene.excitation.past(state.piece, reaches)
+    xs, vs = restart(scene, t, past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
+    return state._replace(t=t, event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1)
+
+
+def _stays_down(
+    c: Coefficients, demand: list[Value], shaken: Value, raised: list[Value], rounding: list[Value]
+) -> Flag:
+    """Whether the demand of a panel, with what shakes freely, stays below that which lifts; `raised` are the
+    coefficients of K v̈_g, and `rounding` those that were left out of it."""
+    if not raised:
+        return _size(demand) + c.demand * shaken < c.uplift
+    # ±q − K v̈_g, (C10)
+    raised = [*raised, *[jnp.zeros_like(shaken)] * (len(demand) - len(raised))]
+    sides = ([d + s * r for d, r in zip(demand, raised, strict=True)] for s in (1.0, -1.0))
+    goes = jnp.maximum(*map(_size, sides)) + c.demand * shaken < c.uplift
+    for coefficient in rounding:
+        goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
+    return goes
 
 
 @functools.partial(jax.jit, static_argnames="plan")

@@ -151,18 +151,9 @@ def rocking_spectra(
             for j, k in enumerate(members)
         ]
 
-    # Side by side, so that one kind is compiled while another one runs.
-    with Pool(max(1, len(kinds))) as pool:
-        futures = []
-        try:
-            for members in kinds.values():
-                futures.append(pool.submit(solve, members))
-            concurrent.futures.wait(futures)
-        except KeyboardInterrupt:
-            stop.set()
-    solved = [future.result() for future in futures]
+    solved = _side_by_side(solve, list(kinds.values()), stop)
     # Ctrl-C may come before the last kind has begun.
-    solved += [[known[k] for k in members] for members in list(kinds.values())[len(futures) :]]
+    solved += [[known[k] for k in members] for members in list(kinds.values())[len(solved) :]]
     ordered = _in_order(list(kinds.values()), solved)
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
     left = sum(int(_unsolved(data, size).sum()) for data in ordered)
@@ -170,6 +161,19 @@ def rocking_spectra(
         total = len(podiums) * size[0] * size[1]
         raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
+
+
+def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
+    """The answers of all kinds that were begun: one is compiled while another runs. Ctrl-C sets `stop`."""
+    with Pool(max(1, len(kinds))) as pool:
+        futures = []
+        try:
+            for members in kinds:
+                futures.append(pool.submit(solve, members))
+            concurrent.futures.wait(futures)
+        except KeyboardInterrupt:
+            stop.set()
+    return [future.result() for future in futures]
 
 
 def _in_order(
