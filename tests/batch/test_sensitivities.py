@@ -124,13 +124,11 @@ def test_what_is_said_to_be_constant_is():
         scene, state = prepare(*moved(podium, motion, ("T_s",), factor), rj.State(), None, HOW, plan)
         return trial(scene, plan, trial(scene, plan, state)[0])[0]
 
-    state, slopes = jax.jvp(after, (jnp.ones(1),), (jnp.ones(1),))
+    _, slopes = jax.jvp(after, (jnp.ones(1),), (jnp.ones(1),))
     told = {"peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak"}
-    for name in set(state._fields) - set(MOVING) - told:
-        for value, slope in zip(
-            *map(jax.tree.leaves, (getattr(state, name), getattr(slopes, name))), strict=True
-        ):
-            assert slope.dtype == jax.dtypes.float0 or slope == 0 or not np.isfinite(value), name
+    for name in set(slopes._fields) - set(MOVING) - told:
+        for slope in jax.tree.leaves(getattr(slopes, name)):
+            assert slope.dtype == jax.dtypes.float0 or slope == 0, name
     assert all(slopes.x[1:])
 
 
