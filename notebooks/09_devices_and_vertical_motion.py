@@ -84,5 +84,6 @@ for device in slope.restrainers:
 # ## Next
 #
 # - [Tendons, dampers, inerters](../docs/control.md): equations, and what counts as overturned
-# - `04_column_sizing`: design, which also varies the numbers of devices
-# - `05_records_and_fragility`: suites of records, which `Motions.paired` gives their vertical components
+# - [`04_column_sizing`](04_column_sizing.py): design, which also varies the numbers of devices
+# - [`05_records_and_fragility`](05_records_and_fragility.py): suites of records; `Motions.paired` adds their
+#   vertical components
