@@ -10,8 +10,9 @@ import jax.numpy as jnp
 
 from rockjax._types import Flag, Value, Vector
 
+from .coefficients import Coefficients
 from .hermite import quintic
-from .model import Coefficients, acceleration, steady_for
+from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta

@@ -22,8 +22,9 @@ from rockjax import _results as results
 from rockjax._excitations.base import Shaking
 from rockjax._types import Flag, Index, Value
 
+from .coefficients import Coefficients
 from .hermite import derivative
-from .model import Coefficients, horizontal, uplift_demand
+from .model import horizontal, uplift_demand
 from .ratio import safe_ratio
 from .records import larger
 from .settled import certificate

@@ -14,7 +14,8 @@ from rockjax._structures import Elastic, Podium
 from rockjax._types import Value
 
 from . import margin
-from .model import Coefficients, coefficients, uplift_demand
+from .coefficients import Coefficients, coefficients
+from .model import uplift_demand
 from .runge_kutta import tableau
 from .state import LoopState, Plan, Scene
 from .transitions import contact_mode, restart

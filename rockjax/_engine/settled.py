@@ -9,15 +9,9 @@ from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import PairLookahead
 from rockjax._types import Flag, Index, Value
 
-from .model import (
-    Coefficients,
-    energy,
-    energy_after,
-    horizontal,
-    potential,
-    restraint_at_most,
-    vertical_impulse,
-)
+from .coefficients import Coefficients
+from .energy import energy, energy_after, potential, vertical_impulse
+from .model import horizontal, restraint_at_most
 from .state import LoopState, Plan, Scene, present
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._types import Flag, Index, Value, Vector
 
-from .model import Coefficients
+from .coefficients import Coefficients
 from .runge_kutta import Tableau
 
 T = TypeVar("T")

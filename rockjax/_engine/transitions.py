@@ -11,7 +11,8 @@ from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import GroundMotion
 from rockjax._types import Flag, Index, Value, Vector
 
-from .model import Coefficients, acceleration, impact, uplift_demand
+from .coefficients import Coefficients
+from .model import acceleration, impact, uplift_demand
 from .state import Scene
 
 

@@ -12,18 +12,10 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax._checks import concrete
+from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
+from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import (
-    SLIP,
-    Coefficients,
-    acceleration,
-    beam,
-    coefficients,
-    damper_power,
-    energy,
-    power,
-    restoring_moment,
-)
+from rockjax._engine.model import acceleration, beam
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion

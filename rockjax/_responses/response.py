@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
+from rockjax._engine.energy import restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import restoring_moment
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options

@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._engine.model import coefficients, potential, potential_slope, spin_with_inerters
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import potential, potential_slope, spin_with_inerters
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 from rockjax._structures import Elastic, Podium, Rigid

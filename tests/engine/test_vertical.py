@@ -12,6 +12,8 @@ import pytest
 import rockjax as rj
 from rockjax import _results as results
 from rockjax._engine import model
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import restoring_moment, vertical_impulse
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import GroundMotion
 from tests import restrained
@@ -40,18 +42,18 @@ def peak(podium, motion, **more):
 def test_uplift_and_the_bound_of_energy():
     """Facts 3 and 27."""
     podium = rj.Podium(**S, superstructure=ELASTIC, restrainers=(rj.Tendon(5.0),))
-    c = model.coefficients(podium, vertical=True)
+    c = coefficients(podium, vertical=True)
     none = (jnp.zeros(()), jnp.zeros(()))
     ground = Shaking(jnp.asarray(5.279206567886627), jnp.asarray(-0.2 * G))
     assert float(model.uplift_demand(c, ground, none, none)) == pytest.approx(float(c.uplift), rel=1e-13)
-    c = model.coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True)
+    c = coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True)
     assert float(c.impulse) == pytest.approx(4.509398786906614, rel=1e-14)
-    vertical = c.impulse * model.vertical_impulse(c, c.sin_alpha)
+    vertical = c.impulse * vertical_impulse(c, c.sin_alpha)
     assert float(vertical) == pytest.approx(1.290150147295639, rel=1e-14)
 
 
 def test_the_demand_and_its_rates():
-    c, zero = model.coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True), jnp.zeros(())
+    c, zero = coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True), jnp.zeros(())
     u, ground = lambda t: 0.01 * jnp.sin(7 * t), lambda t: Shaking(jnp.sin(3 * t), 2 * jnp.cos(5 * t))
     rates = lambda f, t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
     moves, ground_rate = lambda t: rates(u, t), lambda t: rates(ground, t)
@@ -203,13 +205,13 @@ def test_energy_balance():
     np.testing.assert_allclose(data["vertical_acceleration"], PAIR.vertical(np.linspace(0, 3, 60)))
     assert data.attrs["vertical_a_p_m_s2"] == -4.0
     # While rocking the moment is that of the forces at the edges, which bear (g + v̈_g) (C22).
-    c = model.coefficients(RIGID, vertical=True)
+    c = coefficients(RIGID, vertical=True)
     ground, x, v = Shaking(*map(jnp.asarray, (0.4, -2.0))), (jnp.asarray(0.05),), (jnp.asarray(0.3),)
     theta_ddot = float(model.acceleration(c, jnp.ones(()), ground, x, v)[0])
     psi = 0.15 - 0.05
     rises = 3.0 * (theta_ddot * math.sin(psi) - 0.09 * math.cos(psi))
     held = math.sin(psi) * (21.0 * (G - 2.0) + 20.5 * rises) / (G * math.sin(0.15) * 21.0)
-    assert float(model.restoring_moment(c, jnp.ones(()), ground, x, v)) == pytest.approx(held, rel=1e-13)
+    assert float(restoring_moment(c, jnp.ones(()), ground, x, v)) == pytest.approx(held, rel=1e-13)
 
 
 def test_settled_answers_stand():
