@@ -63,6 +63,17 @@ def _longest_step(c: Coefficients, plan: Plan) -> Value:
     return longest
 
 
+def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Options) -> Value:
+    """As long as the ground motion can be seen in, while it lasts [s]."""
+    start, quiet = excitation.support
+    duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
+    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
+    degree, pieces = excitation.panels
+    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
+        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
+    return excited
+
+
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
     threshold = None if plan.elastic else c.uplift
     if isinstance(excitation, GroundMotion):
@@ -95,13 +106,7 @@ def prepare(
     closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
-    duration = quiet - start
-    if isinstance(excitation, GroundMotion):
-        duration = excitation.shorter
-    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
-    degree, pieces = excitation.panels
-    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(closer, jnp.minimum(excited, options.stride * pieces[0]), excited)
+    excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
         excitation=excitation,
