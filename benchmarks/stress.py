@@ -224,9 +224,8 @@ class Findings:
     results: dict[str, int] = dataclasses.field(default_factory=dict)
     failures: dict[str, int] = dataclasses.field(default_factory=dict)
     examples: list[tuple[str, str]] = dataclasses.field(default_factory=list)
-    ratios: list[np.ndarray] = dataclasses.field(
-        default_factory=list
-    )  # true error over estimate, of the rotation
+    # True error over estimate, of the rotation.
+    ratios: list[np.ndarray] = dataclasses.field(default_factory=list)
     flips: int = 0  # classes that change between the asked-for tolerance and the truth …
     unflagged: int = 0  # … without having been flagged as undecided
     undecided: int = 0
@@ -293,12 +292,10 @@ def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))
         fit = np.asarray(peak.stats.steps) < 1000
-        fit &= ~(
-            np.asarray(peak.impacts) >= 100
-        )  # NaN where they were not counted to their end, which the steps bound
-        fit &= (
-            np.asarray(peak.peak_rotation) > 1e-6
-        )  # SciPy looks for events at its steps, and misses shorter lifts
+        # NaN where they were not counted to their end, which the steps bound.
+        fit &= ~(np.asarray(peak.impacts) >= 100)
+        # SciPy looks for events at its steps, and misses shorter lifts.
+        fit &= np.asarray(peak.peak_rotation) > 1e-6
         stand, fall = (
             rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True)
         )

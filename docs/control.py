@@ -15,7 +15,8 @@ import numpy as np
 
 import rockjax as rj
 from rockjax import plots
-from rockjax._engine.model import coefficients, potential
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import potential
 
 IMAGES = Path(__file__).parent / "images"
 FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)

@@ -17,12 +17,8 @@ B, H = 0.55, 1.15  # half a column, stockier than a real one so that angles can 
 ALPHA, R = np.arctan2(B, H), np.hypot(B, H)
 THETA = 0.45 * ALPHA
 PSI = ALPHA - THETA
-SPAN, BEAM, STOREY, TOP = (
-    4.2,
-    0.34,
-    1.7,
-    0.5,
-)  # between pivots, thickness of the beam, superstructure, its mass
+# Between pivots, thickness of the beam, superstructure, its mass.
+SPAN, BEAM, STOREY, TOP = 4.2, 0.34, 1.7, 0.5
 SWAY = 0.42  # deformation of the superstructure
 BLACK, VERMILION, BLUE, GREEN = COLOURS[:4]
 GREY = "0.62"

@@ -1,10 +1,14 @@
-"""Draws the pictures of one scene, of `pictures.md` and the README: `python docs/pictures.py`."""
+"""Draws the pictures of one scene, of `pictures.md` and the README, and sensitivity spectra, of
+`sensitivities.md`: `python docs/pictures.py`."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+import xarray
 
 matplotlib.use("Agg")
 
@@ -30,6 +34,24 @@ def main() -> None:
         ax.figure.set_size_inches(6.4, 4.4)
         write_figure(IMAGES / f"{name}.png", ax.figure)
     plots.save_animation(IMAGES / "rocking.gif", data, start=-0.8, end=6.0, fps=20, dpi=80, exaggerate=2.0)
+    write_figure(IMAGES / "sensitivity-spectra.png", plots.sensitivity_spectra(sensitivities()))
+
+
+def sensitivities() -> xarray.Dataset:
+    """Of two of the podiums of the paper's Fig. 6: rigid, and with T_s = 0.5 s."""
+    frame = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0)
+    podiums = {
+        0.0: frame.replace(superstructure=rj.Rigid(50.0)),
+        0.5: frame.replace(superstructure=rj.Elastic(50.0, 0.5, 0.05)),
+    }
+    axes = np.linspace(1.0, 8.0, 120), np.linspace(1.0, 12.0, 120)
+    how = rj.Options(outputs=("peak_rotation",))
+    spectra = rj.rocking_spectra(
+        list(podiums.values()), rj.Ricker, *axes, options=how, sensitivities=["alpha", "R"]
+    )
+    each = [data.assign_coords(T_s=T_s) for data, T_s in zip(spectra, podiums, strict=True)]
+    panels = xarray.concat(each, "T_s", combine_attrs="drop_conflicts")
+    return panels.expand_dims({"eta_over_gamma": [5.0]})
 
 
 if __name__ == "__main__":

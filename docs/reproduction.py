@@ -16,6 +16,7 @@ import reproduction_claims as claims
 
 import rockjax as rj
 from rockjax._engine import model
+from rockjax._engine.coefficients import coefficients
 
 OPTIONS = rj.Options(rtol=1e-10, atol=1e-12, method="dopri8", outputs=("peak_rotation",), history=8192)
 SCENES = 4096  # of one batch: always the same, so that each pulse is compiled once
@@ -102,7 +103,7 @@ def uplift() -> dict[str, str]:
     """Eq. (6) as printed, Eq. (6) with m_t in its third term, and Eq. (24) at rest."""
     gamma, eta = 10.0, 100.0
     podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=gamma, superstructure=rj.Elastic(eta=eta, T_s=0.5))
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     assert c.demand is not None
     assert c.omega2 is not None
     assert c.damping is not None

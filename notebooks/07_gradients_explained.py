@@ -35,9 +35,8 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for t
 
 podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0, superstructure=rj.Rigid(eta=100.0))
 unit = podium.g * math.tan(podium.alpha)  # g tan α
-tight = rj.Options(
-    rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1024
-)  # for the sake of the differences
+# For the sake of the differences.
+tight = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1024)
 
 # %% [markdown]
 # ## The jump at an impact

@@ -3,6 +3,7 @@ least."""
 
 from rockjax import __version__ as __version__
 
+from ._annual import AnnualFrequency
 from ._answer import Design, table
 from ._chart import design_chart, plot_chart
 from ._design import design
@@ -29,6 +30,7 @@ __all__ = [
     "RESULTS",
     "AbstractObjective",
     "AbstractTarget",
+    "AnnualFrequency",
     "Design",
     "Dimensions",
     "Explorer",

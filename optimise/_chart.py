@@ -19,6 +19,7 @@ from rockjax.internal import (
     of_kind,
     require,
     shown,
+    whole,
 )
 
 from ._variables import Structure, as_podium, parameter, replaced, variables
@@ -42,10 +43,8 @@ def _axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
 def _check_search(owner: str, method, scans, resolution) -> None:
     if method not in ("scan", "trace"):
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
-    if not isinstance(resolution, int) or resolution < 4:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ 4, got {resolution!r}")
-    if not isinstance(scans, int) or scans < 2:
-        raise ValueError(f"{owner}: scans must be a whole number ≥ 2, got {scans!r}")
+    whole(owner, "resolution", resolution, 4)
+    whole(owner, "scans", scans, 2)
 
 
 def design_chart(
@@ -111,7 +110,7 @@ def design_chart(
         least.append(np.where(at_last, last, np.nan))
         cost.append(found.cost["scenes"])
     width = max(part.shape[1] for part in rows)
-    whole = np.stack(
+    changes = np.stack(
         [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows]
     )
     unit = {"units": parameter(podium, name).unit}
@@ -124,7 +123,7 @@ def design_chart(
             ),
             "boundaries": (
                 ("a_p", "T_p", "boundary"),
-                whole,
+                changes,
                 unit | {"long_name": f"{name} where survival changes"},
             ),
         },

@@ -181,9 +181,8 @@ class _Search:
 
 
 def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
-    for name, value in (("starts", starts), ("max_iterations", max_iterations)):
-        if not isinstance(value, int) or value < 1:
-            raise ValueError(f"design: {name} must be a whole number ≥ 1, got {name} = {value!r}")
+    whole("design", "starts", starts, 1)
+    whole("design", "max_iterations", max_iterations, 1)
     single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,25 +15,34 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._programs.kind import TracedFunction
 from rockjax._programs.program import KeptProgram
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
-from ._objectives import AbstractObjective
+from ._objectives import AbstractObjective, OfPodium
 from ._suite import Suite, same
 from ._targets import AbstractResponses, AbstractTarget
 from ._variables import Variables
 
 
+class Part(NamedTuple):
+    """Motions of a suite: so many of them from one on."""
+
+    suite: int
+    first: int
+    size: int
+
+
 class DesignProblem(eqx.Module):
-    """What is differentiated. Suites are held once; `uses` says which one an item reads, −1 for those with
-    none."""
+    """What is differentiated. Suites are held once, and those that want the same are one; `uses` says which
+    one an item reads, and which part of it."""
 
     variables: Variables
     objective: AbstractObjective | None
     targets: tuple[AbstractTarget, ...]
     suites: tuple[Suite, ...]
-    uses: tuple[int, ...] = eqx.field(static=True)  # of the targets, then the objective
+    uses: tuple[Part | None, ...] = eqx.field(static=True)  # of the targets, then the objective
     outputs: tuple[tuple[str, ...], ...] = eqx.field(static=True)  # of the suites
     scenes: int = eqx.field(static=True)
 
@@ -44,8 +53,11 @@ class DesignProblem(eqx.Module):
         podium = self.variables.podium(x)
         peaks = [s.responses(podium, options, o) for s, o in zip(self.suites, self.outputs, strict=True)]
 
-        def of(item, use: int, alone: Callable):
-            return item.read(peaks[use], options) if use >= 0 else alone(podium, options)
+        def of(item, use: Part | None, alone: Callable):
+            if use is None:
+                return alone(podium, options)
+            part = slice(use.first, use.first + use.size)
+            return item.read(jax.tree.map(lambda y: y[part], peaks[use.suite]), options)
 
         margins = [
             jnp.atleast_1d(of(t, use, t.margins)) for t, use in zip(self.targets, self.uses, strict=False)
@@ -58,30 +70,74 @@ class DesignProblem(eqx.Module):
 def problem_of(
     varied: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
 ) -> DesignProblem:
-    suites: list[Suite] = []
-    outputs: list[set[str]] = []
-    uses: list[int] = []
+    simulated = _Simulated()
+    uses: list[Part | None] = []
     stripped: list[Any] = []
     scenes = 0
-    for item in (*targets, objective):
+    for item in (*targets, _named(varied, objective)):
         if isinstance(item, AbstractResponses):
-            place = next((k for k, suite in enumerate(suites) if same(suite, item.suite)), len(suites))
-            if place == len(suites):
-                suites.append(item.suite)
-                outputs.append(set())
-                scenes += len(item.suite)
-            outputs[place] |= set(item.outputs)
-            uses.append(place)
+            uses.append(simulated.add(item.suite, item.outputs))
             item = eqx.tree_at(lambda i: i.suite, item, None)
         else:
-            uses.append(-1)
+            uses.append(None)
             scenes += 0 if item is None else item.scenes
-        # Python numbers would each be compiled in.
-        stripped.append(jax.tree.map(lambda y: jnp.asarray(y, float) if isinstance(y, float) else y, item))
-    wanted = tuple(tuple(sorted(names)) for names in outputs)
+        stripped.append(_passed(item))
+    scenes += sum(map(len, simulated.suites))
+    varied = dataclasses.replace(varied, base=_passed(varied.base))
     return DesignProblem(
-        varied, stripped[-1], tuple(stripped[:-1]), tuple(suites), tuple(uses), wanted, scenes
+        varied,
+        stripped[-1],
+        tuple(stripped[:-1]),
+        tuple(simulated.suites),
+        tuple(uses),
+        tuple(tuple(sorted(names)) for names in simulated.outputs),
+        scenes,
     )
+
+
+class _Simulated:
+    """The suites that have to be simulated: a suite that several items share once, and suites of which one
+    wants all that the other does side by side, in one loop."""
+
+    def __init__(self):
+        self.suites: list[Suite] = []
+        self.outputs: list[set[str]] = []
+        self._known: list[tuple[Suite, Part]] = []
+
+    def add(self, suite: Suite, outputs: tuple[str, ...]) -> Part:
+        wanted = set(outputs)
+        part = next((part for known, part in self._known if same(known, suite)), None)
+        if part is None:
+            like = [k for k, names in enumerate(self.outputs) if names <= wanted or wanted <= names]
+            place = like[0] if like else len(self.suites)
+            if not like:
+                self.suites.append(suite)
+                self.outputs.append(set())
+            first = len(self.suites[place]) if like else 0
+            part = Part(place, first, len(suite))
+            self._known.append((suite, part))
+            if like:
+                self.suites[place] = self.suites[place].and_also(suite)
+        self.outputs[part.suite] |= wanted
+        return part
+
+
+def _passed(item: Any) -> Any:
+    """With numbers as arrays: those of Python would each be compiled in. What is 0 may not be there at
+    all."""
+    return jax.tree.map(lambda y: jnp.asarray(y, float) if isinstance(y, float) and y else y, item)
+
+
+def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
+    """A function of the user's own is traced by itself: what it makes of a podium tells later processes
+    which one it is."""
+    if not isinstance(objective, OfPodium) or isinstance(objective.function, TracedFunction):
+        return objective
+    like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
+    try:
+        return OfPodium(TracedFunction(objective.function, like))
+    except Exception:  # whatever is wrong with it is said where it is evaluated
+        return objective
 
 
 @functools.partial(KeptProgram, arrays_only=True)

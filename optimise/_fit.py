@@ -109,8 +109,7 @@ def fit(
     single("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     whole("fit", "seed", seed, 0)
     times, theta = _measured(times, theta)
-    if not isinstance(starts, int) or starts < 1:
-        raise ValueError(f"fit: starts must be a whole number ≥ 1, got starts = {starts!r}")
+    whole("fit", "starts", starts, 1)
     if len(times) < len(vary):
         raise ValueError(f"fit: {len(times)} measurements cannot tell {len(vary)} variables apart")
     begin = float(excitation.support[0])

@@ -24,6 +24,8 @@ kind = "overturning-scale"       # at_least, motions, max_scale, width
 [[targets]]
 kind = "median-capacity"         # at_least, motions, max_scale, width
 [[targets]]
+kind = "annual-frequency"        # at_most, hazard: a file as in [risk], motions, max_intensity, width
+[[targets]]
 kind = "overturning-probability" # at_most, motions, intensity, smoothing
 """
 
@@ -47,6 +49,7 @@ from rockjax.internal import (
     whole_number,
 )
 
+from ._annual import AnnualFrequency
 from ._answer import Design, aligned
 from ._design import design
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
@@ -77,6 +80,8 @@ TARGET: dict[str, Kind] = {
     "max_acceleration_ratio": POSITIVE,
     "smoothing": POSITIVE,
     "intensity": POSITIVE,
+    "max_intensity": POSITIVE,
+    "hazard": TEXT,
     "ratio": TRUTH,
     "name": TEXT,
 }
@@ -220,6 +225,11 @@ class _Reader(Reader):
             ),
             "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale", "width")),
             "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale", "width")),
+            "annual-frequency": (
+                AnnualFrequency,
+                ("at_most", "hazard", "motions"),
+                ("max_intensity", "width"),
+            ),
             "overturning-probability": (
                 OverturningProbability,
                 ("at_most", "motions"),
@@ -243,6 +253,8 @@ class _Reader(Reader):
                 pulse, T_p = self.pulse(entry["pulse"], f"{key}.pulse"), self.periods(entry, key, podium)
                 at_least = numbers.pop("at_least")
                 return OverturningAcceleration(at_least, pulse, T_p, **numbers)
+            if "hazard" in numbers:
+                numbers["hazard"] = rj.Hazard.from_file(self.folder / numbers["hazard"]).in_si()
             first = {name: numbers.pop(name) for name in needed if name in numbers}
             make: Any = kind
             return make(*first.values(), self.chosen(entry, key, motions), **numbers)

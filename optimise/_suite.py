@@ -41,6 +41,29 @@ class Suite(eqx.Module):
     def __len__(self) -> int:
         return len(self.order)
 
+    def and_also(self, other: Suite) -> Suite:
+        """The motions of both, those of the same kind in one group."""
+        groups, members = list(self.groups), [list(part) for part in self._members()]
+        for group, places in zip(other.groups, other._members(), strict=True):
+            k = next((k for k, known in enumerate(groups) if _alike(known, group)), len(groups))
+            if k < len(groups):
+                groups[k] = jax.tree.map(lambda *ys: jnp.concatenate(ys), groups[k], group)
+            else:
+                groups.append(group)
+                members.append([])
+            members[k] += [len(self) + place for place in places]
+        placed = [k for places in members for k in places]
+        joined = object.__new__(Suite)
+        object.__setattr__(joined, "groups", tuple(groups))
+        object.__setattr__(joined, "order", tuple(placed.index(k) for k in range(len(placed))))
+        return joined
+
+    def _members(self) -> list[list[int]]:
+        """The motions in each group, by their numbers."""
+        given = sorted(range(len(self)), key=self.order.__getitem__)
+        ends = np.cumsum([_size(group) for group in self.groups])
+        return [given[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
+
     def each(self, function) -> Any:
         """`function(motion)` of every motion, its outputs stacked in the order in which the motions were
         given."""
@@ -88,6 +111,18 @@ def _axes(group: rj.AbstractExcitation) -> Any:
         return 0
     none = jax.tree.map(lambda _: None, group)
     return eqx.tree_at(lambda g: (g.which, g.scale), none, (0, 0), is_leaf=lambda y: y is None)
+
+
+def _size(group: rj.AbstractExcitation) -> int:
+    return len(group) if isinstance(group, rj.Records) else len(jax.tree.leaves(group)[0])
+
+
+def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
+    """Whether two groups can be one; tables of records stay apart."""
+    if isinstance(a, rj.Records) or jax.tree.structure(a) != jax.tree.structure(b):
+        return False
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(x.shape[1:] == y.shape[1:] for x, y in pairs)
 
 
 def same(a: Suite, b: Suite) -> bool:

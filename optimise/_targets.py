@@ -78,7 +78,7 @@ def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
-def _limit(owner: str, name: str, value, below: float = np.inf) -> None:
+def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
     number = concrete(value)
     if number is None or not np.all(np.isfinite(number) & (number > 0) & (number < below)):
         accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
@@ -101,7 +101,7 @@ class PeakRotation(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
     def __init__(self, limit, excitations, name: Name = None):
-        _limit("PeakRotation", "limit", limit, below=1)
+        check_limit("PeakRotation", "limit", limit, below=1)
         self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -123,7 +123,7 @@ class PeakShear(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
 
     def __init__(self, limit, excitations, name: Name = None):
-        _limit("PeakShear", "limit", limit)
+        check_limit("PeakShear", "limit", limit)
         self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -145,7 +145,7 @@ class PeakDeformation(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
 
     def __init__(self, limit, excitations, name: Name = None):
-        _limit("PeakDeformation", "limit", limit)
+        check_limit("PeakDeformation", "limit", limit)
         self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -208,14 +208,14 @@ class OverturningAcceleration(AbstractTarget):
         width: float = NARROWEST,
         name: Name = None,
     ):
-        _limit("OverturningAcceleration", "width", width, below=0.1)
-        _limit("OverturningAcceleration", "at_least", at_least)
-        _limit("OverturningAcceleration", "T_p", T_p)
+        check_limit("OverturningAcceleration", "width", width, below=0.1)
+        check_limit("OverturningAcceleration", "at_least", at_least)
+        check_limit("OverturningAcceleration", "T_p", T_p)
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
             raise ValueError(
                 f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}"
             )
-        _limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
+        check_limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
         if ratio and not at_least < max_acceleration_ratio:
             raise ValueError(
                 f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
@@ -268,7 +268,6 @@ def _coarser(target: Searched) -> Searched:
 class AbstractScaleTarget(AbstractTarget):
     """A target on the least factors by which the motions of a suite overturn the columns."""
 
-    at_least: eqx.AbstractVar[Any]
     max_scale: eqx.AbstractVar[Any]
     width: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -293,10 +292,10 @@ class AbstractScaleTarget(AbstractTarget):
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
     """`at_least`, and `max_scale` or what it is by default."""
-    _limit(owner, "width", width, below=0.1)
-    _limit(owner, "at_least", at_least)
+    check_limit(owner, "width", width, below=0.1)
+    check_limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else max_scale
-    _limit(owner, "max_scale", max_scale)
+    check_limit(owner, "max_scale", max_scale)
     if not at_least < max_scale:
         raise ValueError(f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}")
     return float(at_least), float(max_scale)
@@ -388,9 +387,9 @@ class OverturningProbability(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("margin",)
 
     def __init__(self, at_most, suite, intensity=1.0, smoothing=0.05, *, name: Name = None):
-        _limit("OverturningProbability", "at_most", at_most, below=1)
-        _limit("OverturningProbability", "intensity", intensity)
-        _limit("OverturningProbability", "smoothing", smoothing)
+        check_limit("OverturningProbability", "at_most", at_most, below=1)
+        check_limit("OverturningProbability", "intensity", intensity)
+        check_limit("OverturningProbability", "smoothing", smoothing)
         self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
         self.suite = Suite(suite, type(self).__name__, "suite").scaled(float(intensity))
 

@@ -19,16 +19,19 @@ kind = "ricker"                  # antisymmetric-ricker, one-sine, one-cosine, h
 a_p = [3.0, 4.0]                 # [m/s²], or acceleration_ratio: multiples of g tan α of the structure above
 T_p = [0.8, 1.2]                 # [s], or frequency_ratio: ω_p/p of the structure above
                                  # lists of one length go together, a single number goes with all
+vertical_ratio = 0.5             # optional, of any motion: its vertical component over the horizontal one
 
-[[motions.records]]              # a set may have several entries file = "record.csv"              # beside
-this file; any format that rockjax.read_motion reads units = "g"                      # or "m/s2", "cm/s2",
-"gal", "mm/s2"; only where the file does not say it, as text does dt = 0.01                        # only
-where the file does not say it, as one column does [s] scale = 1.0                      # optional component =
-1                    # number or name of a channel, where the file has several [[motions.records]] suite =
-"folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it pattern = "*.AT2"
-# optional, of a folder; as are units, dt, scale, component for all of its motions [[motions.records]]
-synthetic = 20                   # so many of rockjax.synthetic_motions; optional: seed, dt, duration, pga,
-omega_g, zeta_g
+[[motions.records]]              # a set may have several entries
+file = "record.csv"              # beside this file; any format that rockjax.read_motion reads
+units = "g"                      # or "m/s2", "cm/s2", "gal", "mm/s2"; only where the file does not say it
+dt = 0.01                        # only where the file does not say it, as one column does [s]
+scale = 1.0                      # optional
+component = 1                    # number or name of a channel, where the file has several
+[[motions.records]]
+suite = "folder"                 # or "suite.csv": all motions that rockjax.read_suite reads from it
+pattern = "*.AT2"                # optional, of a folder; as are units, dt, scale and component
+[[motions.records]]
+synthetic = 20                   # of rockjax.synthetic_motions; optional: seed, dt, duration, pga, omega_g …
 
 [options]                        # optional: rtol, atol, method, … of rockjax.Options
 rtol = 1e-8
@@ -42,6 +45,7 @@ t_end = 10.0                     # [s], optional
 pulse = "ricker"
 frequency_ratio = [1.0, 8.0]     # range of ω_p/p
 acceleration_ratio = [1.0, 12.0] # range of a_p/(g tan α)
+sensitivities = ["alpha"]        # parameters y of ∂(max|θ|/α)/∂ ln y
 points = 100                     # along each axis
 eta_over_gamma = [1.0, 5.0]      # one panel for each instead of that of the structure
 T_s = [0.0, 0.5]                 # … and for each of these [s], 0 is rigid
@@ -60,16 +64,18 @@ confidence = 0.9
 seed = 0                         # of --synthetic motions
 sensitivities = ["alpha"]        # parameters y of d ln(median)/d ln y
 
-[risk]                           # of `rockjax risk` hazard = "site.csv"              # beside this file: two
-columns, such as PGA [g],annual_rate; or OpenQuake's site = 0                         # row of an OpenQuake
-file, where it has several fragility = "curve.nc"           # of `rockjax fragility`, or a fragility model
-(.xml) with structure = "name" … median = 3.5                     # … or a lognormal curve: median, in SI
-units of the hazard's measure, and dispersion dispersion = 0.4 years = 50.0                     # time in
-which the probability is wanted, optional
+[risk]                           # of `rockjax risk`
+hazard = "site.csv"              # beside this file: two columns, such as PGA [g],annual_rate; or OpenQuake's
+site = 0                         # row of an OpenQuake file, where it has several
+fragility = "curve.nc"           # of `rockjax fragility`, or a model (.xml) with structure = "name" …
+median = 3.5                     # … or a lognormal curve: median, in SI units of the hazard, and dispersion
+dispersion = 0.4
+years = 50.0                     # time in which the probability is wanted, optional
 
-[sweep]                          # of `rockjax sweep` motion = "records"               # which set; optional
-where there is one. Several motions are an axis of their own outputs = ["peak_rotation"]      # optional chunk
-= 100000                   # scenes in a chunk, optional
+[sweep]                          # of `rockjax sweep`
+motion = "records"               # which set; optional where there is one. Several are an axis of their own
+outputs = ["peak_rotation"]      # optional
+chunk = 100000                   # scenes in a chunk, optional
 
 [sweep.axes]                     # as rockjax.grid: names of the structure and of the motion
 alpha = [0.12, 0.15, 0.18]
@@ -81,6 +87,7 @@ What `rockjax design` reads besides is at the head of optimise/_problem.py.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -90,8 +97,9 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ._excitations.base import AbstractExcitation
+from ._excitations.ground import GroundMotion
 from ._excitations.pulses import PULSES, AbstractPulse
-from ._motions.motion import Motions
+from ._motions.motion import Motion, Motions
 from ._motions.readers import read_motion, read_suite
 from ._motions.synthetic import synthetic_motions
 from ._options import Options
@@ -102,6 +110,7 @@ from ._problem_keys import (
     BY_RATIOS,
     COMMANDS,
     DESIGN,
+    NUMBER,
     ONE_OR_MORE,
     OPTIONS,
     RECORDED,
@@ -348,7 +357,9 @@ class Reader:
         return pulse_period(float(podium.p), numbers) if ratio else numbers
 
     def pulses(self, entry: dict, key: str, podium: Podium) -> list[AbstractExcitation]:
-        self.table(entry, key, ("kind",), ("a_p", "acceleration_ratio", "T_p", "frequency_ratio"))
+        keys = ("a_p", "acceleration_ratio", "T_p", "frequency_ratio", "vertical_ratio")
+        self.table(entry, key, ("kind",), keys)
+        vertical = self.entries(entry, key, {"vertical_ratio": NUMBER}).get("vertical_ratio")
         kind = self.pulse(entry["kind"], f"{key}.kind")
         a_p, ratio = self.either(entry, key, "a_p", "acceleration_ratio")
         a_p = np.asarray(pulse_acceleration(podium, a_p)) if ratio else a_p
@@ -357,7 +368,8 @@ class Reader:
             self.fail(key, f"has {len(a_p)} amplitudes and {len(T_p)} periods; give as many of both, or one")
         with self.at(key):
             pairs = zip(*(np.atleast_1d(y) for y in np.broadcast_arrays(a_p, T_p)), strict=True)
-            return [kind(float(a), float(T)) for a, T in pairs]
+            make = kind if vertical is None else GroundMotion.in_proportion(kind, vertical)
+            return [make(float(a), float(T)) for a, T in pairs]
 
     def recorded(self, entry: dict, key: str, source: str) -> Motions:
         """The records of one entry."""
@@ -365,15 +377,32 @@ class Reader:
         self.typed(self.table(entry, key, (source,), tuple(others)), key, {source: own} | others)
         more: dict[str, Any] = {name: entry[name] for name in entry if name != source}
         with self.at(key):
+            ratio, paired = more.pop("vertical_ratio", None), more.pop("paired", False)
+            if ratio is not None and (paired or "vertical" in more):
+                raise ValueError("vertical_ratio and a vertical record: give one of them")
             if source == "synthetic":
                 seeded: dict[str, Any] = {"seed": 0} | more
-                return synthetic_motions(entry[source], **seeded)
-            path = self.folder / entry[source]
-            if source == "suite":
-                return read_suite(path, **more)
-            scale = more.pop("scale", 1.0)
-            motion = read_motion(path, **more)
-            return Motions((motion if scale == 1 else motion.scaled(scale),))
+                found = synthetic_motions(entry[source], **seeded)
+            elif source == "suite":
+                found = read_suite(self.folder / entry[source], **more)
+            else:
+                found = Motions((self._record(self.folder / entry[source], more),))
+            if ratio is not None:
+                found = found.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(ratio)))
+            return found.paired() if paired else found
+
+    def _record(self, path: Path, more: dict[str, Any]) -> Motion:
+        """The record of a file, with its vertical one where there is one."""
+        scale, file = more.pop("scale", 1.0), more.pop("vertical", None)
+        component = more.pop("vertical_component", None)
+        motion = read_motion(path, **more)
+        if file is None and component is not None:
+            raise ValueError("vertical_component needs vertical, the file of the vertical record")
+        if file is not None:
+            own = {name: y for name, y in more.items() if name != "component"}
+            vertical = read_motion(self.folder / file, **own, component=component)
+            motion = dataclasses.replace(motion, vertical=vertical)
+        return motion if scale == 1 else motion.scaled(scale)
 
     def chosen(self, entry: dict, key: str, motions: Mapping[str, Any]) -> Any:
         """The set that `entry["motions"]` names."""

@@ -55,7 +55,6 @@ NOT_NEGATIVES = Kind("a list of numbers >= 0", lambda value: is_list(value, NOT_
 ONE_OR_MORE = Kind(
     "a number or a list of numbers", lambda value: is_number(value) or is_list(value, is_number)
 )
-RANGE = Kind("two numbers [lowest, highest], the lowest first", _is_range)
 POSITIVE_RANGE = Kind(
     "two numbers [lowest, highest] with 0 < lowest < highest", lambda value: _is_range(value) and value[0] > 0
 )
@@ -120,6 +119,7 @@ OPTIONS: dict[str, Kind] = {
 }
 _PANELS: dict[str, Kind] = {
     "pulse": one_of(PULSES),
+    "vertical_ratio": NUMBER,
     "frequency_ratio": POSITIVE_RANGE,
     "points": whole(2),
     "eta_over_gamma": NOT_NEGATIVES,
@@ -127,7 +127,7 @@ _PANELS: dict[str, Kind] = {
 }
 COMMANDS: dict[str, dict[str, Kind]] = {
     "response": {"motion": TEXT, "number": whole(1), "t_end": NUMBER},
-    "spectrum": _PANELS | {"acceleration_ratio": AMPLITUDES},
+    "spectrum": _PANELS | {"acceleration_ratio": AMPLITUDES, "sensitivities": TEXTS},
     "overturning": _PANELS | {"max_acceleration_ratio": POSITIVE, "sensitivities": TEXTS},
     "fragility": {
         "motions": TEXT,
@@ -151,10 +151,16 @@ COMMANDS: dict[str, dict[str, Kind]] = {
     },
     "sweep": {"motion": TEXT, "number": whole(1), "outputs": TEXTS, "chunk": whole(1), "axes": TABLE},
 }
-_RECORD: dict[str, Kind] = {"units": TEXT, "dt": POSITIVE, "scale": NUMBER, "component": LABEL}
+_RECORD: dict[str, Kind] = {
+    "units": TEXT,
+    "dt": POSITIVE,
+    "scale": NUMBER,
+    "component": LABEL,
+    "vertical_ratio": NUMBER,
+}
 RECORDED: dict[str, tuple[Kind, dict[str, Kind]]] = {
-    "file": (TEXT, _RECORD),
-    "suite": (TEXT, _RECORD | {"pattern": TEXT}),
+    "file": (TEXT, _RECORD | {"vertical": TEXT, "vertical_component": LABEL}),
+    "suite": (TEXT, _RECORD | {"pattern": TEXT, "paired": TRUTH}),
     "synthetic": (
         whole(1),
         {
@@ -164,6 +170,7 @@ RECORDED: dict[str, tuple[Kind, dict[str, Kind]]] = {
             "pga": POSITIVE,
             "omega_g": POSITIVE,
             "zeta_g": POSITIVE,
+            "vertical_ratio": NUMBER,
         },
     ),
 }

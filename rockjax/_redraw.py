@@ -57,6 +57,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
     "rocking-spectrum": {
         "rotation": Picture(_panels(plots.spectra)),
         "overturning": Picture(_panels(plots.overturning_curves)),
+        "sensitivity": Picture(_panels(plots.sensitivity_spectra), needs="peak_rotation_sensitivity"),
     },
     "overturning-spectrum": {
         "boundaries": Picture(_panels(plots.overturning_boundaries)),
@@ -75,6 +76,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
     },
     "risk": {"risk": Picture(plots.risk)},
+    "record-spectrum": {"record-spectrum": Picture(plots.record_spectrum)},
     "design-chart": {"chart": Picture(_chart)},
 }
 

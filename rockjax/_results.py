@@ -31,6 +31,10 @@ class RESULTS(eqx.Enumeration):
         "for so long; "
         "make it Rigid, end the scene earlier, or raise max_steps."
     )
+    weightless = (
+        "g + v̈_g is not positive at all times: joints could open vertically, which is not in the model; "
+        "scale the vertical motion down."
+    )
 
 
 # Codes inside the loop, where a scene that goes on has none.
@@ -45,10 +49,11 @@ RUNNING = -1
     INTERRUPTED,
     CHATTERING,
     TOO_STIFF,
-) = range(9)
+    WEIGHTLESS,
+) = range(10)
 NAMES = (
     *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
-    *("chattering", "too_stiff"),
+    *("chattering", "too_stiff", "weightless"),
 )
 
 

@@ -16,9 +16,8 @@ def import_meanwhile(*modules: str) -> None:
     """Import what is needed at the end (to make tables, to draw) while the scenes are worked out."""
 
     def load() -> None:
-        with contextlib.suppress(
-            ImportError, RuntimeError
-        ):  # said where it is needed; the process has ended meanwhile
+        # The first is said where the module is needed, the second where the process has ended meanwhile.
+        with contextlib.suppress(ImportError, RuntimeError):
             for name in modules:
                 importlib.import_module(name)
 

@@ -6,7 +6,8 @@ from ._boundaries.boundary import BOUNDARY
 from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
-from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_pulse, several
+from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
+from ._motions.intensity import measured_as
 from ._parameters.table import DIMENSIONS, STRUCTURE, Parameter, about, clash, of_motion
 from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
@@ -37,6 +38,7 @@ __all__ = [
     "as_exponent",
     "as_float",
     "as_json",
+    "as_motions",
     "as_pulse",
     "bar",
     "boundaries",
@@ -51,6 +53,7 @@ __all__ = [
     "html",
     "lines",
     "load_table",
+    "measured_as",
     "of_kind",
     "of_motion",
     "parameters_of",

@@ -33,9 +33,8 @@ class Frame:
     delta: float = 0.0
     nu: float = 1.0
     mu: float = 0.0
-    e: float | None = (
-        None  # restitution; by default angular momentum with the top masses moving with the beam
-    )
+    # Restitution; by default angular momentum with the top masses moving with the beam.
+    e: float | None = None
     g: float = G
 
     @property

@@ -92,9 +92,8 @@ class Block:
             chain(mp.sin(angle.value), mp.cos(angle.value), angle),
             chain(mp.cos(angle.value), -mp.sin(angle.value), angle),
         )
-        now, after = (
-            (cos, sin * -1) if self.cosine else (sin, cos)
-        )  # the shape and its derivative by the angle
+        # The shape and its derivative by the angle.
+        now, after = (cos, sin * -1) if self.cosine else (sin, cos)
         scale, series = self.a_p * (1 / mp.mpf(G)), []
         for k in range(terms):
             series.append(scale * now)

@@ -72,6 +72,11 @@ GOOD = {
     optimise.NoOverturning: {"excitations": pulse()},
     optimise.OverturningAcceleration: {"at_least": 1.0, "pulse": rj.Ricker, "T_p": 1.0},
     optimise.OverturningScale: {"at_least": 1.0, "excitations": pulse()},
+    optimise.AnnualFrequency: {
+        "at_most": 1e-3,
+        "hazard": rj.Hazard([0.5, 8.0], [1e-2, 1e-4]),
+        "suite": [MOTION, MOTION],
+    },
     optimise.MedianCapacity: {"at_least": 1.0, "suite": [pulse(), pulse()]},
     optimise.OverturningProbability: {"at_most": 0.1, "suite": [pulse()]},
     optimise.WorstRotation: {"excitations": pulse()},

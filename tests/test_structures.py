@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._engine.model import acceleration, coefficients
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.model import acceleration
 
 from .scenes import PODIUMS, G
 

@@ -22,13 +22,10 @@ FALLING, RISING = hy.event_direction.negative, hy.event_direction.positive
 UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and the second
 OVERTURNED = -2
 SUPPORT = 2.2  # the pulse is zero beyond ± SUPPORT·T_p
-STRIDE = (
-    0.25  # longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming
-)
-TINY, FAINT = (
-    1e-40,
-    1e-20,
-)  # for θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one
+# Longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming.
+STRIDE = 0.25
+# For θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one.
+TINY, FAINT = 1e-40, 1e-20
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._batch.memory import BYTES, require_memory
+from rockjax._batch.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import AnyMotions, as_batch
@@ -24,12 +24,14 @@ from rockjax._options import Options
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
 from rockjax._responses.peak import Peak, peak_fields
+from rockjax._responses.sensitivities import of_scenes, sensitivities_of
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 from rockjax._threads import Pool
 
+from .chunk import LaneLayout
 from .executors import AbstractExecutor, executor
-from .lanes import Done, LaneLayout
+from .lanes import Done
 from .scenes import SceneBatch, broadcast
 
 LANES = 64  # fit the first-level cache, and still fill the vector unit
@@ -51,6 +53,7 @@ def peak_responses(
     t_end=None,
     options: Options = Options(),
     progress: Any = False,
+    sensitivities: Sequence[str] = (),
     devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
     threads: int | None = None,
 ) -> Peak:
@@ -64,6 +67,10 @@ def peak_responses(
     `KeyboardInterrupt` that holds the answers so far, as soon as the present chunks of scenes are through.
 
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `sensitivities`: parameters y with respect to whose logarithms the derivatives of all wanted peaks are
+      found as well, the others held: parameters of the podiums as in [`rockjax.grid`][] (`"alpha"`, `"R"`,
+      `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and `"scale"`, a factor on
+      any motion. They are the `sensitivities` of the answer
     - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By
       default a thread on each core where JAX runs on a CPU, else all of `jax.local_devices()`
     - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with
@@ -73,7 +80,16 @@ def peak_responses(
     """
     excitations = as_batch("peak_responses", excitations)
     peaks = responses(
-        podiums, excitations, initial, t_end, options, progress, threading.Event(), devices, threads
+        podiums,
+        excitations,
+        initial,
+        t_end,
+        options,
+        progress,
+        threading.Event(),
+        devices,
+        threads,
+        sensitivities,
     )
     warn_of_failures(peaks, stacklevel=3)
     return peaks
@@ -99,6 +115,7 @@ def responses(
     stop: threading.Event,
     devices: Sequence | None = None,
     threads: int | None = None,
+    sensitivities: Sequence[str] = (),
 ) -> Peak:
     """[`peak_responses`][rockjax.peak_responses] that another thread can stop, and that warns of nothing."""
     check_types("peak_responses", podiums, options, "podiums")
@@ -110,9 +127,11 @@ def responses(
             "segments engine"
         )
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
-    require_memory("peak_responses", scenes.total, (2 if "errors" in options.outputs else 1) * BYTES)
+    names = of_scenes("peak_responses", podiums, excitations, sensitivities)
+    twice = 2 if "errors" in options.outputs else 1
+    require_memory("peak_responses", scenes.total, twice * BYTES + len(names) * BYTES_OF_SLOPES)
     who = executor("peak_responses", devices, threads)
-    solutions = [run_batch(scenes, options, progress, stop, who)[:2]]
+    solutions = [run_batch(scenes, options, progress, stop, who, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
         solutions.append(run_batch(scenes, companion(options), False, stop, who)[:2])
     if stop.is_set() and not all(floats for floats, _ in solutions):
@@ -122,18 +141,20 @@ def responses(
         first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
     for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
-            answer[name] = values.reshape(shape)
+            answer[name] = values.reshape((*shape, *values.shape[1:]))
     floats, integers = solutions[0]
     doubt = (
         errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np)
         if len(solutions) > 1
         else None
     )
+    slopes = sensitivities_of(floats, names, options.outputs)
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
-        raise Interrupted(message, Peak(**peak_fields(floats, integers, options), errors=doubt))
-    return Peak(**peak_fields(floats, integers, options), errors=doubt)
+        fields = peak_fields(floats, integers, options)
+        raise Interrupted(message, Peak(**fields, errors=doubt, sensitivities=slopes))
+    return Peak(**peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
 
 
 class Tally(NamedTuple):
@@ -149,8 +170,12 @@ def run_batch(
     progress: Any,
     stop: threading.Event | None = None,
     who: AbstractExecutor | None = None,
+    sensitivities: tuple[str, ...] = (),
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Floats and integers of every scene, and how busy the lanes were.
+
+    The floats hold the derivatives with respect to the logarithms of the parameters `sensitivities`, along a
+    last axis.
 
     Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code
     INTERRUPTED. Without it Ctrl-C raises.
@@ -159,7 +184,7 @@ def run_batch(
     # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
     # program.
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
-    lane_layout = layout(scenes, who)
+    lane_layout = layout(scenes, who, sensitivities)
     idle, advance = who.program(scenes, options, lane_layout)
     floats: dict[str, np.ndarray] = {}
     integers: dict[str, np.ndarray] = {}
@@ -189,9 +214,8 @@ def run_batch(
             for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
                     if name not in whole:
-                        whole[name] = np.full(
-                            scenes.total, results.INTERRUPTED if name == "code" else fill, values.dtype
-                        )
+                        blank = results.INTERRUPTED if name == "code" else fill
+                        whole[name] = np.full((scenes.total, *values.shape[1:]), blank, values.dtype)
                     whole[name][index] = values[rows]
         with _REPORTING:
             bar.update(index.size)
@@ -230,15 +254,17 @@ def run_batch(
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
     """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
-    share = min(lane_layout.size * who.devices, max(LANES, -(-scenes.total // who.hosts)))
+    # Of all lanes, or of few of them twice: one scene more than lanes would take as long as two.
+    lanes = lane_layout.lanes * who.devices
+    share = min(lane_layout.size * who.devices, lanes * max(1, scenes.total // (lanes * who.hosts)))
     for start in range(0, scenes.total, share):
         yield start, min(start + share, scenes.total)
 
 
-def layout(scenes: SceneBatch, who: AbstractExecutor) -> LaneLayout:
+def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
     if who.platform == "cpu":
-        lanes, chunk = LANES, CHUNK
+        lanes, chunk = LANES // 2 if sensitivities else LANES, CHUNK
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)
@@ -248,4 +274,4 @@ def layout(scenes: SceneBatch, who: AbstractExecutor) -> LaneLayout:
         chunk = ACCELERATOR_CHUNK * lanes
     refill = not scenes.wide
     size = chunk if refill and scenes.total > max(2, who.devices) * lanes else lanes
-    return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill)
+    return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill, sensitivities)

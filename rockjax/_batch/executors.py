@@ -16,7 +16,8 @@ from jax.sharding import PartitionSpec as P
 from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
 
-from .lanes import Done, LaneLayout, Lanes, advance, idle
+from .chunk import LaneLayout
+from .lanes import Done, Lanes, advance, idle
 from .scenes import SceneBatch
 
 Program = Callable[[Lanes, int, int], tuple[Lanes, Done]]

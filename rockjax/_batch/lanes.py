@@ -13,33 +13,21 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import custom_vmap
 
 from rockjax import _results as results
-from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.flat import closed, runs
 from rockjax._engine.hops import chatters, many_hops
-from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.scene import plan_for
 from rockjax._engine.solve import answers
-from rockjax._engine.state import LoopState, Plan, Scene
-from rockjax._engine.step import trial
+from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
 from rockjax._programs.program import remembered
+from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
+from .chunk import Chunk, LaneLayout, Slopes, automaton, crossed, makes_trials, prepared
+
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
-
-
-class LaneLayout(NamedTuple):
-    """What a program is made for, besides the options."""
-
-    axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
-    structure: Any  # of (podium, excitation, initial, t_end)
-    lanes: int
-    size: int  # scenes of a chunk, a multiple of the lanes
-    refill: (
-        bool  # lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it
-    )
 
 
 class Lanes(NamedTuple):
@@ -48,6 +36,7 @@ class Lanes(NamedTuple):
     lane: LoopState
     parts: list[Any]  # of `Scene`: what differs between scenes
     held: jax.Array  # which scene of the batch each lane holds, −1 where none
+    slopes: Slopes | None = None  # where sensitivities are wanted
 
 
 class Done(NamedTuple):
@@ -59,6 +48,13 @@ class Done(NamedTuple):
     used: jax.Array
     trials: jax.Array  # of each lane
     useful: jax.Array  # of all lanes, those that moved a scene on
+
+
+def _room_for(rows: int, answers: Any, index_type: Any) -> Done:
+    """Room for the answers of so many scenes, of which none has ended."""
+    floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
+    none = jnp.zeros((), index_type)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
 
 
 class _Loop(NamedTuple):
@@ -76,75 +72,64 @@ def advance(
     """
     lanes, size, refill = layout.lanes, layout.size, layout.refill
     plan = plan_for(jax.tree.unflatten(layout.structure, leaves)[0], options, history=False)
-    chunk = _crossed(_prepared(leaves, layout, options), plan, lanes, count)
-    moves, settle = _automaton(plan, options)
+    chunk = crossed(prepared(leaves, layout, options), plan, lanes, count)
+    moves, settle = automaton(plan, options)
     patience = max(1, round(PATIENCE * lanes))
+    held = _turned(held)
 
-    def over_lanes(function, *arguments):
-        return jax.vmap(lambda parts, *rest: function(chunk.scene(parts), *rest))(*arguments)
+    def through(function, state: Lanes) -> Lanes:
+        """The lanes after a function of scene and state."""
+
+        def after(scene: Scene, lane: LoopState):
+            lane = function(scene, lane)
+            return moving(lane), lane
+
+        _, rows, lane = chunk.in_lanes(after, state.parts, state.lane, state.slopes)
+        slopes = None if state.slopes is None else state.slopes._replace(lane=rows)
+        return state._replace(lane=lane, slopes=slopes)
 
     index_type = held.held.dtype
     if not refill:
         index = jnp.arange(lanes, dtype=index_type)
         number = jnp.where(index < count, first + stride * index, -1)
-        held = Lanes(chunk.starts(lanes), [y[:lanes] for y in chunk.parts], number)
+        lane, slopes = chunk.starts(lanes)
+        held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes)
 
     def exchange(loop: _Loop) -> _Loop:
-        state, done = loop.lanes, loop.done
-        lane = over_lanes(settle, state.parts, state.lane)
+        done = loop.done
+        state = through(settle, loop.lanes)
         if plan.many_hops:
-            lane = _bounced(chunk, plan, options, state._replace(lane=lane))
-        ended = (state.held >= 0) & ~runs(lane, options.max_steps)
-        floats, integers = over_lanes(
-            lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, lane
-        )
-        done = _kept(done, ended, state.held, floats, integers)
+            state = _bounced(chunk, plan, options, state)
+        ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
+        done = _kept(done, ended, state.held, *_answered(chunk, plan, state))
         free = ended | (state.held < 0)
         local = loop.following + jnp.cumsum(free, dtype=index_type) - 1
         loads = free & (local < count)
-        place = jnp.clip(local, 0, size - 1)
-
-        def load(store, differs, current):
-            flag = loads.reshape((-1,) + (1,) * (current.ndim - 1))
-            return jnp.where(flag, store[place] if differs else store, current)
-
-        state = Lanes(
-            jax.tree.map(load, chunk.lane, chunk.lane_differs, lane),
-            [load(y, True, now) for y, now in zip(chunk.parts, state.parts, strict=True)]
-            if refill
-            else state.parts,
-            jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type),
-        )
-        return _Loop(state, jnp.minimum(loop.following + jnp.sum(free, dtype=index_type), count), done)
+        state = _loaded(chunk, state, loads, jnp.clip(local, 0, size - 1), refill)
+        numbers = jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type)
+        following = jnp.minimum(loop.following + jnp.sum(free, dtype=index_type), count)
+        return _Loop(state._replace(held=numbers), following, done)
 
     def waiting(loop: _Loop) -> jax.Array:
         """How many lanes an exchange would help."""
         more = (loop.lanes.held >= 0) | (loop.following < count)
-        return jnp.sum(~_moves(plan, options, loop.lanes.lane) & more)
+        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & more)
 
     def busy(loop: _Loop) -> Flag:
         """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
-        return (waiting(loop) < patience) & jnp.any(_moves(plan, options, loop.lanes.lane))
+        return (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
+
+    def trials(loop: _Loop) -> _Loop:
+        done = loop.done
+        useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
+        state = through(moves, loop.lanes)
+        return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: _Loop) -> _Loop:
-        loop = exchange(loop)
+        return jax.lax.while_loop(busy, trials, exchange(loop))
 
-        def trials(loop: _Loop) -> _Loop:
-            lane, done = loop.lanes.lane, loop.done
-            useful = done.useful + jnp.sum(_moves(plan, options, lane))
-            lane = over_lanes(moves, loop.lanes.parts, lane)
-            return loop._replace(
-                lanes=loop.lanes._replace(lane=lane),
-                done=done._replace(trials=done.trials + 1, useful=useful),
-            )
-
-        return jax.lax.while_loop(busy, trials, loop)
-
-    blank = jax.eval_shape(
-        functools.partial(over_lanes, lambda scene, lane: answers(scene, plan, lane)), held.parts, held.lane
-    )
-    floats, integers = jax.tree.map(lambda y: jnp.zeros((size + lanes, *y.shape[1:]), y.dtype), blank)
-    done = Done(jnp.zeros(size + lanes, index_type), floats, integers, *[jnp.zeros((), index_type)] * 3)
+    blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
+    done = _room_for(size + lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     drains = (count == 0) | (not refill)
     loop = jax.lax.while_loop(
@@ -152,23 +137,72 @@ def advance(
         body,
         _Loop(held, start, done),
     )
-    return loop.lanes, loop.done
+    return _turned(loop.lanes), loop.done
 
 
-def _bounced(chunk: _Chunk, plan: Plan, options: Options, lanes: Lanes) -> LoopState:
-    """Lanes whose columns bounce on, many hops later: one after another, they are rare and take long."""
+def _turned(state: Lanes) -> Lanes:
+    """Rows of slopes inside lanes or lanes inside rows: the latter only in the loop, where a row fills a
+    vector."""
+    return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
-    def waits(lane: LoopState) -> jax.Array:
-        return jax.vmap(chatters)(lane) & runs(lane, options.max_steps) & (lanes.held >= 0)
 
-    def one(lane: LoopState) -> LoopState:
-        k = jnp.argmax(waits(lane))
-        pick = lambda y: y[k]
-        scene = chunk.scene(jax.tree.map(pick, lanes.parts))
-        after = many_hops(scene, plan, jax.tree.map(pick, lane), options.max_steps)
-        return jax.tree.map(lambda store, y: store.at[k].set(y), lane, after)
+def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
+    """What the scenes in the lanes have to say as they are, with the sensitivities of their peaks."""
+    floats, slopes, integers = chunk.in_lanes(
+        lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, state.slopes
+    )
+    if slopes is None:
+        return floats, integers
+    return floats | {slope_name(name): slopes[name].T for name in SENSITIVE}, integers
 
-    return jax.lax.while_loop(lambda lane: jnp.any(waits(lane)), one, lanes.lane)
+
+def _loaded(chunk: Chunk, state: Lanes, loads: Flag, place: jax.Array, refill: bool) -> Lanes:
+    """The lanes with the scenes at some places of the chunk in those that load one."""
+
+    def load(store, differs, current):
+        flag = loads.reshape((-1,) + (1,) * (current.ndim - 1))
+        return jnp.where(flag, store[place] if differs else store, current)
+
+    def load_rows(store, differs, current):
+        return jax.vmap(lambda store, current: load(store, differs, current))(store, current)
+
+    def over(load, stores, currents):
+        return [y if y is None else load(s, True, y) for s, y in zip(stores, currents, strict=True)]
+
+    lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
+    parts = over(load, chunk.parts, state.parts) if refill else state.parts
+    state = state._replace(lane=lane, parts=parts)
+    if state.slopes is None or chunk.slopes is None:
+        return state
+    rows = jax.tree.map(load_rows, chunk.slopes.lane, moving(chunk.lane_differs), state.slopes.lane)
+    of_parts = over(load_rows, chunk.slopes.parts, state.slopes.parts) if refill else state.slopes.parts
+    return state._replace(slopes=Slopes(of_parts, rows))
+
+
+def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
+    """The lanes with those whose columns bounce on many hops later: one after another, as they are rare and
+    take long."""
+
+    def after(scene: Scene, lane: LoopState):
+        lane = many_hops(scene, plan, lane, options.max_steps)
+        return moving(lane), lane
+
+    def waits(state: Lanes) -> jax.Array:
+        return jax.vmap(chatters)(state.lane) & runs(state.lane, options.max_steps) & (state.held >= 0)
+
+    def one(state: Lanes) -> Lanes:
+        k = jnp.argmax(waits(state))
+        pick = lambda y, axis=0: jax.lax.dynamic_slice_in_dim(y, k, 1, axis)
+        put = lambda y, new, axis=0: jax.lax.dynamic_update_slice_in_dim(y, new, k, axis)
+        slopes = jax.tree.map(lambda y: pick(y, 1), state.slopes)
+        lane = jax.tree.map(pick, state.lane)
+        _, rows, lane = chunk.in_lanes(after, [pick(y) for y in state.parts], lane, slopes, loops=True)
+        if state.slopes is not None:
+            rows = jax.tree.map(lambda y, new: put(y, new, 1), state.slopes.lane, rows)
+            state = state._replace(slopes=state.slopes._replace(lane=rows))
+        return state._replace(lane=jax.tree.map(put, state.lane, lane))
+
+    return jax.lax.while_loop(lambda state: jnp.any(waits(state)), one, state)
 
 
 def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
@@ -185,109 +219,6 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
         integers=write(done.integers, integers),
         used=done.used + jnp.sum(ended, dtype=done.used.dtype),
     )
-
-
-def _moves(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
-    exchange."""
-    going = runs(lane, options.max_steps)
-    if plan.many_hops:
-        return going & ~chatters(lane)
-    return going if plan.elastic else going & (lane.sigma != 0)
-
-
-def _automaton(plan: Plan, options: Options):
-    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next
-    uplift at once."""
-
-    def moves(scene: Scene, lane: LoopState) -> LoopState:
-        going = _moves(plan, options, lane)
-        after, _ = trial(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
-
-    def settle(scene: Scene, lane: LoopState) -> LoopState:
-        if plan.elastic:
-            return lane
-        waits = (lane.sigma == 0) & runs(lane, options.max_steps)
-        lifted, _ = advance_to_uplift(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
-
-    return moves, settle
-
-
-class _Chunk(NamedTuple):
-    """Scenes made ready: what differs between them has a row for each, what is common to all is there
-    once."""
-
-    parts: list[Any]  # of `Scene`: what differs
-    common: list[Any]  # of `Scene`: what does not, None where it does
-    structure: Any
-    lane: LoopState  # at the start
-    lane_differs: Any
-
-    def scene(self, parts) -> Scene:
-        parts = iter(parts)
-        return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in self.common])
-
-    def starts(self, lanes: int) -> LoopState:
-        def start(y, differs):
-            return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
-
-        return jax.tree.map(start, self.lane, self.lane_differs)
-
-
-def _prepared(leaves, layout: LaneLayout, options: Options) -> _Chunk:
-    axes, structure = layout.axes, layout.structure
-    plan = plan_for(jax.tree.unflatten(structure, leaves)[0], options, history=False)
-    _, settle = _automaton(plan, options)
-
-    def ready(*leaves) -> tuple[Scene, LoopState]:
-        podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
-        scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
-        return scene, settle(scene, lane)
-
-    differs = _differing(ready, axes, leaves)
-    out_axes = jax.tree.map(lambda flag: 0 if flag else None, differs)
-    scenes, lane = jax.vmap(ready, in_axes=axes, out_axes=out_axes)(*leaves)
-    flat, scene_structure = jax.tree.flatten(scenes)
-    own = jax.tree.leaves(differs[0])
-    parts = [y for y, flag in zip(flat, own, strict=True) if flag]
-    common = [None if flag else y for y, flag in zip(flat, own, strict=True)]
-    return _Chunk(parts, common, scene_structure, lane, differs[1])
-
-
-_CROSSED = (
-    "t",
-    "event_time",
-    "x",
-    "v",
-    "piece",
-    "code",
-    "steps",
-)  # what changes of a lane that crosses panels
-
-
-def _crossed(chunk: _Chunk, plan: Plan, lanes: int, count) -> _Chunk:
-    """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
-    if not plan.elastic:
-        return chunk
-
-    def block(arguments):
-        def one(parts, lane: LoopState):
-            lane = cross_full_contact(chunk.scene(parts), plan, lane)
-            return {name: getattr(lane, name) for name in _CROSSED}
-
-        return jax.vmap(one)(*arguments)
-
-    size = chunk.parts[0].shape[0]
-    split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
-    starts = chunk.starts(size)
-    used = jnp.arange(size) < count  # what fills up the chunk goes nowhere
-    starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
-    blocks = jax.tree.map(split, (chunk.parts, starts))
-    moved = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), jax.lax.map(block, blocks))
-    differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, moved))
-    return chunk._replace(lane=chunk.lane._replace(**moved), lane_differs=differs)
 
 
 def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
@@ -310,27 +241,10 @@ def _blank_lanes(*plan) -> Lanes:
 
 def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout):
     def hold(leaves, numbers):
-        chunk = _prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
+        chunk = prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
         parts = [y[: layout.lanes] for y in chunk.parts]
-        return Lanes(chunk.starts(layout.lanes), parts, jnp.zeros(layout.lanes, jnp.result_type(int)))
+        lane, slopes = chunk.starts(layout.lanes)
+        return _turned(Lanes(lane, parts, jnp.zeros(layout.lanes, jnp.result_type(int)), slopes))
 
     numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
     return jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
-
-
-def _differing(function, axes, leaves):
-    """For each output of the vmapped function, whether it differs between scenes."""
-    found: list[Any] = []
-
-    @custom_vmap
-    def probe(outputs):
-        return outputs
-
-    @probe.def_vmap
-    def _(axis_size, in_batched, outputs):
-        del axis_size
-        found.append(in_batched[0])
-        return outputs, in_batched[0]
-
-    jax.eval_shape(jax.vmap(lambda *leaves: probe(function(*leaves)), in_axes=axes), *leaves)
-    return found[-1]

@@ -8,6 +8,7 @@ from pathlib import Path
 # Of memory that a scene takes until its answers stand, besides its own numbers: 120 were measured for a
 # batch, 160 for spectra that are put together and written.
 BYTES = 160
+BYTES_OF_SLOPES = 32  # of one parameter with respect to which all peaks are differentiated
 _GROUPS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
 
 

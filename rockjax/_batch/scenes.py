@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -20,9 +21,8 @@ class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
     leaves: list[Any]
-    rows: list[
-        np.ndarray | None
-    ]  # which row of a leaf belongs to each scene of the grid; None where it is common to all
+    # Which row of a leaf belongs to each scene of the grid; None where it is common to all.
+    rows: list[np.ndarray | None]
     structure: Any
     total: int
 
@@ -98,5 +98,6 @@ def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
     """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
     for name, dimensions in excitations.own_dimensions.items():
-        object.__setattr__(motion, name, dimensions)
+        *path, field = name.split(".")
+        object.__setattr__(functools.reduce(getattr, path, motion), field, dimensions)
     return jax.tree.leaves((podium, motion, *rest))

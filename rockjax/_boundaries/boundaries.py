@@ -9,9 +9,9 @@ import numpy as np
 
 from rockjax._options import Options
 
-from .boundary import PAST
 from .branches import Branch, Slopes, trace
 from .crossings import Crossings, Plane, margins, scan
+from .implicit import PAST
 from .verdict import NARROWEST
 
 
@@ -122,9 +122,10 @@ def _guesses(branches: list[Branch], x: np.ndarray) -> _Guesses:
             # Near a fold the tangent stands upright; the chord is as good.
             m = np.where(np.abs(m) < 5 * abs(rise), m, rise)
             lines.append(inside)
+            # Cubic Hermite.
             ys.append(
                 branch.y[k] + z * (m[0] + z * (3 * rise - 2 * m[0] - m[1] + z * (m[0] + m[1] - 2 * rise)))
-            )  # cubic Hermite
+            )
     if not lines:
         return _Guesses(np.zeros(0, int), np.zeros(0))
     return _Guesses(np.concatenate(lines), np.concatenate(ys))

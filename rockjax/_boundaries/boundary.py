@@ -28,14 +28,16 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import array_module, as_float, require
-from rockjax._engine.derivatives import known
+from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion, OfAmplitude
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
-from rockjax._motions.record import Record
+from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._parameters.variants import pulse_acceleration
+from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -43,11 +45,11 @@ from rockjax._types import Value
 
 from .crossings import scan
 from .first import WIDTH, First, first_boundary
-from .verdict import NARROWEST, boundary_residual, has_margin, looking, margin_options, signed_margin
+from .implicit import implicit_in_program, weights
+from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # a boundary is as sharp as the scenes that find it
 SPACING = 0.95  # of the width: a tolerance may move the ends of a window
-PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
 ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin this low: another branch is about to take over
 
 
@@ -87,6 +89,9 @@ class Boundary(eqx.Module):
         return f"Boundary: overturns from {float(self.scale):.10g} {after}; {below}"
 
 
+_amplitude = KeptProgram(pulse_acceleration)
+
+
 def overturning_acceleration(
     podium: Podium,
     pulse: Callable[[Any, Any], AbstractExcitation],
@@ -104,7 +109,8 @@ def overturning_acceleration(
     says more about the result.
 
     - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
-      a_p
+      a_p. A function may also make a [`rockjax.GroundMotion`][], of which a_p need not change the vertical
+      motion; its numbers then are constants
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
@@ -115,8 +121,11 @@ def overturning_acceleration(
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    limit = pulse_acceleration(podium, as_float(max_acceleration_ratio))
-    motion = as_pulse(owner, pulse)(1.0, T_p)
+    limit = _amplitude(_values(podium), as_float(max_acceleration_ratio))
+    pulse = as_pulse(owner, pulse)
+    motion = pulse(1.0, T_p)
+    if isinstance(motion, GroundMotion):  # which need not be in proportion to a_p
+        motion = OfAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
     ).scale
@@ -191,28 +200,44 @@ def positive_limit(owner: str, name: str, value) -> None:
 
 
 def _boundary(podium: Podium, excitation, limit, options: Options, width, margin: bool) -> Boundary:
+    excitation = excitation.common_form()
     leaves, structure = jax.tree.flatten((podium, excitation, limit, (options, width)))
+    own = jax.tree.structure((podium, excitation))
     search = _searched(structure, margin)
 
     def rule(primals, tangents):
-        first = search(*primals)
         live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
         moving = [tangent for tangent, moves in zip(tangents, live, strict=True) if moves]
-        # Where all numbers are known, the slopes of a scene come from programs that are kept.
-        change_of = _implicit if all(map(known, primals)) else _implicit_in_program
-        change = change_of(list(primals), moving, first.scale, structure, live, margin)
+        numbers = numbers_of(primals[: own.num_leaves])
+        places = [k for k, moves in enumerate(live) if moves]
+        if all(map(known, primals)) and set(places) <= set(numbers):
+            arguments = jax.tree.unflatten(structure, primals)
+            weights.ahead(arguments, np.zeros((), jnp.result_type(float)), numbers=numbers, margin=margin)
+            first = search(*primals)
+            slopes = weights(arguments, first.scale, numbers=numbers, margin=margin)
+            change = along(np.asarray(slopes), dict(zip(map(numbers.index, places), moving, strict=True)))
+        else:
+            first = search(*primals)
+            change = implicit_in_program(list(primals), moving, first.scale, structure, live, margin)
         none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
-        zero = jnp.zeros_like(first.scale)
+        zero = array_module(first).zeros_like(first.scale)
         return first, First(change, zero, zero, none)
 
     found = jax.custom_jvp(search)
     found.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
-    first = found(*leaves)
-    numpy = array_module(first)
-    exists, low = numpy.isfinite(first.scale), numpy.less(first.dip, ONE_SIDED_BELOW)
+    first = jax.tree.map(jnp.asarray, found(*leaves))
+    plain = _values(first)
+    numpy = array_module(plain)
+    exists, low = numpy.isfinite(plain.scale), numpy.less(plain.dip, ONE_SIDED_BELOW)
     return Boundary(
         first.scale, jnp.asarray(exists), first.impacts, first.dip, jnp.asarray(low), first.certain
     )
+
+
+def _values(tree):
+    """Numbers that are known, without derivatives: of JAX every operation on its own is a program to
+    compile."""
+    return jax.tree.map(value_of, tree) if all(map(known, jax.tree.leaves(tree))) else tree
 
 
 def _searched(structure, margin: bool) -> Callable[..., First]:
@@ -240,7 +265,8 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
         if _traced(leaves):
             return program(*leaves)
         first = _on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
-        return jax.tree.map(lambda y: jnp.asarray(y[0]), first)
+        # Of NumPy: under a transformation JAX would trace them though they are known.
+        return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
 
@@ -271,12 +297,19 @@ def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> Fir
 
 def _picked(excitation, line: np.ndarray, of_each) -> Any:
     """The motions of scenes of these searches; the samples of many records stay in one table."""
-    if isinstance(excitation, Record) and excitation.acceleration.shape[0] > 1:
+    if isinstance(excitation, GroundMotion):
+        both = (_picked(y, line, of_each) for y in (excitation.horizontal, excitation.vertical))
+        return GroundMotion(*both)
+    if isinstance(excitation, PaddedRecord) and excitation.acceleration.shape[0] > 1:
         one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
         dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
-        counts = jnp.full(len(dt), excitation.acceleration.shape[1], jnp.int32)
         return Records(
-            excitation.acceleration, counts, jnp.asarray(dt), jnp.asarray(start), line, scale[line]
+            excitation.acceleration,
+            jnp.asarray(one(excitation.count)),
+            jnp.asarray(dt),
+            jnp.asarray(start),
+            line,
+            scale[line],
         )
     return jax.tree.map(of_each, excitation)
 
@@ -298,33 +331,3 @@ def _in_program(leaves, structure, margin: bool) -> First:
         return jax.vmap(one)(scales)
 
     return first_boundary(row, limit, SPACING * width * limit)
-
-
-def _implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
-    """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is
-    none."""
-    numpy = array_module(leaves, scale)
-    found = numpy.isfinite(scale)
-    places = [k for k, moves in enumerate(live) if moves]
-    limit = jax.tree.unflatten(structure, leaves)[2]
-    past = numpy.where(found, numpy.multiply(scale, 1 + PAST), limit)
-
-    def residual(scale, *values):
-        numbers = list(leaves)
-        for k, value in zip(places, values, strict=True):
-            numbers[k] = value
-        podium, excitation, _, (options, _) = jax.tree.unflatten(structure, numbers)
-        wanted = margin_options(options, margin)
-        (floats, _), _ = solve(podium, excitation.scaled(scale), REST, None, wanted)
-        return boundary_residual(floats, margin)
-
-    point = tuple(leaves[k] for k in places)
-    _, along = jax.linearize(residual, past, *point)
-    slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
-    change = along(numpy.zeros_like(past), *moving)
-    usable = found & (slope != 0) & numpy.isfinite(slope)
-    weight = numpy.where(usable, -1 / numpy.where(usable, slope, 1.0), 0.0)
-    return weight * jnp.where(usable, change, 0.0)
-
-
-_implicit_in_program = jax.jit(_implicit, static_argnames=("structure", "live", "margin"))

@@ -16,7 +16,7 @@ from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
 
-from .first import CLOSE, DIPS, NARROW, ZOOMS, divisions
+from .first import CLOSE, DIPS, WIDTH, divisions
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
@@ -26,10 +26,14 @@ DOUBTFUL = 0.1  # of 1, to be on the safe side
 REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
-SHARE = 12  # scenes to divide a bracket
+SHARE = 8  # scenes to divide a bracket, more where lanes would be idle
 SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
 ROUND = 2048  # scenes of all lines that go up side by side …
 LEAST = 64  # … of one line at least
+QUARTERS = np.array([0.25, 0.5, 0.75])  # of an interval beside a dip …
+ZOOMS = 4  # … so many times
+NARROW = 24  # divisions of a bracket at most
+NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 GRAZING = 1e-3  # a margin as low as this is worked out at the full accuracy
 
 
@@ -54,9 +58,8 @@ class Crossings(NamedTuple):
 class Scan(NamedTuple):
     crossings: Crossings
     survives_at_once: np.ndarray  # at the lower end of each line
-    dip: (
-        np.ndarray
-    )  # least dip of the margin among the survivors below the first crossing of each line, at most 1
+    # Least dip of the margin among the survivors below the first crossing of each line, at most 1.
+    dip: np.ndarray
     certain: np.ndarray  # of each line: below its first crossing no wider interval overturns
     scenes: int
 
@@ -151,7 +154,7 @@ def scan(
         spacing = np.inf if width is None else SPACING * width * size
         known = _certain(known, look, spacing, look_closer == "first")
         for _ in range(ZOOMS):
-            known = known.and_also(look(*_around_dips(known), True))
+            known = known.and_also(look(*_around_dips(known), False))
         known = _certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:
@@ -160,7 +163,7 @@ def scan(
             )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
         changes = answered.first_changes() if look_closer == "first" else answered.changes()
-        crossings = _narrowed(answered, changes, look)
+        crossings = _narrowed(answered, changes, look, max(CLOSE, NOISE * float(options.rtol)))
     return Scan(crossings, starts, _dip(answered), _gaps(answered, y_range[1]), scenes)
 
 
@@ -175,7 +178,8 @@ def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progre
     floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
     value = signed_margin(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
     value = np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, value)
-    return np.broadcast_to(value, x.shape), np.broadcast_to(np.asarray(peaks.impacts), x.shape)
+    # Copies: what is solved again more sharply is put in their place.
+    return tuple(np.array(np.broadcast_to(y, x.shape)) for y in (value, np.asarray(peaks.impacts)))
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
@@ -190,9 +194,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray)
     slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = together[1:] & together[:-1]
     # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
-    bend = np.where(
-        inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0
-    )  # half the second derivative
+    # Half the second derivative.
+    bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
     left, right = margin[:-1], margin[1:]
     apart = (left > 0) != (right > 0)
@@ -277,11 +280,14 @@ def _around_dips(known: _Known) -> tuple[np.ndarray, np.ndarray]:
     here, margin = _lowest(known), known.margin
     # Straight lines on either side, prolonged, would meet there.
     depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
+    may_be = depth < _dip(known)[known.line[here]]
+    here, depth = here[may_be], depth[may_be]
     order = np.lexsort((depth, known.line[here]))
     line = known.line[here[order]]
     here = here[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
-    sides = np.concatenate([known.y[here - 1] + known.y[here], known.y[here] + known.y[here + 1]])
-    return np.tile(known.line[here], 2), 0.5 * sides
+    left = np.concatenate([here - 1, here])
+    start, size = known.y[left, None], (known.y[left + 1] - known.y[left])[:, None]
+    return np.repeat(known.line[left], QUARTERS.size), (start + size * QUARTERS).ravel()
 
 
 def _dip(known: _Known) -> np.ndarray:
@@ -301,7 +307,7 @@ def _gaps(known: _Known, top: float) -> np.ndarray:
     return np.array(widest)
 
 
-def _narrowed(known: _Known, at: np.ndarray, look: Look) -> Crossings:
+def _narrowed(known: _Known, at: np.ndarray, look: Look, close: float) -> Crossings:
     over = known.margin <= 0
     line, overturns = known.line[at], ~over[at]
     safe, fallen = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
@@ -310,14 +316,15 @@ def _narrowed(known: _Known, at: np.ndarray, look: Look) -> Crossings:
     margin = np.stack([known.margin[safe], known.margin[fallen]])
     impacts = known.impacts[fallen].copy()
     for _ in range(NARROW):
-        wide = np.flatnonzero(np.abs(y[0] - y[1]) > CLOSE * np.abs(y).max(axis=0))
+        wide = np.flatnonzero(np.abs(y[0] - y[1]) > close * np.abs(y).max(axis=0))
         if wide.size == 0:
             break
-        places = divisions(*y[:, wide], *margin[:, wide], count=SHARE, xp=np)
+        share = min(max(SHARE, 2 * LANES // wide.size), WIDTH)
+        places = divisions(*y[:, wide], *margin[:, wide], count=share, xp=np)
         # From the surviving end to the other one.
         places = np.sort(places, axis=1)
         places = np.where((y[0] < y[1])[wide, None], places, places[:, ::-1])
-        found = look(np.repeat(line[wide], SHARE), places.ravel(), True)
+        found = look(np.repeat(line[wide], share), places.ravel(), True)
         value = np.nan_to_num(found.margin, nan=1.0).reshape(places.shape)
         hits = found.impacts.reshape(places.shape)
         pad = lambda first, middle, last: np.concatenate([first[:, None], middle, last[:, None]], axis=1)

@@ -24,6 +24,7 @@ WIDTH = 32  # scenes side by side
 DIPS = WIDTH // 2  # the lowest dips that are looked at closer, on both sides …
 ZOOMS = 7  # … so many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
+FEW = 4  # places beside a root
 NARROW = 12  # … or this many divisions of it, whatever comes first
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROWING = range(5)
@@ -234,12 +235,14 @@ def divisions(lo, hi, above, below, count: int = WIDTH, xp: Any = jnp):
     """Scales that divide brackets (…,) with margins `above` > 0 at one end and `below` ≤ 0 at the other: (…,
     count).
 
-    Half of them equally spaced, for certainty, and half close around the root of the straight line, for
+    Some of them equally spaced, for certainty, the others close around the root of the straight line, for
     speed.
     """
-    half = count // 2
+    near = 3 * count // 8 if count < WIDTH else count // 4
+    spaced = count - 2 * near
     root = (above / xp.where(above > below, above - below, 1.0))[..., None]
-    even, reach = np.arange(1, half + 1) / (half + 1), np.logspace(-9, -1, half // 2)
+    even = np.arange(1, spaced + 1) / (spaced + 1)
+    reach = np.logspace(-9 if near > FEW else -6, -1, near)
     even, reach = (xp.broadcast_to(y, (*root.shape[:-1], y.size)) for y in (even, reach))
     part = xp.concatenate([even, root - reach, root + reach], axis=-1)
     lo, hi = lo[..., None], hi[..., None]

@@ -56,6 +56,10 @@ class Suite(Flags):
     dt: SamplingInterval = None
     component: Component = None
     pattern: Pattern = None
+    paired: Annotated[
+        bool,
+        option("--paired", panel=MOTION, help="Each horizontal record with the vertical one of its station."),
+    ] = False
     motions: Annotated[
         str | None,
         option(
@@ -199,7 +203,7 @@ def fragility(
     with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
         analysis = rj.incremental_dynamic_analysis(
             podium,
-            rj.Records.of(found.records()),
+            found,
             x,
             measure=measure,
             names=distinct(found.names),
@@ -293,12 +297,13 @@ def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
     if suite.synthetic is not None:
         return synthetic_motions(suite.synthetic, seed=seed)
     if paths:
-        return read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
+        found = read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
+        return found.paired() if suite.paired else found
     if not sets:
         raise ValueError(
             "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
         )
-    for name in ("units", "dt", "component", "pattern"):
+    for name in ("units", "dt", "component", "pattern", "paired"):
         if name in suite.given:
             raise ValueError(f"{flag(name)}: is for files that are named here, not in the problem file")
     name = suite.motions
@@ -317,7 +322,7 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions.intensity import measured
+    from rockjax._motions.intensity import measured_as
 
     name = levels.values()["measure"]
     if name != "Sa" and levels.measure_period is not None:
@@ -326,6 +331,6 @@ def _measure(levels: Levels, found: Motions) -> rj.Measure:
         raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
     if name == "scale":
         return rj.Measure(name, np.ones(len(found)), "1")
-    values = np.array([measured(motion, name, levels.measure_period, 0.05)[0] for motion in found])
     label = f"Sa({levels.measure_period:g} s)" if name == "Sa" else name
+    values = np.array([measured_as(motion, label) for motion in found])
     return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")

@@ -30,7 +30,7 @@ _TOP = tuple(name for name, y in STRUCTURE.items() if y.place.startswith("supers
 _RATIOS = tuple(name for name in (*_COLUMN, *_TOP) if name not in (*DIMENSIONS, "zeta"))
 _DIMENSIONS = tuple(name for name in DIMENSIONS if name in SIDES or name not in (*STRUCTURE, "damping"))
 _PULSE = ("pulse", "acceleration_ratio", "a_p", "T_p", "frequency_ratio")
-_RECORD = ("units", "dt", "component", "scale")
+_RECORD = ("units", "dt", "component", "scale", "vertical")
 _EITHER = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
 
 
@@ -184,6 +184,16 @@ class Given:
 
     def excitation(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation:
         """The one motion that is meant."""
+        import rockjax as rj
+
+        found = self._excitation(flags, podium)
+        if flags.vertical_ratio is None:
+            return found
+        if isinstance(found, rj.GroundMotion):
+            raise ValueError("--vertical-ratio: the motion has a vertical component already")
+        return rj.GroundMotion(found, found.scaled(flags.vertical_ratio))
+
+    def _excitation(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation:
         explicit = flags.explicit()
         pulse, record = (
             [name for name in group if name in explicit] for group in (_PULSE, ("record", *_RECORD))
@@ -249,6 +259,8 @@ class PanelsOf(NamedTuple):
 
 def _taken(values: Mapping[str, Any], wanted: tuple[str, ...]) -> dict[str, Any]:
     taken = {name: values[name] for name in wanted if name in values}
+    if isinstance(taken.get("vertical"), Path):
+        taken["vertical"] = str(taken["vertical"].absolute())
     return taken | ({"component": component(taken["component"])} if "component" in taken else {})
 
 

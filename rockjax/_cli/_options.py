@@ -107,15 +107,29 @@ Periods = Annotated[
 ]
 
 
-def _laws() -> list[str]:
-    return ["paper", "compatible"]
-
-
 def said(name: str, note: str = "", panel: str = STRUCTURE) -> Any:
     """The option of a parameter, in the words of the tables of parameters."""
     entry = (table.MOTION if panel == MOTION else table.DIMENSIONS | table.STRUCTURE)[name]
     note = note or (f"; {entry.note}" if entry.note else "")
     return option(flag(name), panel=panel, help=f"{entry.heading}{note}.")
+
+
+VerticalRatio = Annotated[
+    float | None, said("vertical_ratio", "; no vertical motion where not given", MOTION)
+]
+
+
+def pulse_of(name: str, vertical_ratio: float | None) -> Any:
+    """The function (a_p, T_p) → motion of a pulse's name."""
+    from rockjax._excitations.ground import GroundMotion
+    from rockjax._excitations.pulses import PULSES
+
+    kind = PULSES[name]
+    return kind if vertical_ratio is None else GroundMotion.in_proportion(kind, vertical_ratio)
+
+
+def _laws() -> list[str]:
+    return ["paper", "compatible"]
 
 
 _LAW = option(
@@ -208,6 +222,10 @@ class Motion(Flags):
     scale: Annotated[
         float | None, option("--scale", panel=MOTION, help="Factor on the record [–]; 1 where not given.")
     ] = None
+    vertical: Annotated[
+        Path | None, option("--vertical", panel=MOTION, help="File of the record's vertical component.")
+    ] = None
+    vertical_ratio: VerticalRatio = None
     motion: Annotated[
         str | None,
         option(

@@ -7,7 +7,20 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ._given import Given, ascending, names, problem_file
-from ._options import GRID, Example, Frequencies, Output, Panels, ProblemFile, Pulse, PulseName, Resume, Rtol
+from ._options import (
+    GRID,
+    Example,
+    Frequencies,
+    Output,
+    Panels,
+    ProblemFile,
+    Pulse,
+    PulseName,
+    Resume,
+    Rtol,
+    VerticalRatio,
+    pulse_of,
+)
 from ._outputs import outputs
 from ._panels import joined, least
 from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
@@ -16,6 +29,7 @@ from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 @dataclass
 class Search(Flags):
     pulse: Pulse = PulseName.ricker
+    vertical_ratio: VerticalRatio = None
     frequency_ratio: Frequencies = (1.0, 8.0)
     max_acceleration_ratio: Annotated[
         float, option("--max-acceleration", panel=GRID, help="End of the search, a_p/(g tan α) [–].")
@@ -65,7 +79,6 @@ def overturning(
 
     import rockjax as rj
     from rockjax import _partial
-    from rockjax._excitations.pulses import PULSES
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
     given = Given("overturning", problem_file(problem, example), structure, search, accuracy)
@@ -76,7 +89,7 @@ def overturning(
     to = outputs(output, "rockjax-overturning").check(drawn)
     x, pulse = (
         np.linspace(*ascending("--frequency", search.frequency_ratio), search.points),
-        PULSES[search.pulse],
+        pulse_of(search.pulse, search.vertical_ratio),
     )
     if not (end > 0 and math.isfinite(end)):
         raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")

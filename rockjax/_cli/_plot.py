@@ -35,9 +35,9 @@ def plot(
 ) -> None:
     """Draw a file again: spectra, overturning spectra, responses, fragilities, design charts.
 
-    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning; of an overturning spectrum:
-    boundaries, sensitivity; of a fragility: fragility, ida; of a response: response, phase-portrait,
-    moment-rotation, energy, and animation, a GIF.
+    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning, sensitivity; of an overturning
+    spectrum: boundaries, sensitivity; of a fragility: fragility, ida; of a response: response,
+    phase-portrait, moment-rotation, energy, and animation, a GIF.
 
     \b
     Examples:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from ._given import Given, ascending, problem_file
+from ._given import Given, ascending, names, problem_file
 from ._options import (
     GRID,
     Accuracy,
@@ -17,6 +17,8 @@ from ._options import (
     Pulse,
     PulseName,
     Resume,
+    VerticalRatio,
+    pulse_of,
 )
 from ._outputs import outputs
 from ._panels import joined, least
@@ -26,11 +28,20 @@ from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
 @dataclass
 class Grid(Flags):
     pulse: Pulse = PulseName.ricker
+    vertical_ratio: VerticalRatio = None
     frequency_ratio: Frequencies = (1.0, 8.0)
     acceleration_ratio: Annotated[
         tuple[float, float], option("--acceleration", panel=GRID, help="Range of a_p/(g tan α) [–].")
     ] = (1.0, 12.0)
     points: Annotated[int, option("--points", panel=GRID, min=2, help="Points along each axis.")] = 100
+    sensitivities: Annotated[
+        str,
+        option(
+            "--sensitivities",
+            panel=GRID,
+            help="Parameters y of ∂(max|θ|/α)/∂ ln y, separated by commas; none where not given.",
+        ),
+    ] = ""
 
 
 def spectrum(
@@ -48,8 +59,8 @@ def spectrum(
 
     With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are narrowed down between
     points of the grid; `rockjax overturning` also finds what lies between two points that end alike. Writes
-    OUTPUT.nc, OUTPUT-rotation.png and OUTPUT-overturning.png. Ctrl-C keeps the scenes that are solved in
-    OUTPUT.partial.nc; --resume solves the others.
+    OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities, OUTPUT-sensitivity.png.
+    Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:
@@ -58,6 +69,7 @@ def spectrum(
       rockjax spectrum --width 0.45 --height 3 --column-mass 1500 \\
         --beam-mass 30e3 --points 40
       rockjax spectrum --example spectrum --points 20
+      rockjax spectrum --eta-over-gamma 5 --T-s 0,0.5 --sensitivities alpha,gamma
       rockjax spectrum problem.toml --points 200
     """
     prepare(report)
@@ -66,13 +78,15 @@ def spectrum(
     import rockjax as rj
     from rockjax import _partial
     from rockjax._batch.memory import require_memory
-    from rockjax._excitations.pulses import PULSES
     from rockjax._studies.grid_boundaries import with_boundaries
 
-    to = outputs(output, "rockjax-spectrum").check(("rotation", "overturning"))
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
     podiums, ratios, periods, zeta = given.panels(structure)
     grid = given.settings(grid)
+    parameters = names(grid.sensitivities)
+    drawn = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
+    to = outputs(output, "rockjax-spectrum").check(drawn)
+    pulse = pulse_of(grid.pulse, grid.vertical_ratio)
     options = given.options(accuracy, outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
@@ -87,17 +101,17 @@ def spectrum(
     prepare_pictures()
     try:
         with report.progress(total, "scenes") as bar:
-            spectra = rj.rocking_spectra(
-                podiums, PULSES[grid.pulse], x, y, options=options, progress=bar, resume=known
-            )
-        spectra = with_boundaries(spectra, podiums, PULSES[grid.pulse], options=options)
+            how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
+            spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
+        spectra = with_boundaries(spectra, podiums, pulse, options=options)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     from rockjax import plots
 
     panels = joined(spectra, ratios, periods, zeta)
     report.write(to.data(), panels)
-    for suffix, draw in (("rotation", plots.spectra), ("overturning", plots.overturning_curves)):
+    draws = (plots.spectra, plots.overturning_curves, plots.sensitivity_spectra)
+    for suffix, draw in zip(drawn, draws, strict=False):
         report.draw(to.picture(suffix), draw(panels))
     _partial.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())

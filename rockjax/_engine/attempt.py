@@ -10,16 +10,16 @@ import jax.numpy as jnp
 
 from rockjax._types import Flag, Value, Vector
 
+from .coefficients import Coefficients
 from .hermite import quintic
-from .model import Coefficients, acceleration, steady_for
+from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-AT_ONCE = (
-    100  # times the resolution of time: what the end of the scene follows so closely is not told from it
-)
+# Times the resolution of time: what the end of the scene follows so closely is not told from it.
+AT_ONCE = 100
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
 GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
 

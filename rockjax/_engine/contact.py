@@ -19,9 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
+from rockjax._excitations.base import Shaking
 from rockjax._types import Flag, Index, Value
 
+from .coefficients import Coefficients
 from .hermite import derivative
+from .model import horizontal, uplift_demand
 from .ratio import safe_ratio
 from .records import larger
 from .settled import certificate
@@ -49,7 +52,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     shaking = excitation.piece(state.piece)(state.t)
     settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
     state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
-    highest = scene.lookahead.peak(state.t, state.piece, jnp.abs(shaking))
+    highest = scene.lookahead.peak(state.t, state.piece, jnp.abs(horizontal(shaking)))
     nodes, to_powers, to_tail = _interpolation(degree)
 
     def panel(carry: tuple[LoopState, Index]) -> tuple[LoopState, Index]:
@@ -62,6 +65,12 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         ground_at, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
         values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
+        raised: list[Value] = []
+        rounding: list[Value] = []
+        if isinstance(values, Shaking):
+            raised = [c.tilt * y for y in _combine(to_powers, values.vertical)]
+            rounding = [c.tilt * y for y in _combine(to_tail, values.vertical)]
+            values = values.horizontal
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
         rates = [*derivative(path), jnp.zeros_like(half)]
@@ -78,7 +87,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         shaken = c.omega2 * jnp.sqrt(1 + 4 * zeta**2) * vibration
         padded = [*force, *[0.0] * (len(path) - len(force))]
         demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
-        goes = _size(demand) + c.demand * shaken < c.uplift
+        goes = _stays_down(c, demand, shaken, raised, rounding)
         if plan.deformation:
             goes &= _size(path) + vibration < jnp.maximum(
                 present(state.deformation), scene.atol * c.two_R * c.sin_alpha
@@ -95,18 +104,8 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         )
         goes &= (zeta < _DAMPED) & inside
 
-        # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
         event_time = jnp.where(reaches, edge, state.t + length)
-        past = event_time - constant(event_time)
-        u_ddot = -ground_at(constant(event_time)) - (c.omega2 * x + c.damping * v)
-        x, v = x + past * v, v + past * u_ddot
-        piece = state.piece + reaches.astype(jnp.int32)
-        xs, vs = restart(
-            scene, constant(event_time), past, (state.x[0], x), (state.v[0], v), state.sigma, piece
-        )
-        crossed = state._replace(
-            t=constant(event_time), event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1
-        )
+        crossed = _past_panel(scene, state, event_time, reaches, x, v)
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
         return state, level + (~goes).astype(jnp.int32)
 
@@ -116,6 +115,36 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return down & (state.t < scene.quiet)
 
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
+
+
+def _past_panel(
+    scene: Scene, state: LoopState, event_time: Value, reaches: Flag, x: Value, v: Value
+) -> LoopState:
+    """The state at the end of a panel, with displacement and velocity of the superstructure there."""
+    c, t = scene.c, jax.lax.stop_gradient(event_time)
+    # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
+    past = event_time - t
+    u_ddot = -horizontal(scene.excitation.piece(state.piece)(t)) - (c.omega2 * x + c.damping * v)
+    x, v = x + past * v, v + past * u_ddot
+    piece = scene.excitation.past(state.piece, reaches)
+    xs, vs = restart(scene, t, past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
+    return state._replace(t=t, event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1)
+
+
+def _stays_down(
+    c: Coefficients, demand: list[Value], shaken: Value, raised: list[Value], rounding: list[Value]
+) -> Flag:
+    """Whether the demand of a panel, with what shakes freely, stays below that which lifts; `raised` are the
+    coefficients of K v̈_g, and `rounding` those that were left out of it."""
+    if not raised:
+        return _size(demand) + c.demand * shaken < c.uplift
+    # ±q − K v̈_g, (C10)
+    raised = [*raised, *[jnp.zeros_like(shaken)] * (len(demand) - len(raised))]
+    sides = ([d + s * r for d, r in zip(demand, raised, strict=True)] for s in (1.0, -1.0))
+    goes = jnp.maximum(*map(_size, sides)) + c.demand * shaken < c.uplift
+    for coefficient in rounding:
+        goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
+    return goes
 
 
 @functools.partial(jax.jit, static_argnames="plan")
@@ -128,14 +157,19 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     lifts = lifts_at < end
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
-    side = constant(-jnp.sign(excitation.piece(piece)(stamp)))
+
+    def demand_on(piece: Index):
+        ground_at = excitation.piece(piece)
+        return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
+
+    side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
     # A crossing that falls on a breakpoint, but for rounding, is that of the piece before.
-    edge = excitation.breakpoint(piece - 1)
+    edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
-    jump = excitation.piece(piece)(stamp) - excitation.piece(piece - 1)(stamp)
+    jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
     jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
-    crossed = excitation.piece(piece - (on_edge & ~jumps).astype(jnp.int32))
+    crossed = demand_on(excitation.before(piece, (on_edge & ~jumps).astype(jnp.int32)))
     ground, slope = jax.jvp(crossed, (stamp,), (jnp.ones_like(stamp),))
     time_past_end = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
     now = jnp.where(jumps, edge, stamp - (time_past_end - constant(time_past_end)))

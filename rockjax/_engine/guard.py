@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._types import Flag, Value, Vector
 
 from .hermite import Quintic, crossing, quintic, turning_point, turns_more_than_once
-from .model import acceleration, uplift_demand
+from .model import acceleration, demand_jet
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .state import LoopState, Plan, Scene
@@ -124,7 +124,7 @@ def _paths(
         jerk = acceleration(
             c, jnp.zeros_like(t), g1, (jnp.zeros_like(t), *v[1:]), (jnp.zeros_like(t), *a[1:])
         )
-        return uplift_demand(c, g0, x, v), uplift_demand(c, g1, v, a), uplift_demand(c, g2, a, jerk)
+        return demand_jet(c, (g0, g1, g2), ((x, v), (v, a), (a, jerk)))
 
     demand = (*jet(state.t, state.x, state.v, a0), *jet(state.t + h, end.x, end.v, end.a))
     return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)

@@ -30,7 +30,8 @@ import jax.numpy as jnp
 
 from rockjax._types import Value
 
-from .model import Coefficients, potential, potential_slope, rotational_inertia
+from .coefficients import Coefficients
+from .energy import potential, potential_slope, rotational_inertia
 from .sincos import sincos
 
 OTHERS = 0.02  # w: as much as others than gravity may add

@@ -6,14 +6,16 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import State
 from rockjax._structures import Elastic, Podium
 from rockjax._types import Value
 
 from . import margin
-from .model import Coefficients, coefficients, uplift_demand
+from .coefficients import Coefficients, coefficients
+from .model import uplift_demand
 from .runge_kutta import tableau
 from .state import LoopState, Plan, Scene
 from .transitions import contact_mode, restart
@@ -39,10 +41,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
-LANDED, FARTHEST = (
-    10.0,
-    0.02,
-)  # times √rtol of the step, and at most: its quintic carries the state over the rest …
+# Times √rtol of the step, and at most: its quintic carries the state over the rest …
+LANDED, FARTHEST = 10.0, 0.02
 FIRST_LOOK = 1024  # impacts, after which many hops are looked for
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
@@ -65,6 +65,30 @@ def _longest_step(c: Coefficients, plan: Plan) -> Value:
     return longest
 
 
+def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Options) -> Value:
+    """As long as the ground motion can be seen in, while it lasts [s]."""
+    start, quiet = excitation.support
+    duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
+    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
+    degree, pieces = excitation.panels
+    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
+        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
+    return excited
+
+
+def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
+    threshold = None if plan.elastic else c.uplift
+    if isinstance(excitation, GroundMotion):
+        return excitation.lookahead(threshold, c.tilt)
+    return excitation.lookahead(threshold)
+
+
+def _landing(options: Options) -> Value:
+    """The part of a step within which it lands on an event."""
+    part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
+    return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
+
+
 def prepare(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -75,7 +99,7 @@ def prepare(
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
-    c = coefficients(podium, options.rtol)
+    c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
@@ -84,20 +108,16 @@ def prepare(
     closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
     rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
-    duration, lands = quiet - start, jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
-    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
-    degree, pieces = excitation.panels
-    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(closer, jnp.minimum(excited, options.stride * pieces[0]), excited)
+    excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
         excitation=excitation,
-        lookahead=excitation.lookahead(None if plan.elastic else c.uplift),
+        lookahead=_lookahead(excitation, c, plan),
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
-        landing=lands * jnp.where(closer, LANDED_CLOSER, 1.0),
+        landing=_landing(options),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
@@ -146,4 +166,7 @@ def prepare(
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
     )
+    if isinstance(excitation, GroundMotion):
+        weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
+        state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
     return scene, state

@@ -295,7 +295,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     finite = jnp.all(jnp.isfinite(jnp.stack([ended, *x, *v])))
     falling = sigma * v[0] < 0
     hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
-    piece = state.piece + (ended >= scene.excitation.breakpoint(state.piece)).astype(jnp.int32)
+    piece = scene.excitation.past(state.piece, ended >= scene.excitation.breakpoint(state.piece))
     ground_now = scene.excitation.piece(piece)(ended)
     speed = jnp.abs(v[0])
     demand = uplift_demand(c, mode.ground_at(ended), x, v)

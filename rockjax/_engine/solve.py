@@ -24,7 +24,7 @@ from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
-from .derivatives import differentiable, known
+from .derivatives import differentiable, known, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import plan_for, prepare
 from .state import LoopState, Plan, Scene
@@ -197,10 +197,11 @@ def _of_some(function, leaves, live):
 
 def _with_jacobian(function, leaves, live):
     """(floats, their derivatives with respect to some of the leaves in rows, integers), in one pass."""
-    point, of_live = _of_some(function, leaves, live)
-    units = tuple(jnp.eye(len(live), dtype=y.dtype)[k] for k, y in enumerate(point))
-    along = lambda *unit: jax.jvp(of_live, point, unit, has_aux=True)
-    return jax.vmap(along, out_axes=(None, 0, None))(*units)
+    point = [_first_order_only(y) if i in live else y for i, y in enumerate(leaves)]
+    units: list[Any] = [None] * len(point)
+    for k, i in enumerate(live):
+        units[i] = jnp.eye(len(live), dtype=point[i].dtype)[k]
+    return pushed(function, point, units, loops=True)
 
 
 @jax.custom_jvp

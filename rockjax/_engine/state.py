@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._types import Flag, Index, Value, Vector
 
-from .model import Coefficients
+from .coefficients import Coefficients
 from .runge_kutta import Tableau
 
 T = TypeVar("T")
@@ -77,6 +77,16 @@ class LoopState(NamedTuple):
     slowest_before_peak: Value  # … and up to the peak
     steps: Index
     rejected: Index
+
+
+# What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
+# for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
+MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin")
+
+
+def moving(state: LoopState) -> dict[str, Any]:
+    """The part of a state that carries the tangents of its peaks."""
+    return {name: getattr(state, name) for name in MOVING}
 
 
 class Decision(NamedTuple):

@@ -36,7 +36,7 @@ from .ratio import safe_ratio
 from .records import larger, least_margin, margin_of_peak, step_peak, superstructure_maxima
 from .settled import certificate
 from .state import Decision, LoopState, Plan, Scene, StepInfo, present
-from .transitions import restart, transition
+from .transitions import past_breakpoint, restart, transition
 
 NEARLY = 0.95  # of the uplift demand
 
@@ -173,7 +173,8 @@ def _advance(
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
-    piece = state.piece + (stamp >= constant(scene.excitation.breakpoint(state.piece))).astype(jnp.int32)
+    passed = stamp >= constant(scene.excitation.breakpoint(state.piece))
+    piece = scene.excitation.past(state.piece, passed)
     ground = scene.excitation.piece(piece)(stamp)
 
     speed = jnp.abs(v[0])
@@ -216,7 +217,7 @@ def _advance(
     # to the other by the field between them, where both move their own ways.
     stops = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), delta)
     x, v = restart(scene, stamp, delta - stops, x, v, mode, state.piece)
-    x, v = restart(scene, stamp, stops, x, v, mode, piece)
+    x, v = past_breakpoint(scene, stamp, stops, x, v, mode, (state.piece, piece))
     advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
     decision = Decision(h, trial.reaches, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)

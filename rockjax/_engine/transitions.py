@@ -7,9 +7,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._excitations.base import Shaking
+from rockjax._excitations.ground import GroundMotion
 from rockjax._types import Flag, Index, Value, Vector
 
-from .model import Coefficients, acceleration, impact, uplift_demand
+from .coefficients import Coefficients
+from .model import acceleration, impact, uplift_demand
 from .state import Scene
 
 
@@ -26,7 +29,7 @@ def transition(
     sigma: Value,
     x: Vector,
     v: Vector,
-    ground: Value,
+    ground: Value | Shaking,
     hit: Flag,
     lifted: Flag,
     demand: Value,
@@ -63,6 +66,23 @@ def after_impact(scene: Scene, sigma: Value, theta_dot: Value, q: Value) -> tupl
     onward = impact(scene.c, theta_dot)
     moves = jnp.abs(onward) > scene.rest
     return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
+
+
+def past_breakpoint(
+    scene: Scene, stamp: Value, delta: Value, x: Vector, v: Vector, sigma: Value, pieces: tuple[Index, Index]
+) -> tuple[Vector, Vector]:
+    """The state at the moving time of a breakpoint between two pieces, seen at its fixed stamp.
+
+    Where breakpoints of a horizontal and a vertical motion fall on one time and move their own ways, from one
+    to the other by the field between them.
+    """
+    before, after = pieces
+    if isinstance(scene.excitation, GroundMotion):
+        apart, between = scene.excitation.tie(before)
+        apart = jnp.where(after != before, apart, 0.0)
+        x, v = restart(scene, stamp, apart, x, v, sigma, between)
+        delta = delta - apart
+    return restart(scene, stamp, delta, x, v, sigma, after)
 
 
 @jax.custom_jvp

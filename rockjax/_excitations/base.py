@@ -11,7 +11,7 @@ from __future__ import annotations
 import abc
 import warnings
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -21,6 +21,15 @@ from jaxtyping import Array, ArrayLike, Float
 from rockjax._checks import as_float
 from rockjax._repr import card, readable
 from rockjax._types import Index, Number, Value
+
+SAMPLES = 4097  # of a motion of which only its formula is known, to find where it is lowest
+
+
+class Shaking(NamedTuple):
+    """Ground acceleration where the ground also moves vertically [m/s²]; without that it is a number."""
+
+    horizontal: Value
+    vertical: Value  # upwards
 
 
 class AbstractLookahead(eqx.Module):
@@ -93,6 +102,11 @@ class AbstractExcitation(eqx.Module):
         """Index of the piece after the last breakpoint."""
         return self.breakpoints.shape[-1]
 
+    @property
+    def most_pieces(self) -> int:
+        """The most pieces that it can have, known before tracing."""
+        return self.breakpoints.shape[-1] + 1
+
     def common_form(self) -> AbstractExcitation:
         """The same motion in a form whose programs serve more of its kind, whatever the length of a
         record."""
@@ -103,6 +117,38 @@ class AbstractExcitation(eqx.Module):
         """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a
         batch."""
         return {}
+
+    def past(self, index: Index, passed: Array) -> Index:
+        """The piece after one, where its end is `passed`."""
+        return index + passed.astype(jnp.int32)
+
+    def before(self, index: Index, by: Any = 1) -> Index:
+        """The piece before one; where `by` is 0, itself."""
+        return index - by
+
+    def curvature(self) -> Value:
+        """A bound of |d²ü_g/dt²| between breakpoints [m/s⁴]: needed of motions that are part of a pair."""
+        raise NotImplementedError(
+            f"{type(self).__name__} does not say how much it curves: give it a method `curvature`, a bound "
+            "of |d²ü_g/dt²| between breakpoints"
+        )
+
+    def lowest(self) -> tuple[Value, Value]:
+        """The least ü_g [m/s²], which may be positive, and when [s], of a single motion."""
+        start, end = self.support
+        times = jnp.concatenate(
+            [start + (end - start) * jnp.linspace(0.0, 1.0, SAMPLES), jnp.atleast_1d(self.breakpoints)]
+        )
+        times = jnp.where(jnp.isfinite(times), times, start)
+        values = self(times)
+        k = jnp.argmin(values)
+        # A parabola through the neighbours, where all three are on one piece.
+        inside = jnp.clip(k, 1, SAMPLES - 2)
+        low, mid, high = values[inside - 1], values[inside], values[inside + 1]
+        bend = low - 2 * mid + high
+        least = mid - (high - low) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
+        smooth = (inside == k) & (bend > 0) & (self.locate(times[k - 1]) == self.locate(times[k + 1]))
+        return jnp.where(smooth, jnp.minimum(least, values[k]), values[k]), times[k]
 
     def breakpoint(self, index: Index) -> Value:
         """Time of breakpoint `index`, inf past the last one [s]."""
@@ -165,6 +211,12 @@ class Rest(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         return _Silence()
+
+    def curvature(self) -> Value:
+        return jnp.zeros(())
+
+    def lowest(self) -> tuple[Value, Value]:
+        return jnp.zeros(()), jnp.zeros(())
 
     def scaled(self, factor) -> Self:
         del factor

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, ClassVar, Self
@@ -151,6 +152,15 @@ class AbstractPulse(AbstractExcitation):
 
         return inside if self.compact else formula
 
+    def curvature(self) -> Value:
+        return jnp.abs(self.a_p) * _bend(type(self)) / self.T_p**2
+
+    def lowest(self) -> tuple[Value, Value]:
+        heights = np.array([float(self.shape(np.float64(z))) for z in self.knots()])
+        least = jnp.minimum(self.a_p * heights.min(), self.a_p * heights.max())
+        places = np.asarray(self.knots())[[heights.argmin(), heights.argmax()]]
+        return least, self.T_p * jnp.where(self.a_p > 0, *places)
+
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
         if threshold is None:
@@ -169,6 +179,15 @@ class AbstractPulse(AbstractExcitation):
         lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
         trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
+
+
+@functools.cache
+def _bend(pulse: type[AbstractPulse]) -> float:
+    """A bound of |s''| inside the span of a shape, by differences."""
+    h, (start, end) = 1e-4, pulse.span
+    with jax.ensure_compile_time_eval():
+        s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))
+    return 1.01 * float(np.abs(np.diff(s, 2)).max()) / h**2
 
 
 def _exp(x):

@@ -9,11 +9,29 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
+
+LEAST_SIZE = 2048  # samples
+
+
+def common_size(count: int) -> int:
+    """What a number of samples is filled up to: 2048, 4096, 8192, … Each size is a program of its own, and
+    what fills up costs a scene little."""
+    return max(LEAST_SIZE, 1 << (count - 1).bit_length())
+
+
+def filled_up(samples, *sizes: int):
+    """Samples with zeros behind them, along the last axes."""
+    last = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
+    room = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
+    # What JAX would do here it would compile for every length.
+    return jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
 
 
 class Sampling(NamedTuple):
@@ -72,6 +90,10 @@ class AbstractSampled(AbstractExcitation):
     def last_piece(self) -> Any:
         return self.sampling.count
 
+    @property
+    def most_pieces(self) -> int:
+        return self.table.shape[-1] + 1
+
     def breakpoint(self, index: Index) -> Value:
         return jnp.where(index < self.sampling.count, self._time(index), jnp.inf)
 
@@ -91,6 +113,21 @@ class AbstractSampled(AbstractExcitation):
         a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
         t0 = self._time(i)
         return lambda t: a0 + slope * (t - t0)
+
+    def curvature(self) -> Value:
+        return jnp.zeros_like(self.sampling.dt)
+
+    def lowest(self) -> tuple[Value, Value]:
+        scale, table = self.sampling.scale, self.table  # what fills up a row is zero
+        places = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
+        low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in places)
+        low, high, first, last = (self.of_row(y) for y in (low, high, *places))
+        falls = scale > 0
+        return scale * jnp.where(falls, low, high), self._time(jnp.where(falls, first, last))
+
+    def of_row(self, rows: Array) -> Array:
+        """The entry of this motion among one for each row of the table."""
+        return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
@@ -117,9 +154,8 @@ class SampledLookahead(AbstractLookahead):
 
     record: AbstractSampled
     threshold: Value | None
-    to_come: Float[
-        Array, "*table n"
-    ]  # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero
+    # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero.
+    to_come: Float[Array, "*table n"]
     highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # of |samples|, unscaled, where exceedances are asked for
 

@@ -128,7 +128,11 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
         return inside
 
-    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+    def curvature(self) -> Value:
+        return self._bounds()[1]
+
+    def _bounds(self) -> tuple[Value, Value]:
+        """Of |ü_g| and |d²ü_g/dt²|."""
         # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
         omega = 2 * math.pi * motion.f_p
@@ -136,7 +140,11 @@ class MavroeidisPapageorgiou(AbstractExcitation):
         weights = (0.5 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A), 0.25 * jnp.abs(motion.A))
         amplitude = sum((w * r for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
         curvature = sum((w * r**3 for w, r in zip(weights, rates, strict=True)), start=jnp.zeros(()))
-        return _bounded_lookahead(motion, threshold, amplitude, curvature)
+        return amplitude, curvature
+
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+        motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
+        return _bounded_lookahead(motion, threshold, *self._bounds())
 
 
 class Gabor(AbstractExcitation):
@@ -178,14 +186,21 @@ class Gabor(AbstractExcitation):
 
         return formula
 
-    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+    def curvature(self) -> Value:
+        return self._bounds()[1]
+
+    def _bounds(self) -> tuple[Value, Value]:
+        """Of |ü_g| and |d²ü_g/dt²|."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
         # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the
         # curvature.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
-        return _bounded_lookahead(motion, threshold, amplitude, curvature)
+        return amplitude, curvature
+
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+        return _bounded_lookahead(jax.lax.stop_gradient(self), threshold, *self._bounds())
 
 
 def _bounded_lookahead(motion, threshold, amplitude, curvature) -> AbstractLookahead:

@@ -20,9 +20,8 @@ from rockjax._structures import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-UNSAID_PGA = (
-    0.05 * STANDARD_GRAVITY
-)  # of a file in m/s² by the word of the user alone; numbers in g look like that
+# Of a file in m/s² by the word of the user alone; numbers in g look like that.
+UNSAID_PGA = 0.05 * STANDARD_GRAVITY
 DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 
 

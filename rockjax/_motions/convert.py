@@ -20,11 +20,12 @@ import numpy as np
 
 from rockjax._checks import concrete, of_kind, shown
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
 
 from .motion import Motion, Motions
 from .record import Record
-from .records import Records
+from .records import RecordPairs, Records
 
 # What functions of a single motion take, and those of several.
 AnyMotion = AbstractExcitation | Motion | Motions
@@ -64,14 +65,19 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
     )
 
 
-def as_records(owner: str, value, name: str = "records") -> tuple[Records, list[str] | None]:
-    """A table of all records, and their names where they have some."""
+def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
+    """A table of all records, or of all pairs of records, and their names where they have some."""
+    if isinstance(value, RecordPairs):
+        return value, None
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
         traced = which is None or scale is None
         whole = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
         return (value if whole else Records.of(_rows(owner, value, name))), None
     members, names = several(owner, value, name)
+    pairs = [member for member in members if isinstance(member, GroundMotion)]
+    if pairs and len(pairs) == len(members) and all(map(_of_records, pairs)):
+        return RecordPairs.of(pairs), names
     for k, member in enumerate(members):
         if not isinstance(member, Record):
             raise ValueError(
@@ -79,6 +85,10 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records, list[
                 "rockjax.Record(motion(t), dt) samples a motion at times t"
             )
     return Records.of([member for member in members if isinstance(member, Record)]), names
+
+
+def _of_records(pair: GroundMotion) -> bool:
+    return isinstance(pair.horizontal, Record) and isinstance(pair.vertical, Record)
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
@@ -96,6 +106,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
         return found
     found = []
     for k, member in enumerate(several(owner, value, name).members):
+        member = member.horizontal if isinstance(member, GroundMotion) else member
         samples = concrete(member.acceleration) if isinstance(member, Record) else None
         if samples is None or not isinstance(member, Record):
             raise ValueError(
@@ -149,6 +160,10 @@ def _advice(value) -> str:
 
 
 def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
+    if isinstance(motion, GroundMotion):
+        for part in PARTS:
+            _single(owner, getattr(motion, part), f"{name}.{part}")
+        return motion
     for field in dataclasses.fields(motion):
         value = getattr(motion, field.name)
         if isinstance(value, jax.Array | np.ndarray) and value.ndim > motion.own_dimensions.get(
@@ -179,10 +194,17 @@ def _rows(owner: str, records: Records, name: str) -> list[Record]:
     return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
 
 
+PARTS = "horizontal", "vertical"
+
+
 def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
     """Records in one table; motions of one other kind as one with arrays."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
+    if all(isinstance(member, GroundMotion) for member in members):
+        both = [together(owner, [getattr(member, part) for member in members], name) for part in PARTS]
+        pairs = all(isinstance(part, Records) for part in both)
+        return RecordPairs(*both) if pairs else GroundMotion(*both)  # pyright: ignore[reportArgumentType]
     kinds = sorted({type(member).__name__ for member in members})
     if len({jax.tree.structure(member) for member in members}) > 1:
         raise ValueError(f"{owner}: {name} must be motions of one kind, got {', '.join(kinds)}")

@@ -8,6 +8,7 @@ read Sa off at samples.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -91,6 +92,20 @@ def measured(motion: Accelerogram, measure: str, period: float | None, damping: 
         raise ValueError(f"scaled_to: period has no meaning for {measure}")
     find, power = simple[measure]
     return find(), power
+
+
+LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
+
+
+def measured_as(motion: Accelerogram, label: str) -> float:
+    """A measure by what curves call it, "PGA", "PGV" or "Sa(0.5 s)", 5 % damped, in SI units. Raises
+    `ValueError` for others."""
+    found = LABEL.fullmatch(label)
+    if found:
+        return measured(motion, "Sa", float(found["period"]), 0.05)[0]
+    if label not in ("PGA", "PGV"):
+        raise ValueError(f"measure must be 'PGA', 'PGV' or such as 'Sa(0.5 s)', got {label!r}")
+    return measured(motion, label, None, 0.05)[0]
 
 
 def intensity_measures(

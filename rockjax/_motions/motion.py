@@ -16,12 +16,14 @@ import numpy as np
 
 from rockjax import _tables
 from rockjax._checks import shown, single
+from rockjax._excitations.ground import GroundMotion
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
 
 from .accelerogram import Accelerogram
 from .intensity import energy, intensity_measures, measured
 from .record import Record
+from .stations import paired
 
 if TYPE_CHECKING:
     import xarray
@@ -38,19 +40,32 @@ class Motion(Accelerogram):
     - `name`: what to call it; `source`: the file it comes from, None where there is none
     - `metadata`: what the header of the file says: station, component, event, date, units in the file, filter
       corners …
+    - `vertical`: the vertical motion of the same ground, None where there is none
+      ([`rockjax.Motions.paired`][]); what is done to a motion is done to it as well, and measures are those
+      of the horizontal motion
 
     Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
     """
 
-    def record(self, scale: float = 1.0) -> Record:
-        """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]."""
-        return Record(self.acceleration, self.dt, scale)
+    vertical: Motion | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not isinstance(self.vertical, Motion | None):
+            raise ValueError(f"Motion: vertical must be a rockjax.Motion or None, got {shown(self.vertical)}")
+
+    def record(self, scale: float = 1.0) -> Record | GroundMotion:
+        """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]. With a
+        vertical motion, the [`rockjax.GroundMotion`][]."""
+        record = Record(self.acceleration, self.dt, scale)
+        return record if self.vertical is None else GroundMotion(record, self.vertical.record(scale))
 
     def scaled(self, factor: float) -> Self:
         """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
         factor = single("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
-        return self._changed(factor * self.acceleration, **note)
+        vertical = None if self.vertical is None else self.vertical.scaled(factor)
+        return dataclasses.replace(self._changed(factor * self.acceleration, **note), vertical=vertical)
 
     def _changed(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
         dt = self.dt if dt is None else dt
@@ -83,7 +98,9 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        return self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
+        vertical = None if self.vertical is None else self.vertical.resampled(dt)
+        resampled = self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
+        return dataclasses.replace(resampled, vertical=vertical)
 
     def baseline_corrected(self, order: int = 2) -> Self:
         """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in
@@ -108,7 +125,9 @@ class Motion(Accelerogram):
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
         corrected = self._changed(self.acceleration - slope / self.duration, baseline_order=order)
         # Trapezoids of a polynomial are not quite its integral.
-        return corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
+        corrected = corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
+        vertical = None if self.vertical is None else self.vertical.baseline_corrected(order)
+        return dataclasses.replace(corrected, vertical=vertical)
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
         """The part between the fractions `lower` and `upper` of the Arias intensity [–].
@@ -127,7 +146,18 @@ class Motion(Accelerogram):
             raise ValueError(f"trimmed: {self.name} is zero throughout")
         first = int(np.searchsorted(spent, lower * spent[-1], side="right")) - 1
         last = int(np.searchsorted(spent, upper * spent[-1]))
-        return self._changed(self.acceleration[max(first, 0) : max(last, first + 1) + 1])
+        part = slice(max(first, 0), max(last, first + 1) + 1)
+        trimmed, vertical = self._changed(self.acceleration[part]), self.vertical
+        if vertical is None:
+            return trimmed
+        if vertical.dt != self.dt:
+            raise ValueError(
+                f"trimmed: the vertical motion of {self.name} is sampled every {vertical.dt:g} s, the "
+                f"horizontal one every {self.dt:g} s; resample one of them"
+            )
+        if len(vertical.acceleration[part]) < 2:
+            return dataclasses.replace(trimmed, vertical=None)
+        return dataclasses.replace(trimmed, vertical=vertical._changed(vertical.acceleration[part]))
 
     def save(self, path: str | Path) -> Path:
         """Write the motion as PEER's `.AT2` (in g, 8 digits) or as `.csv` (time [s], acceleration [m/s²],
@@ -137,6 +167,11 @@ class Motion(Accelerogram):
         Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
         """
         suffix = Path(path).suffix.lower()
+        if self.vertical is not None:
+            raise ValueError(
+                f"{path}: a file holds one component; save motion.vertical by itself, and the horizontal one "
+                "as dataclasses.replace(motion, vertical=None)"
+            )
         if suffix not in (".at2", ".csv"):
             raise ValueError(f"{path}: a motion is saved as .AT2 or .csv, got {Path(path).suffix!r}")
         lines = self._at2() if suffix == ".at2" else self._csv()
@@ -170,6 +205,8 @@ class Motion(Accelerogram):
             "PGV": f"{self.pgv:.3g} m/s",
             "PGD": f"{self.pgd:.3g} m",
         }
+        if self.vertical is not None:
+            facts["vertical"] = f"{self.vertical.name}, {self.vertical.pga:.3g} m/s²"
         more = {key: str(value) for key, value in self.metadata.items() if value not in (None, "")}
         return facts | dict(list(more.items())[:8])
 
@@ -225,9 +262,19 @@ class Motions(Sequence[Motion]):
         """`change` on every motion, such as `lambda motion: motion.resampled(0.01)`."""
         return Motions(tuple(change(motion) for motion in self))
 
-    def records(self) -> list[Record]:
-        """One [`rockjax.Record`][] per motion, to simulate with."""
+    def records(self) -> list[Record | GroundMotion]:
+        """One [`rockjax.Record`][] per motion, to simulate with; a [`rockjax.GroundMotion`][] with a vertical
+        motion."""
         return [motion.record() for motion in self]
+
+    def paired(self) -> Motions:
+        """The horizontal motions, each with the vertical one of its station and event.
+
+        Stations, events and components are those of the headers; without them, files whose names differ in
+        their component only belong together. Raises `ValueError` that lists horizontal motions without a
+        vertical one, and vertical ones that several of a station could be.
+        """
+        return Motions(paired(self.motions))
 
     def scaled_to(
         self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05

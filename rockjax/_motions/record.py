@@ -9,11 +9,10 @@ from typing import Self
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from rockjax._checks import as_number, concrete, finite, positive, single
-from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .accelerogram import check
@@ -106,15 +105,12 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """The record filled up to one of few sizes: powers of two, and one and a half times these."""
+        """The record filled up to one of few sizes."""
         samples = self.acceleration
         count = samples.shape[-1]
-        power = 1 << max(8, (count - 1).bit_length())
-        size = 3 * power // 4 if count <= 3 * power // 4 else power
-        room = [(0, 0)] * (samples.ndim - 1) + [(0, size - count)]
-        # What JAX would do here it would compile for every length.
-        filled = jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
-        return PaddedRecord(filled, self.dt, self.scale, self.t_start, np.int32(count))
+        return PaddedRecord(
+            filled_up(samples, common_size(count)), self.dt, self.scale, self.t_start, np.int32(count)
+        )
 
 
 class PaddedRecord(Record):

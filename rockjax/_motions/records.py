@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Self
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Self, cast
 
 import equinox as eqx
 import jax
@@ -12,12 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import as_number, concrete, shown
-from rockjax._excitations.sampled import AbstractSampled, Sampling
+from rockjax._checks import array_module, as_number, concrete, shown
+from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .motion import Motion
 from .record import Record
+
+LEAST_ROWS = 8
 
 
 class Records(AbstractSampled):
@@ -49,10 +52,10 @@ class Records(AbstractSampled):
             raise ValueError(
                 f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}"
             )
-        records = [record.record() if isinstance(record, Motion) else record for record in records]
-        if not records:
+        singles: list[Any] = [y.record() if isinstance(y, Motion) else y for y in records]
+        if not singles:
             raise ValueError("Records: at least one record is needed, got none")
-        for j, record in enumerate(records):
+        for j, record in enumerate(singles):
             if not isinstance(record, Record):
                 raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {shown(record)}")
             if record.acceleration.ndim != 1 or any(
@@ -61,18 +64,22 @@ class Records(AbstractSampled):
                 raise ValueError(
                     f"Records: entry {j} must be a single record, got a batch; give a list of records"
                 )
-        counts = np.array([record.acceleration.size for record in records], np.int32)
+        counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
+        # Of JAX every operation would be compiled for every length.
+        numpy = array_module(singles)
         rows = [
-            jnp.pad(record.scale * record.acceleration, (0, longest - record.acceleration.size))
-            for record in records
+            numpy.pad(
+                numpy.multiply(record.scale, record.acceleration), (0, longest - record.acceleration.size)
+            )
+            for record in singles
         ]
         return cls(
-            acceleration=jnp.stack(rows),
+            acceleration=jnp.asarray(numpy.stack(rows)),
             counts=jnp.asarray(counts),
-            intervals=jnp.stack([record.dt for record in records]),
-            starts=jnp.stack([record.t_start for record in records]),
-            which=np.arange(len(records), dtype=np.int32),
+            intervals=jnp.asarray(numpy.stack([record.dt for record in singles])),
+            starts=jnp.asarray(numpy.stack([record.t_start for record in singles])),
+            which=np.arange(len(singles), dtype=np.int32),
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
@@ -116,6 +123,9 @@ class Records(AbstractSampled):
     def row(self, table: Float[Array, "k n"]) -> Float[Array, " n"]:
         return table[self.which]
 
+    def of_row(self, rows: Array) -> Array:
+        return rows[self.which]
+
     def counts_of_rows(self) -> Int[Array, "k 1"]:
         return self.counts[:, None]
 
@@ -125,6 +135,69 @@ class Records(AbstractSampled):
         )
         return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
 
+    def chosen(self, which, scale) -> Self:
+        """Some of the records, scaled; in NumPy where these are."""
+        return dataclasses.replace(self, which=which, scale=scale)
+
+    def common_form(self) -> Self:
+        """The table filled up to one of few sizes, with records that nobody means."""
+        rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
+        return dataclasses.replace(
+            self,
+            acceleration=filled_up(self.acceleration, rows, common_size(self.acceleration.shape[-1])),
+            counts=_more(self.counts, rows, 2),
+            intervals=_more(self.intervals, rows, 1.0),
+            starts=_more(self.starts, rows, 0.0),
+        )
+
     @property
     def own_dimensions(self) -> dict[str, int]:
         return {"acceleration": 2, "counts": 1, "intervals": 1, "starts": 1}
+
+
+class RecordPairs(GroundMotion):
+    """Several records, each with a vertical one: the same rows of two tables. Sizes are those of the
+    horizontal ones."""
+
+    @classmethod
+    def of(cls, pairs: Sequence[GroundMotion]) -> Self:
+        """A batch of single pairs of records."""
+        return cls(
+            *(Records.of([getattr(pair, name) for pair in pairs]) for name in ("horizontal", "vertical"))
+        )
+
+    @property
+    def which(self) -> Int[Array, "*batch"]:
+        return self._table.which
+
+    @property
+    def scale(self) -> Float[Array, "*batch"]:
+        return self._table.scale
+
+    def __len__(self) -> int:
+        return len(self._table)
+
+    def sizes(self) -> Float[Array, "k n"]:
+        return self._table.sizes()
+
+    @property
+    def _table(self) -> Records:
+        return cast(Records, self.horizontal)
+
+    def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
+        """Some of the pairs, unscaled."""
+        return self._each(lambda records: records.pick(which))
+
+    def chosen(self, which, scale) -> Self:
+        """Some of the pairs, scaled; in NumPy where these are."""
+        return self._each(lambda records: records.chosen(which, scale))
+
+    def _each(self, change: Callable[[Records], Records]) -> Self:
+        both = change(self._table), change(cast(Records, self.vertical))
+        return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
+
+
+def _more(values, size: int, fill: float):
+    """Values with others behind them."""
+    numpy = array_module(values)
+    return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

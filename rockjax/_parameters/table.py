@@ -82,132 +82,78 @@ class Parameter(NamedTuple):
         return {"units": self.unit, "long_name": f"{self.meaning} {self.symbol}"}
 
 
-def _named(entries: Iterable[Parameter]) -> dict[str, Parameter]:
+def _named(*entries: Parameter) -> dict[str, Parameter]:
     return {entry.name: entry for entry in entries}
 
 
+def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", note: str = "") -> Parameter:
+    """A number without unit that is not negative."""
+    return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
+
+
 SIDES = ("width", "height")  # of a column: together they are its slenderness and size
+_SLENDER = "slenderness of the columns"
 _COLUMN = ("alpha", "tan_alpha", "R")
-_RIGID = "without it the superstructure is rigid"
-_TENDON, _DAMPER = "restrainers.Tendon.", "restrainers.Damper."
+_PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"
+_TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "restrainers.Inerter."
+_LINEAR = "1 is a linear damper"
 
 # Of a podium. What it keeps has a place; the others are worked out in variants.py.
 STRUCTURE = _named(
-    (
-        Parameter("alpha", "α", "rad", ANGLE, "slenderness of the columns", "alpha"),
-        Parameter(
-            "tan_alpha", "tan α", "1", POSITIVE, "slenderness of the columns", "", "B/H", "", ("alpha",)
-        ),
-        Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
-        Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN),
-        Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN),
-        Parameter(
-            "gamma",
-            "γ",
-            "1",
-            NOT_NEGATIVE,
-            "mass ratio of the beam",
-            "gamma",
-            "m_b/(N m_c)",
-            "0 is a solitary block",
-        ),
-        Parameter(
-            "eta",
-            "η",
-            "1",
-            NOT_NEGATIVE,
-            "mass ratio of the superstructure",
-            "superstructure.eta",
-            "m_t/(N m_c)",
-        ),
-        Parameter(
-            "T_s", "T_s", "s", POSITIVE, "period of the superstructure", "superstructure.T_s", "", _RIGID
-        ),
-        Parameter(
-            "zeta", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure", "superstructure.zeta"
-        ),
-        Parameter("lam", "λ", "1", NOT_NEGATIVE, "inertia factor of a column", "lam", "I_c/(m_c R²)"),
-        Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
-        Parameter("g", "g", "m s-2", POSITIVE, "acceleration of gravity", "g"),
-        Parameter(
-            "prestress",
-            "τ",
-            "1",
-            NOT_NEGATIVE,
-            "initial force of a tendon",
-            _TENDON + "prestress",
-            "P₀/(m_c g)",
-        ),
-        Parameter(
-            "stiffness", "κ", "1", NOT_NEGATIVE, "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"
-        ),
-        Parameter(
-            "coefficient",
-            "δ",
-            "1",
-            NOT_NEGATIVE,
-            "damper coefficient",
-            _DAMPER + "coefficient",
-            "C(Rp)^ν/(m_c g)",
-        ),
-        Parameter(
-            "exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", "", "1 is a linear damper"
-        ),
-        Parameter(
-            "inertance_ratio", "μ", "1", NOT_NEGATIVE, "inertance", "restrainers.Inerter.inertance", "b/m_c"
-        ),
-    )
+    Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
+    Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
+    Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
+    Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN),
+    Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN),
+    _ratio("gamma", "γ", "mass ratio of the beam", "gamma", "m_b/(N m_c)", "0 is a solitary block"),
+    _ratio("eta", "η", "mass ratio of the superstructure", "superstructure.eta", "m_t/(N m_c)"),
+    Parameter("T_s", "T_s", "s", POSITIVE, _PERIOD, "superstructure.T_s", note=_RIGID),
+    _ratio("zeta", "ζ", "damping ratio of the superstructure", "superstructure.zeta"),
+    _ratio("lam", "λ", "inertia factor of a column", "lam", "I_c/(m_c R²)"),
+    Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
+    Parameter("g", "g", "m s-2", POSITIVE, "acceleration of gravity", "g"),
+    _ratio("prestress", "τ", "initial force of a tendon", _TENDON + "prestress", "P₀/(m_c g)"),
+    _ratio("stiffness", "κ", "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"),
+    _ratio("coefficient", "δ", "damper coefficient", _DAMPER + "coefficient", "C(Rp)^ν/(m_c g)"),
+    Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", note=_LINEAR),
+    _ratio("inertance_ratio", "μ", "inertance", _INERTER + "inertance", "b/m_c"),
 )
 
 # Arguments of `Podium.from_dimensions`.
 DIMENSIONS = _named(
-    (
-        STRUCTURE["width"],
-        STRUCTURE["height"],
-        Parameter("column_mass", "m_c", "kg", POSITIVE, "mass of one column"),
-        Parameter("beam_mass", "m_b", "kg", NOT_NEGATIVE, "mass of the beam"),
-        Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", whole=True),
-        Parameter("top_mass", "m_t", "kg", NOT_NEGATIVE, "mass of the superstructure"),
-        Parameter("period", "T_s", "s", POSITIVE, "period of the superstructure", note=_RIGID),
-        Parameter("damping", "ζ", "1", NOT_NEGATIVE, "damping ratio of the superstructure"),
-        STRUCTURE["lam"],
-        STRUCTURE["restitution"],
-        STRUCTURE["g"],
-        Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
-        Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
-        Parameter(
-            "damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"
-        ),
-        Parameter(
-            "damper_exponent",
-            "ν",
-            "1",
-            POWER,
-            "exponent of the damper of a column",
-            note="1 is a linear damper",
-        ),
-        Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
-    )
+    STRUCTURE["width"],
+    STRUCTURE["height"],
+    Parameter("column_mass", "m_c", "kg", POSITIVE, "mass of one column"),
+    Parameter("beam_mass", "m_b", "kg", NOT_NEGATIVE, "mass of the beam"),
+    Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", whole=True),
+    Parameter("top_mass", "m_t", "kg", NOT_NEGATIVE, "mass of the superstructure"),
+    Parameter("period", "T_s", "s", POSITIVE, _PERIOD, note=_RIGID),
+    _ratio("damping", "ζ", "damping ratio of the superstructure", ""),
+    STRUCTURE["lam"],
+    STRUCTURE["restitution"],
+    STRUCTURE["g"],
+    Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
+    Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
+    Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
+    Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR),
+    Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
 )
 
 # Of ground motions: fields of their classes, and the ratios of pulses, worked out in variants.py.
 MOTION = _named(
-    (
-        Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
-        Parameter(
-            "acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)
-        ),
-        Parameter("T_p", "T_p", "s", POSITIVE, "period of the pulse"),
-        Parameter("frequency_ratio", "ω_p/p", "1", POSITIVE, "frequency of the pulse", instead_of=("T_p",)),
-        Parameter("A", "A", "m s-1", ANY, "velocity amplitude of the pulse"),
-        Parameter("f_p", "f_p", "Hz", POSITIVE, "frequency of the pulse"),
-        Parameter("gamma", "γ", "1", POSITIVE, "number of oscillations of the pulse"),
-        Parameter("nu", "ν", "rad", ANY, "phase of the pulse"),
-        Parameter("phi", "φ", "rad", ANY, "phase of the pulse"),
-        Parameter("scale", "f", "1", ANY, "factor on the motion"),
-        Parameter("dt", "Δt", "s", POSITIVE, "sampling interval"),
-        Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
-    )
+    Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
+    Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
+    Parameter("T_p", "T_p", "s", POSITIVE, "period of the pulse"),
+    Parameter("frequency_ratio", "ω_p/p", "1", POSITIVE, "frequency of the pulse", instead_of=("T_p",)),
+    Parameter("A", "A", "m s-1", ANY, "velocity amplitude of the pulse"),
+    Parameter("f_p", "f_p", "Hz", POSITIVE, "frequency of the pulse"),
+    Parameter("gamma", "γ", "1", POSITIVE, "number of oscillations of the pulse"),
+    Parameter("nu", "ν", "rad", ANY, "phase of the pulse"),
+    Parameter("phi", "φ", "rad", ANY, "phase of the pulse"),
+    Parameter("scale", "f", "1", ANY, "factor on the motion"),
+    Parameter("vertical_ratio", "v̈_g/ü_g", "1", ANY, "vertical over horizontal ground acceleration"),
+    Parameter("dt", "Δt", "s", POSITIVE, "sampling interval"),
+    Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
 )
 
 

@@ -15,7 +15,7 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,33 +25,47 @@ from typing import Any
 import jax
 import numpy as np
 
-_OWN = ("rockjax", "optimise")  # what stands in them is in the text by their source …
-_LIBRARIES = (
-    "jax",
-    "jaxlib",
-    "numpy",
-    "equinox",
-    "diffrax",
-    "optimistix",
-    "lineax",
-)  # … and in these by their versions
+# What stands in these is in the text by their source, and what stands in those by their versions.
+_OWN = ("rockjax", "optimise")
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")
 _WITHOUT = ("_cli", "plots")  # folders whose source is in no program
-_SAY_NOTHING = (
-    "cache",
-    "log",
-    "dump",
-    "traceback",
-    "profil",
-    "hash",
-)  # settings of JAX that do not change a program
+# In the names of JAX's settings that do not change a program.
+_SAY_NOTHING = ("cache", "log", "dump", "traceback", "profil", "hash")
 
 
 class Unknown(Exception):
     """Something has no text that means the same in every process."""
 
 
+class TracedFunction:
+    """A function of the user's own that is known in every process: by what tracing makes of it and of its
+    derivatives.
+
+    `like` are trees of arrays of numbers, or of their shapes, that it is given. Whoever gives it others still
+    gets the right answer, under the name that belongs to these.
+    """
+
+    def __init__(self, function: Callable, *like: Any):
+        def with_derivatives(*primals):
+            return jax.jvp(function, primals, primals)
+
+        self.function = function
+        self.text = jax.jit(with_derivatives).lower(*like).as_text()
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TracedFunction) and self.text == other.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+
 def describe(value: Any) -> str:
     """A fixed part of the arguments as text. Raises `Unknown` for what may differ from process to process."""
+    if isinstance(value, TracedFunction):
+        return f"traced:{value.text}"
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         if type(value).__module__ != "builtins" and not isinstance(value, enum.Enum):
             raise Unknown(f"{value!r}")

@@ -16,6 +16,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from rockjax._threads import precision
+
 from . import folder, kind
 
 _LOG = logging.getLogger("rockjax")
@@ -79,6 +81,23 @@ class KeptProgram:
                 raise
             _LOG.debug("a kept program is not whole: %s", error)
         return self._make_again(key, passed, fixed)(*passed)
+
+    def ahead(self, *arguments: Any, **named: Any) -> None:
+        """Load or compile, while something else goes on, what will be called with arguments of these
+        kinds."""
+        passed, fixed = self._split(arguments, named)
+        if not all(map(_is_here, passed)) or not _usual():
+            return
+        key = fixed, tuple(map(_type, passed)), _present_settings()
+        if key in self._ready:
+            return
+
+        def make() -> None:
+            with contextlib.suppress(Exception), precision(key[2][0]):  # errors are said where it is called
+                if _present_settings() == key[2]:  # a thread has the usual ones
+                    self._make(key, passed, fixed)
+
+        threading.Thread(target=make).start()
 
     def traced(self, *arguments: Any, **named: Any) -> Any:
         """The same through `jax.jit`, for those who trace."""
@@ -341,7 +360,7 @@ def _usual() -> bool:
     return not any(unusual) and jax.process_count() == 1
 
 
-def _present_settings() -> Hashable:
+def _present_settings() -> tuple[Any, ...]:
     """Settings that a program is traced under and that may change within a process."""
     settings: Any = jax.config
     return (

@@ -12,6 +12,7 @@ import jax
 
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._files import CONVENTIONS
 from rockjax._options import Options
 from rockjax._parameters import variants
@@ -102,6 +103,9 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
     """Name and numbers of a ground motion, for the attributes of a file; arrays are left out."""
+    if isinstance(excitation, GroundMotion):
+        vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
+        return describe_excitation(excitation.horizontal) | vertical
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     return {"pulse": type(excitation).__name__} | {
         _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, jax.Array) and y.ndim == 0

@@ -17,9 +17,8 @@ from rockjax import _results as results
 from rockjax._options import LEAST_ATOL, Options
 from rockjax._results import Errors
 
-SAFETY = (
-    10.0  # the true error is below this times the estimate, but for one scene in a hundred (docs/stress.md)
-)
+# The true error is below this times the estimate, but for one scene in a hundred (docs/stress.md).
+SAFETY = 10.0
 FINER = 0.1
 SHORTER = 0.7  # steps, where it is not the tolerance that sets them
 

@@ -12,19 +12,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax._checks import concrete
+from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
+from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import (
-    Coefficients,
-    acceleration,
-    beam,
-    coefficients,
-    damper_power,
-    energy,
-    power,
-    restoring_moment,
-)
+from rockjax._engine.model import acceleration, beam
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import solver_of
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
@@ -162,14 +156,15 @@ def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
     return jnp.clip(passed - 1, 0, nodes.used - 1)
 
 
-def _coefficients(podium: Podium, rtol: Value | None) -> Coefficients:
-    return coefficients(podium) if rtol is None else coefficients(podium, rtol)
+def _coefficients(podium: Podium, excitation: AbstractExcitation, rtol: Value | None) -> Coefficients:
+    vertical = isinstance(excitation, GroundMotion)
+    return coefficients(podium, SLIP if rtol is None else rtol, vertical)
 
 
 @KeptProgram
 def along(scene: Solved, t, left, quantity):
     podium, excitation, nodes, end, method, rtol = scene
-    c, nodes = _coefficients(podium, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(s, left):
         here = _sample(c, excitation, nodes, method, _before(nodes, s, left), s)
@@ -187,7 +182,7 @@ def balance(scene: Solved, t, left):
     Energies are mechanical, input, impacts, damping and, with restrainers, dampers.
     """
     podium, excitation, nodes, end, method, rtol = scene
-    c, nodes = _coefficients(podium, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
     # All steps to their ends, and from the nodes before t to t. Padding has no length.
     every = jnp.arange(size, dtype=nodes.used.dtype)

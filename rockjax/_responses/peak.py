@@ -22,6 +22,7 @@ from rockjax._options import OUTPUTS, Options
 from rockjax._results import RESULTS, Errors, Stats
 
 from .datasets import describe_versions
+from .sensitivities import SENSITIVE, Sensitivities, slope_name
 
 if TYPE_CHECKING:
     import xarray
@@ -87,7 +88,16 @@ class AbstractPeak(eqx.Module):
 
 
 class Peak(AbstractPeak):
-    __doc__ = "Peak response of one scene, or of a batch of any shape.\n" + (AbstractPeak.__doc__ or "")
+    __doc__ = (
+        "Peak response of one scene, or of a batch of any shape.\n"
+        + (AbstractPeak.__doc__ or "")
+        + """
+    - `sensitivities`: derivatives of the peaks, a [`rockjax.Sensitivities`][], if asked for of a batch (else
+      None)
+    """
+    )
+
+    sensitivities: Sensitivities | None = None
 
     def dataset(self) -> xarray.Dataset:
         """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and
@@ -95,9 +105,7 @@ class Peak(AbstractPeak):
         import xarray
 
         dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
-        data = xarray.Dataset(
-            {name: (dims, values, attrs) for name, values, attrs in peak_variables(self, OUTPUTS)}
-        )
+        data = xarray.Dataset(data_variables(self, OUTPUTS, dims), coords=parameter_axis(self.sensitivities))
         data.attrs = {
             "title": "Peak responses",
             "kind": "peaks",
@@ -202,6 +210,25 @@ def peak_variables(
         np.asarray(peaks.stats.steps + peaks.stats.rejected),
         {"units": "1", "long_name": "trial steps"},
     )
+
+
+def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
+    """The variables of a dataset of peaks; where there are sensitivities, these along `parameter`."""
+    data: dict[str, Any] = {
+        name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, outputs)
+    }
+    for name in SENSITIVE:
+        values = getattr(peaks.sensitivities, name, None)
+        if values is not None and name in outputs:
+            unit, description, _ = VARIABLES[name]
+            about = {"units": unit, "long_name": f"y ∂/∂y of the {description}, for each parameter y"}
+            data[slope_name(name)] = (*dims, "parameter"), np.asarray(values), about
+    return data
+
+
+def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
+    """The coordinate of the parameters, where there are some."""
+    return {} if sensitivities is None else {"parameter": list(sensitivities.parameters)}
 
 
 def _text(peak: AbstractPeak) -> str:

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
+from rockjax._engine.energy import restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import restoring_moment
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import RESULTS, State
 from rockjax._structures import Elastic, Podium
@@ -34,6 +35,7 @@ _SERIES = {
     "u_t_dot": ("m s-1", "velocity of the top mass relative to the ground"),
     "deformation": ("m", "deformation of the superstructure u_t − u_b"),
     "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
+    "vertical_acceleration": ("m s-2", "vertical ground acceleration v̈_g, upwards"),
     "restoring_moment": ("1", "restoring moment over its value at uplift"),
     "mode": ("1", "full contact (0) or rocking to the side of the sign"),
     "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
@@ -193,6 +195,8 @@ def _dataset(
     }
     if not response.podium.restrainers:
         del values["damper_energy"]
+    if isinstance(response.excitation, GroundMotion):
+        values["vertical_acceleration"] = response.excitation.vertical(t)
     data = xarray.Dataset(
         {
             name: ("time", np.asarray(values[name]), {"units": unit, "long_name": description})

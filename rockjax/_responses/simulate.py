@@ -12,6 +12,7 @@ from rockjax import _results as results
 from rockjax._checks import concrete, require
 from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
+from rockjax._excitations.ground import check_weight
 from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._options import Options
 from rockjax._results import REST, Errors, State
@@ -133,5 +134,6 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     for name, value in zip(("theta", "theta_dot", "u_t", "u_t_dot"), jax.tree.leaves(initial), strict=True):
         require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
+    check_weight(owner, excitation, podium.g)
     doubt_amplitude(owner, podium, excitation)
     return podium, excitation, initial, t_end, options

@@ -39,6 +39,14 @@ class AbstractLimitState(abc.ABC):
         value, slope = self._gradients(u)
         return self._checked(u, np.asarray(value, float)), np.asarray(slope, float)
 
+    def with_sensitivities(
+        self, u: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
+        """G (m,), ∇G (m, d) and ∂G/∂y (m,) of every number y that the limit state has a name for; None where
+        there are none."""
+        del u
+        return None
+
     @staticmethod
     def _checked(u: np.ndarray, value: np.ndarray) -> np.ndarray:
         bad = np.isnan(value)

@@ -14,6 +14,7 @@ from rockjax._progress import bar
 from rockjax._results import Interrupted
 
 from ._estimators import ESTIMATORS, Estimate
+from ._estimators._base import Slopes
 from .limit_state import AbstractLimitState, OfFunction
 from .search import FARTHEST, Found, design_points
 
@@ -33,7 +34,9 @@ class FailureProbability:
     - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
       far from plane, or a design point was not found
     - `converged`: whether the coefficient of variation asked for was reached
-    - `sensitivities`: dP/dy with standard errors where the limit state is that of a structure
+    - `sensitivities`: (dP/dy, standard error) by the name of y, where the limit state is that of a structure
+      and the method is `"line"`; `jumps`: the share of the surface of failure across which G jumps, of which
+      they know nothing
     """
 
     probability: float
@@ -47,6 +50,7 @@ class FailureProbability:
     disagrees: bool
     converged: bool
     sensitivities: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    jumps: float = math.nan
 
     def __repr__(self):
         low, high = self.interval
@@ -159,13 +163,18 @@ def probability_of(
 
             estimator.run(cov, max_scenes, 500, report)
     except KeyboardInterrupt:
-        partial = _answer(known[0], estimator.found, limit, method, cov) if known else None
+        partial = _answer(known[0], estimator.found, limit, method, cov, None) if known else None
         raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", partial) from None
-    return _answer(known[0], estimator.found, limit, method, cov)
+    return _answer(known[0], estimator.found, limit, method, cov, estimator.slopes())
 
 
 def _answer(
-    estimate: Estimate, found: Found, limit: AbstractLimitState, method: str, cov: float
+    estimate: Estimate,
+    found: Found,
+    limit: AbstractLimitState,
+    method: str,
+    cov: float,
+    slopes: Slopes | None,
 ) -> FailureProbability:
     first = first_order(found)
     low, high = estimate.interval
@@ -181,6 +190,8 @@ def _answer(
         beta=found.beta,
         disagrees=bool(found.beta.size and not low <= first <= high and not 1 / DISAGREE < off < DISAGREE),
         converged=estimate.cov <= cov,
+        sensitivities={} if slopes is None else slopes.named,
+        jumps=math.nan if slopes is None else slopes.jumps,
     )
 
 

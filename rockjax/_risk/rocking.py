@@ -70,10 +70,9 @@ def design_points(
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
     limit_state = _limit_state(owner, podium, motion, limit)
     found = find_design_points(owner, limit_state, starting(limit_state, starts, seed))
-    _, (slope, of_podium, of_motion) = limit_state.with_sensitivities(found.u)
+    _, slope, named = limit_state.with_sensitivities(found.u)
     impacts = limit_state.impacts(found.u)
     length = np.linalg.norm(slope, axis=1)
-    named = _named(of_podium, of_motion)
     return [
         DesignPoint(
             u=found.u[k],
@@ -111,6 +110,10 @@ def failure_probability(
     the result says so (`converged`, `disagrees`), and `"subset"` is the one to take. Ctrl-C raises
     [`rockjax.Interrupted`][] with what is known.
 
+    With `"line"` the result has `sensitivities`, dP/dy for every number y of structure and ground motion,
+    with standard errors: one reverse pass for each crossing of a line with the surface of failure. They know
+    nothing of the parts of it where G jumps, whose share is `jumps`.
+
     Raises `ValueError` for arguments that make no sense and, where the method needs design points, as
     `design_points` does.
     """
@@ -129,13 +132,3 @@ def _limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any)
     if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
     return OfStructure(podium, motion, limit_of(owner, limit, podium))
-
-
-def _named(*slopes: Any) -> dict[str, np.ndarray]:
-    """Derivatives (k,) by the names of their fields; those of the podium, then those of the motion."""
-    named = {}
-    for whole in slopes:
-        for path, y in jax.tree_util.tree_leaves_with_path(whole):
-            name = ".".join(str(getattr(key, "name", key)).lstrip(".") for key in path)
-            named[name] = np.asarray(y)
-    return named

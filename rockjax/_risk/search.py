@@ -26,9 +26,8 @@ RAY = 24  # places on a whole ray …
 AGAIN = 10  # … and on the part of one below a distance that is known
 NARROW = 3  # … then rounds of
 PARTS = 8  # divisions of the interval in which it first fails
-WAYS = np.array(
-    [1.5, 1.0, 0.5]
-)  # of the last fraction of the way to the normal; a fixed point may lie past it
+# Of the last fraction of the way to the normal; a fixed point may lie past it.
+WAYS = np.array([1.5, 1.0, 0.5])
 SHORTEST = 1 / 64  # fraction
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
 STEPS = 40  # … or this many steps

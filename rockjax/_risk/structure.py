@@ -100,20 +100,19 @@ class OfStructure(AbstractLimitState):
         return peak_responses(self.podium, records, options=self.options)
 
     def _gradients(self, u):
-        value, (slope, _, _) = self.with_sensitivities(u)
+        value, slope, _ = self.with_sensitivities(u)
         return value, slope
 
-    def with_sensitivities(
-        self, u: np.ndarray
-    ) -> tuple[np.ndarray, tuple[np.ndarray, Podium, GaussianMotion]]:
-        """G, and its derivatives by u, by the numbers of the podium and by those of the motion."""
+    def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """G and its derivatives by u, and by the numbers of the podium and of the motion, by name."""
         parts = []
         for start in range(0, len(u), SIDE_BY_SIDE):
             part = u[start : start + SIDE_BY_SIDE]
             whole = np.concatenate([part, np.repeat(part[-1:], SIDE_BY_SIDE - len(part), axis=0)])
             found = _slopes(jnp.asarray(whole), self.podium, self.motion, self.options, self.limit)
             parts.append(jax.tree.map(lambda y, n=len(part): np.asarray(y)[:n], found))
-        return jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
+        value, (slope, *numbers) = jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
+        return value, slope, _named(*numbers)
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
         """Impacts in the scenes of the rows of u: before the fall where they fail."""
@@ -145,3 +144,13 @@ def _slopes(u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, opti
 
     value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
     return value, (slope, *of_numbers)
+
+
+def _named(*slopes: Any) -> dict[str, np.ndarray]:
+    """Derivatives (k,) by the names of their fields; those of the podium, then those of the motion."""
+    named = {}
+    for whole in slopes:
+        for path, y in jax.tree_util.tree_leaves_with_path(whole):
+            name = ".".join(str(getattr(key, "name", key)).lstrip(".") for key in path)
+            named[name] = np.asarray(y)
+    return named

@@ -3,7 +3,6 @@ scales."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -13,15 +12,17 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import PAST, check_search, overturning_boundary, positive_limit
+from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
 from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
 from rockjax._motions.convert import AnyMotions, as_records
-from rockjax._motions.records import Records
+from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
+from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import describe_options, describe_podium
@@ -31,7 +32,7 @@ from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
 
 from .lognormal import Lognormal, fit_capacities
-from .sensitivities import along_boundary, check_parameters, varied
+from .sensitivities import along_boundary
 
 if TYPE_CHECKING:
     import xarray
@@ -52,7 +53,7 @@ class Measure(NamedTuple):
     units: str
 
 
-def pga(records: Records) -> Measure:
+def pga(records: Records | RecordPairs) -> Measure:
     """Peak ground acceleration of each record [m/s²]."""
     return Measure("PGA", np.asarray(jnp.max(records.sizes(), axis=1)), "m s-2")
 
@@ -107,8 +108,10 @@ def incremental_dynamic_analysis(
     """Peak responses to a suite of records at rising intensity, and every intensity where its verdict changes
     (host).
 
-    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each, by default those of
-      the motions, or numbers
+    - `records`: `Motions`, `Records`, or a list of motions or records; with vertical motions
+      (`Motions.paired`, or a list of [`rockjax.GroundMotion`][] of records) both are scaled, and the measure
+      is of the horizontal one
+    - `names`: of each, by default those of the motions, or numbers
     - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all
       of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
@@ -148,7 +151,7 @@ def incremental_dynamic_analysis(
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)
         # In NumPy: every shape would be another program otherwise.
-        return podium, dataclasses.replace(records, which=which, scale=y / unit[which])
+        return podium, records.chosen(which, y / unit[which])
 
     import_meanwhile(*TABLES)
     peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
@@ -196,7 +199,7 @@ def incremental_dynamic_analysis(
     return data
 
 
-def _measure(owner: str, measure: Measure | str, records: Records) -> Measure:
+def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
     if isinstance(measure, str):
         known = {"PGA": lambda: pga(records), "scale": lambda: Measure("scale", np.ones(len(records)), "1")}
         if measure not in known:
@@ -215,11 +218,12 @@ def _measure(owner: str, measure: Measure | str, records: Records) -> Measure:
 
 
 def _sensitivities(
-    podium: Podium, records: Records, scale, names: tuple[str, ...], options: Options
+    podium: Podium, records: Records | RecordPairs, scale, names: tuple[str, ...], options: Options
 ) -> np.ndarray:
     """d ln a/d ln y at boundaries `scale` (k,) of each record: (names, k); NaN where `scale` is."""
     result = np.full((len(names), scale.size), np.nan)
     at = np.flatnonzero(np.isfinite(scale))
+    records = records.common_form()
     for start in range(0, at.size, LANES):
         part = at[start : start + LANES]
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)
@@ -238,7 +242,14 @@ def _sensitivities(
 
 @KeptProgram
 def _along(
-    podium: Podium, records: Records, which, scale, options: Options, *, names: tuple[str, ...], margin: bool
+    podium: Podium,
+    records: Records | RecordPairs,
+    which,
+    scale,
+    options: Options,
+    *,
+    names: tuple[str, ...],
+    margin: bool,
 ):
     def one(which, scale):
         def past(logs):

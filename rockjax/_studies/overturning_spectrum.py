@@ -10,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._boundaries.boundaries import Boundaries, boundaries
-from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, PAST, check_search, positive_limit
+from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
 from rockjax._boundaries.branches import LANES
+from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import about
 from rockjax._parameters.variants import pulse_period
 from rockjax._programs.program import KeptProgram
@@ -27,8 +29,8 @@ from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
 
-from .sensitivities import along_boundary, check_parameters, varied
-from .spectra import check_resumes
+from .sensitivities import along_boundary
+from .spectra import check_resumed_parameters, check_resumes
 
 if TYPE_CHECKING:
     import xarray
@@ -144,8 +146,7 @@ def check_overturning_resumes(
         "max_acceleration_ratio": float(max_acceleration_ratio)
     }
     check_resumes(owner, known, attributes, {"frequency_ratio": frequency_ratio})
-    if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
-        raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
+    check_resumed_parameters(owner, known, sensitivities)
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:

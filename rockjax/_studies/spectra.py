@@ -13,8 +13,8 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._batch.memory import require_memory
-from rockjax._checks import as_float, of_kind, require, shown
+from rockjax._batch.memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._checks import as_float, of_kind, require, shown, texts
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
@@ -22,7 +22,8 @@ from rockjax._parameters.table import about
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
-from rockjax._responses.peak import Peak, peak_variables
+from rockjax._responses.peak import Peak, data_variables, parameter_axis
+from rockjax._responses.sensitivities import of_scenes
 from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
 from rockjax._threads import TABLES, Pool, import_meanwhile
@@ -40,6 +41,7 @@ def rocking_spectrum(
     options: Options = Options(),
     progress: Any = False,
     resume: xarray.Dataset | None = None,
+    sensitivities: Sequence[str] = (),
 ) -> xarray.Dataset:
     """Peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
 
@@ -48,12 +50,16 @@ def rocking_spectrum(
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
     - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
+    - `sensitivities`: parameters y of which y ∂/∂y of every wanted peak is found as well, as in
+      [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The others stay as they are,
+      the pulse among them when a parameter of the podium varies
 
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as
     variables (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and
-    `undecided`), the dimensional axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters,
-    tolerances and versions in the attributes. Raises `ValueError` for axes that are not 1-D, finite and in
-    range.
+    `undecided`), with sensitivities `peak_rotation_sensitivity` … (further dim `parameter`), the dimensional
+    axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the
+    attributes. Raises `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to
+    what is no parameter here.
     """
     known = None if resume is None else [resume]
     try:
@@ -65,6 +71,7 @@ def rocking_spectrum(
             options=options,
             progress=progress,
             resume=known,
+            sensitivities=sensitivities,
         )
     except Interrupted as interrupted:
         raise Interrupted(str(interrupted), interrupted.partial[0]) from None
@@ -80,6 +87,7 @@ def rocking_spectra(
     options: Options = Options(),
     progress: Any = False,
     resume: Sequence[xarray.Dataset | None] | None = None,
+    sensitivities: Sequence[str] = (),
 ) -> list[xarray.Dataset]:
     """Rocking spectra of several podiums over the same axes (host), each as from
     [`rockjax.rocking_spectrum`][].
@@ -100,14 +108,16 @@ def rocking_spectra(
         raise ValueError(
             "rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses"
         )
-    require_memory(
-        "rocking_spectrum", len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
-    )
+    names = texts(owner, "sensitivities", sensitivities)
+    for podium in podiums if names else ():
+        of_scenes(owner, podium, pulse(1.0, 1.0), names)
+    total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
+    require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
     kinds = _kinds(podiums)
     import_meanwhile(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
 
-    known = _known(owner, resume, podiums, pulse, axes, options)
+    known = _known(owner, resume, podiums, pulse, axes, options, names)
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
@@ -126,7 +136,8 @@ def rocking_spectra(
             chosen = lambda y: np.broadcast_to(y, shape)[todo] if np.ndim(y) else y
             together, numbers = jax.tree.map(chosen, (together, numbers))
         try:
-            peaks = responses(together, pulse(*numbers), REST, None, options, progress, stop)
+            motions = pulse(*numbers)
+            peaks = responses(together, motions, REST, None, options, progress, stop, sensitivities=names)
             warn_of_failures(peaks, stacklevel=2)
         except Interrupted as interrupted:
             if interrupted.partial is None:
@@ -140,18 +151,9 @@ def rocking_spectra(
             for j, k in enumerate(members)
         ]
 
-    # Side by side, so that one kind is compiled while another one runs.
-    with Pool(max(1, len(kinds))) as pool:
-        futures = []
-        try:
-            for members in kinds.values():
-                futures.append(pool.submit(solve, members))
-            concurrent.futures.wait(futures)
-        except KeyboardInterrupt:
-            stop.set()
-    solved = [future.result() for future in futures]
+    solved = _side_by_side(solve, list(kinds.values()), stop)
     # Ctrl-C may come before the last kind has begun.
-    solved += [[known[k] for k in members] for members in list(kinds.values())[len(futures) :]]
+    solved += [[known[k] for k in members] for members in list(kinds.values())[len(solved) :]]
     ordered = _in_order(list(kinds.values()), solved)
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
     left = sum(int(_unsolved(data, size).sum()) for data in ordered)
@@ -159,6 +161,19 @@ def rocking_spectra(
         total = len(podiums) * size[0] * size[1]
         raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
+
+
+def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
+    """The answers of all kinds that were begun: one is compiled while another runs. Ctrl-C sets `stop`."""
+    with Pool(max(1, len(kinds))) as pool:
+        futures = []
+        try:
+            for members in kinds:
+                futures.append(pool.submit(solve, members))
+            concurrent.futures.wait(futures)
+        except KeyboardInterrupt:
+            stop.set()
+    return [future.result() for future in futures]
 
 
 def _in_order(
@@ -204,7 +219,13 @@ def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarr
 
 
 def _known(
-    owner: str, resume, podiums: Sequence[Podium], pulse, axes: dict[str, np.ndarray], options: Options
+    owner: str,
+    resume,
+    podiums: Sequence[Podium],
+    pulse,
+    axes: dict[str, np.ndarray],
+    options: Options,
+    sensitivities: Sequence[str],
 ) -> list:
     """What is solved already, checked: a spectrum or None for each podium."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
@@ -217,7 +238,8 @@ def _known(
         )
     for podium, data in zip(podiums, known, strict=True):
         if data is not None:
-            check_resumes("rocking_spectrum", data, _attributes(podium, pulse, options), axes)
+            check_resumes(owner, data, _attributes(podium, pulse, options), axes)
+            check_resumed_parameters(owner, data, sensitivities)
     return known
 
 
@@ -227,7 +249,7 @@ def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarra
 
 
 def _placed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
-    whole = np.zeros(where.shape, values.dtype)
+    whole = np.zeros((*where.shape, *values.shape[1:]), values.dtype)
     whole[where] = values
     return whole
 
@@ -238,7 +260,8 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
         return new
     solved = ~_unsolved(known, ())
     for name, values in new.data_vars.items():
-        values.values[...] = np.where(solved, known[name].values, values.values)
+        kept = solved.reshape(solved.shape + (1,) * (values.ndim - solved.ndim))
+        values.values[...] = np.where(kept, known[name].values, values.values)
     return new
 
 
@@ -259,13 +282,20 @@ def check_resumes(
             )
 
 
+def check_resumed_parameters(owner: str, known: xarray.Dataset, sensitivities: Sequence[str]) -> None:
+    """Raise `ValueError` unless a spectrum that was kept has sensitivities to these parameters."""
+    if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
+        raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
+
+
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
     import xarray
 
     dims = ("acceleration_ratio", "frequency_ratio")
     dataset = xarray.Dataset(
-        {name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)},
+        data_variables(peaks, options.outputs, dims),
         coords={
+            **parameter_axis(peaks.sensitivities),
             "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], about("frequency_ratio")),
             "acceleration_ratio": (
                 "acceleration_ratio",

@@ -17,7 +17,7 @@ from rockjax._batch.batch import responses
 from rockjax._batch.executors import executor
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
-from rockjax._responses.peak import Peak, peak_variables
+from rockjax._responses.peak import Peak, data_variables
 from rockjax._threads import precision
 
 from .numbers import Arguments, Numbers
@@ -34,6 +34,7 @@ class Job(NamedTuple):
     skeleton: Any  # (structures, excitations, initial, t_end) with the names of their numbers
     options: Options
     precision: bool
+    sensitivities: tuple[str, ...] = ()
 
     def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> ChunkRecord:
         """Solve a chunk and write it, unless another process has done so by now."""
@@ -42,8 +43,10 @@ class Job(NamedTuple):
             return row
         began = time.perf_counter()
         with precision(self.precision):
-            peaks = solved(numbers.box(store.layout.box(k)), self.options, threads, devices, progress)
-        answers = {name: values for name, values, _ in peak_variables(peaks, self.options.outputs)}
+            box = numbers.box(store.layout.box(k))
+            peaks = solved(box, self.options, threads, devices, progress, self.sensitivities)
+        variables = data_variables(peaks, self.options.outputs, ())
+        answers = {name: values for name, (_, values, _) in variables.items()}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
         return store.write(k, answers, time.perf_counter() - began, float(trial_steps(peaks).sum()), failed)
 
@@ -78,14 +81,18 @@ def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Nu
 
 
 def solved(
-    arguments: Arguments, options: Options, threads: int | None, devices: Devices, progress: Any
+    arguments: Arguments,
+    options: Options,
+    threads: int | None,
+    devices: Devices,
+    progress: Any,
+    sensitivities: tuple[str, ...],
 ) -> Peak:
     """The batch of some scenes of a sweep, on a CPU by so many threads."""
     podiums, excitations, initial, t_end = arguments
     stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
-    return responses(
-        podiums, excitations, initial, t_end, options, progress, stop, **_workers(devices, threads)
-    )
+    scenes, workers = (podiums, excitations, initial, t_end), _workers(devices, threads)
+    return responses(*scenes, options, progress, stop, sensitivities=sensitivities, **workers)
 
 
 def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,12 +13,14 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, of_kind
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, several, together
 from rockjax._motions.motion import Motion
-from rockjax._motions.records import Records
-from rockjax._parameters.table import MOTION, STRUCTURE, clash
+from rockjax._motions.records import RecordPairs, Records
+from rockjax._parameters.table import MOTION, clash
 from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
+from rockjax._responses.sensitivities import numbers_of, with_numbers
 from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
@@ -69,7 +70,8 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
       `zeta`. Of any motion a factor `scale`; of a single one any number, such as `a_p`, `T_p`, `f_p`; of a
       single pulse also `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of each podium. A
       number of the motion that is named as one of the podium's is `excitation.gamma`, given as
-      `**{"excitation.gamma": …}`
+      `**{"excitation.gamma": …}`; one of the vertical motion of a [`rockjax.GroundMotion`][] is
+      `**{"vertical.a_p": …}`, and `scale` is of both
 
     Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
 
@@ -98,7 +100,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     }
     if labels is not None:
         place = along.pop("motion").shape
-        if isinstance(motion, Records):
+        if isinstance(motion, Records | RecordPairs):
             motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
         else:
             motion = jax.tree.map(lambda y: y.reshape(place), motion)
@@ -126,9 +128,10 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    of_motion = _numbers(motion) if single else []
-    ratios = _RATIOS if isinstance(motion, AbstractPulse) and single else ()
-    known = [*parameters_of(structure), *(_name(field) for field in of_motion), *ratios, "scale"]
+    of_motion = numbers_of(motion) if single else {}
+    pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
+    ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
+    known = [*parameters_of(structure), *of_motion, *ratios, "scale"]
     for name in names:
         if name not in known:
             raise ValueError(
@@ -141,25 +144,15 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
         )
 
 
-def _numbers(motion: AbstractExcitation) -> list[str]:
-    """The fields of a motion that are single numbers."""
-    left_out = {*motion.own_dimensions, "which", "scale"}
-    names = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
-    return [name for name in names if isinstance(getattr(motion, name), jax.Array)]
-
-
-def _name(field: str) -> str:
-    return f"excitation.{field}" if field in STRUCTURE else field
-
-
 def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
     changes: dict[str, Any] = {
-        field: along[_name(field)] for field in _numbers(base) if _name(field) in along
+        place: along[name] for name, place in numbers_of(base).items() if name in along
     }
     check_values("grid", {name: along[name] for name in _RATIOS if name in along})
+    part = "horizontal." if isinstance(base, GroundMotion) else ""
     if "acceleration_ratio" in along:
-        changes["a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
+        changes[f"{part}a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
     if "frequency_ratio" in along:
-        changes["T_p"] = pulse_period(podium.p, along["frequency_ratio"])
-    motion = dataclasses.replace(base, **changes)
+        changes[f"{part}T_p"] = pulse_period(podium.p, along["frequency_ratio"])
+    motion = with_numbers(base, changes)
     return motion.scaled(along["scale"]) if "scale" in along else motion

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockjax._batch.batch import LANES
-from rockjax._responses.peak import peak_variables
+from rockjax._responses.peak import data_variables
 from rockjax._threads import precision
 
 from .chunks import Devices, cores_of, solved, trial_steps
@@ -66,7 +66,8 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     edges = np.linspace(0, numbers.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(study.precision):
-        solve = lambda which: solved(numbers.at(which), options, threads, devices, False)
+        names = study.sensitivities
+        solve = lambda which: solved(numbers.at(which), options, threads, devices, False, names)
         few = scenes[:: max(1, count // low)]
         solve(few)  # compiles
         timed = []
@@ -75,9 +76,9 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
             peaks = solve(which)
             timed.append((time.perf_counter() - began, trial_steps(peaks).sum()))
     steps = trial_steps(peaks)
-    answers = {name: (values, attrs) for name, values, attrs in peak_variables(peaks, options.outputs)}
-    variables = {name: stored_as(values, attrs) for name, (values, attrs) in answers.items()}
-    kept = {name: values.astype(variables[name].dtype) for name, (values, _) in answers.items()}
+    answers = data_variables(peaks, options.outputs, ())
+    variables = {name: stored_as(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
+    kept = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
     (short, of_few), (seconds, of_all) = timed
     # What a call costs besides its steps is not what a chunk costs.
     slope = (seconds - short) / (of_all - of_few) if of_all > of_few else 0.0

@@ -101,10 +101,12 @@ class ChunkLayout(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """An answer: its type and the attributes of its array."""
+    """An answer: its type, the attributes of its array, and its axes besides those of the grid with their
+    lengths."""
 
     dtype: np.dtype
     attrs: dict[str, Any]
+    further: dict[str, int]
 
     @property
     def missing(self) -> Any:
@@ -114,12 +116,11 @@ class Variable(NamedTuple):
         return {"f": np.nan, "b": False, "i": -1}[self.dtype.kind]
 
 
-def stored_as(values: np.ndarray, attrs: Mapping[str, Any]) -> Variable:
-    """How an answer is kept; counts need no 64 bits."""
+def stored_as(values: np.ndarray, attrs: Mapping[str, Any], further: Sequence[str]) -> Variable:
+    """How the answers of a table of scenes are kept; counts need no 64 bits."""
     dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
-    return Variable(
-        dtype, {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
-    )
+    about = {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
+    return Variable(dtype, about, dict(zip(further, values.shape[1:], strict=True)))
 
 
 def checksum(parts: Mapping[str, np.ndarray]) -> float:
@@ -208,11 +209,11 @@ class Store:
             for name, variable in variables.items():
                 group.create_array(
                     name,
-                    shape=layout.shape,
+                    shape=(*layout.shape, *variable.further.values()),
                     dtype=variable.dtype,
-                    chunks=layout.block,
+                    chunks=(*layout.block, *variable.further.values()),
                     fill_value=variable.missing,
-                    dimension_names=tuple(dims),
+                    dimension_names=(*dims, *variable.further),
                     attributes=variable.attrs,
                     **more,
                 )

@@ -16,6 +16,7 @@ from rockjax._options import Options
 from rockjax._parameters.table import about
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
+from rockjax._responses.sensitivities import of_scenes
 
 from .numbers import Numbers
 from .store import FORMAT, ChunkLayout, Store, digest, fingerprint
@@ -30,6 +31,7 @@ class SweepSpec(NamedTuple):
     labels: dict[str, np.ndarray]
     options: Options
     precision: bool
+    sensitivities: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -56,6 +58,8 @@ class SweepSpec(NamedTuple):
             "labels": {name: digest(y) for name, y in self.labels.items()},
             "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
         }
+        if self.sensitivities:
+            about["sensitivities"] = list(self.sensitivities)
         return about | {"fingerprint": fingerprint(about)}
 
 
@@ -63,7 +67,9 @@ def _plain(y: Any) -> Any:
     return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
 
 
-def study_of(structures, excitations, coords, initial, t_end, options: Options, outputs) -> SweepSpec:
+def study_of(
+    structures, excitations, coords, initial, t_end, options: Options, outputs, sensitivities=()
+) -> SweepSpec:
     of_kind("sweep", "options", options, Options, "rockjax.Options")
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
@@ -74,7 +80,8 @@ def study_of(structures, excitations, coords, initial, t_end, options: Options, 
     initial, t_end = as_start("sweep", initial), as_end("sweep", t_end)
     numbers = Numbers.of("sweep", structures, excitations, initial, t_end)
     dims, labels = _axes(coords, numbers.shape)
-    return SweepSpec(numbers, dims, labels, options, bool(jax.config.jax_enable_x64))  # pyright: ignore[reportAttributeAccessIssue]
+    names = of_scenes("sweep", structures, excitations, sensitivities)
+    return SweepSpec(numbers, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
@@ -123,6 +130,9 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
             yield f"its {name} {verb} {there[name]}, not {here[name]}"
     if there["shape"] == here["shape"] and there["chunk"] != here["chunk"]:
         yield f"its chunks are {there['chunk']}, not {here['chunk']}"
+    if there.get("sensitivities", []) != here.get("sensitivities", []):
+        now = here.get("sensitivities", [])
+        yield f"its sensitivities are {there.get('sensitivities', [])}, not {now}"
     for name, value in here["options"].items():
         if there["options"].get(name) != value:
             yield f"options.{name} is {there['options'].get(name)} there, not {value}"
@@ -133,11 +143,14 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
 
 
 def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
-    """The labels of the axes, and every number that varies between scenes along the axes on which it does."""
+    """The labels of the axes and of sensitivities, and every number that varies between scenes along the axes
+    on which it does."""
     for name, labels in study.labels.items():
         of_axis = {"units": "1", "long_name": "ground motion"} if name == "motion" else about(name)
         yield name, ((name,), labels, of_axis)
-    taken = {*study.labels, *study.dims}
+    if study.sensitivities:
+        yield "parameter", ("parameter", np.array(study.sensitivities), {"long_name": "y of sensitivities"})
+    taken = {*study.labels, *study.dims, "parameter"}
     for name, y in study.numbers.varying().items():
         short = name.rsplit(".", 1)[-1]
         along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)

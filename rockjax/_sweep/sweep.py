@@ -45,6 +45,7 @@ def sweep(
     t_end=None,
     options: Options = Options(),
     outputs: Sequence[str] | None = None,
+    sensitivities: Sequence[str] = (),
     chunk: int | None = None,
     client: Any = None,
     devices: Devices = None,
@@ -68,6 +69,8 @@ def sweep(
     - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this
       name
     - `outputs`: which answers are wanted, as in [`rockjax.Options`][]
+    - `sensitivities`: parameters y of which y ∂/∂y of every wanted peak is kept as well, as in
+      [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the further dim `parameter`
     - `chunk`: scenes in a chunk; by default as many as take some seconds
     - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by
       all cores here
@@ -82,7 +85,7 @@ def sweep(
     `ImportError` without the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
     """
     require_zarr()
-    study = study_of(structures, excitations, coords, initial, t_end, options, outputs)
+    study = study_of(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
     _check_chunk(chunk)
     of_kind("sweep", "store", store, str | Path, "a folder or a URL")
     if (
@@ -104,7 +107,8 @@ def sweep(
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
         found = _created(store, study, layout, pilot, chunk)
-    job = Job(found.path, found.about["fingerprint"], study.numbers.skeleton, study.options, study.precision)
+    fingerprint, skeleton = found.about["fingerprint"], study.numbers.skeleton
+    job = Job(found.path, fingerprint, skeleton, study.options, study.precision, study.sensitivities)
     todo, solved = _todo(found, progress)
     with ChunkProgress(found, todo, solved, progress) as bar:
         stopped = where.run(job, todo, bar)

@@ -24,7 +24,9 @@ from ._histories import (
     response,
     rotation_history,
 )
+from ._records import record_spectrum
 from ._risk import risk
+from ._sensitivities import sensitivity_spectra, sensitivity_spectrum
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
@@ -49,6 +51,7 @@ __all__ = [
     "overturning_spectrum",
     "phase_portrait",
     "plt",
+    "record_spectrum",
     "response",
     "risk",
     "rocking_spectrum",
@@ -56,5 +59,7 @@ __all__ = [
     "rotation_history",
     "save_animation",
     "sensitivities",
+    "sensitivity_spectra",
+    "sensitivity_spectrum",
     "spectra",
 ]

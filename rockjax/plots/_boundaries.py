@@ -14,19 +14,10 @@ from rockjax._studies.spectra import minimum_overturning
 
 from ._panels import grid_of_panels, head, legend_beside, mass_of, period_of
 from ._spectra import dimensional_axes
-from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled, symbol_of
 
 if TYPE_CHECKING:
     import xarray
-
-_SYMBOLS = {
-    "alpha": r"\alpha",
-    "gamma": r"\gamma",
-    "eta": r"\eta",
-    "lam": r"\lambda",
-    "zeta": r"\zeta",
-    "restitution": "e",
-}
 
 
 @on_axes
@@ -199,7 +190,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
             if i == 0:
                 ax.set_title(mass_of(panels, ratio), fontsize=10)
         _limit(axes[i, 0], panels["sensitivity"].sel(parameter=parameter).values)
-        symbol = _SYMBOLS.get(str(parameter), str(parameter))
+        symbol = symbol_of(str(parameter))
         axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
     legend_beside(figure, axes, beside=0.15)
     head(figure, "Sensitivity of the least overturning acceleration", panels)

@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._engine.model import coefficients, potential, potential_slope, spin_with_inerters
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import potential, potential_slope, spin_with_inerters
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 from rockjax._structures import Elastic, Podium, Rigid
@@ -103,12 +104,17 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
 
 @on_axes
 def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Ground acceleration over time [g]."""
+    """Ground acceleration over time [g], the vertical one too where there is one."""
     assert ax is not None
-    data = as_history(response)
-    return _line(
-        data, data["ground_acceleration"].values / data.attrs["g_m_s2"], r"$\ddot u_g$ [g]", COLOURS[0], ax
-    )
+    data, label = as_history(response), r"$\ddot u_g$ [g]"
+    g = data.attrs["g_m_s2"]
+    if "vertical_acceleration" in data:
+        label = r"$\ddot u_g$, $\ddot v_g$ [g]"
+        vertical = data["vertical_acceleration"].values / g
+        ax.plot(data["time"].values, vertical, color=COLOURS[1], lw=0.9, label=r"vertical $\ddot v_g$")
+        ax.plot([], [], color=COLOURS[0], ls="-", lw=1.2, label=r"horizontal $\ddot u_g$")
+        ax.legend(loc="upper right", fontsize="small")
+    return _line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 
 
 def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:

@@ -20,6 +20,33 @@ ROTATION = r"$\theta\,/\,\alpha$"
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
+OVERTURNED = "0.85"  # of cells without an answer that is of interest
+_SYMBOLS = {
+    "alpha": r"\alpha",
+    "tan_alpha": r"\tan\alpha",
+    "width": "2B",
+    "height": "2H",
+    "gamma": r"\gamma",
+    "eta": r"\eta",
+    "lam": r"\lambda",
+    "zeta": r"\zeta",
+    "restitution": "e",
+    "prestress": r"\tau",
+    "stiffness": r"\kappa",
+    "coefficient": r"\delta",
+    "exponent": r"\nu",
+    "inertance_ratio": r"\mu",
+    "scale": "f",
+    "dt": r"\Delta t",
+    "t_start": "t_0",
+}
+
+
+def symbol_of(parameter: str) -> str:
+    """The symbol of a parameter in formulas of pictures."""
+    return _SYMBOLS.get(parameter, parameter.rpartition(".")[2])
+
+
 # For `with plt.style.context(plots.STYLE): …`, or `plt.style.use(plots.STYLE)`.
 STYLE: dict[str, Any] = {
     "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=STYLES),

@@ -220,9 +220,8 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == (64, 1024)
-    monkeypatch.setattr(
-        rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17
-    )  # of a record of 100 samples, and its padding
+    # Of a record of 100 samples, and its padding.
+    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17)
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 

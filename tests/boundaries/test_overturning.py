@@ -201,9 +201,8 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
     # In logarithms: every number of every structure by ±h and ±2h.
     h = 1e-5
     steps = h * np.array([1, -1, 2, -2])
-    moved = here[:, None, None] * (
-        1 + steps[:, None, None] * np.eye(numbers)
-    )  # structure, step, number moved, number
+    # Structure, step, number moved, number.
+    moved = here[:, None, None] * (1 + steps[:, None, None] * np.eye(numbers))
     table = moved.reshape(-1, numbers)
 
     def plane(line, y):

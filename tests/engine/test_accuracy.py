@@ -232,7 +232,7 @@ def test_energy_balance(name):
     for lo, hi in itertools.pairwise(edges):
         E = np.asarray(response.energy(np.linspace(lo, hi - 1e-9, 9)))
         np.testing.assert_allclose(E, E[0], rtol=1e-8)
-    c = rj._engine.model.coefficients(podium)
+    c = rj._engine.coefficients.coefficients(podium)
     for t in hits[:3]:
         drop = float(response.energy(t)) - float(response.energy(t - 1e-10))
         before = float(response(t, left=True).theta_dot)

@@ -85,7 +85,7 @@ def test_initial_velocity_on_the_ground_starts_rocking():
         assert bool(response.uplifted)
         assert float(response.uplift_time) == 0.0
         assert np.sign(float(response(0.05).theta)) == sign
-        v0, c = 0.2, rj._engine.model.coefficients(BLOCK)
+        v0, c = 0.2, rj._engine.coefficients.coefficients(BLOCK)
         top = 0.5 * float(c.spin) * v0**2 / float(c.weight) + math.cos(0.3)
         assert float(response.peak_rotation) == pytest.approx((0.3 - math.acos(top)) / 0.3, abs=1e-8)
 

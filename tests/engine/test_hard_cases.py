@@ -100,9 +100,8 @@ def test_free_rocking_to_rest():
     quadrature."""
     alpha, e, p, theta0 = float(BLOCK.alpha), float(BLOCK.restitution_factor), float(BLOCK.p), 0.2
     p *= math.sqrt(1 / 0.75 / (4 / 3))  # the solitary block: p² itself
-    well = lambda th: (
-        2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)
-    )  # cos(α−θ) − cos α, without cancellation
+    # This is cos(α−θ) − cos α, without cancellation.
+    well = lambda th: 2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)
     top_of = lambda height: (
         alpha - math.acos(math.cos(alpha) + height) if height > 1e-7 else height / math.sin(alpha)
     )

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 
 import rockjax as rj
 from rockjax._engine import model
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import energy
 from tests.scenes import shaking
 
 OPTIONS = rj.Options(
@@ -182,13 +184,12 @@ def test_without_shaking_energy_only_falls(kind):
         response = rj.simulate(podium, rj.Rest(), initial=initial, t_end=end, options=options)
         assume(response.result != rj.RESULTS.out_of_steps)
         nodes = response.nodes
-        c = model.coefficients(podium)
-        E = np.asarray(jax.vmap(lambda s, x, v: model.energy(c, s, x, v))(nodes.sigma, nodes.x, nodes.v))
+        c = coefficients(podium)
+        E = np.asarray(jax.vmap(lambda s, x, v: energy(c, s, x, v))(nodes.sigma, nodes.x, nodes.v))
         scale = E.max()
         assert np.all(np.diff(E) <= 1e-8 * scale + 1e-15)
-        assert np.all(
-            np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300
-        )  # subnormal angles count as zero
+        # Subnormal angles count as zero.
+        assert np.all(np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300)
         hits = np.asarray(response.impact_times)[:3]
         before, after = response(hits, left=True), response(hits)
         e = max(float(podium.restitution_factor), 0.0)
@@ -223,7 +224,7 @@ def test_uplifted_frequency_of_the_linearised_engine():
 
     @jax.jit
     def stiffness(podium):
-        c = model.coefficients(podium)
+        c = coefficients(podium)
 
         def accelerations(x):
             still = (jnp.zeros(()), jnp.zeros(()))

@@ -7,6 +7,8 @@ import pytest
 
 import rockjax as rj
 from rockjax._engine import guard, hermite, model
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import energy, energy_after, potential, power, restoring_moment
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.transitions import after_impact, contact_mode
@@ -52,7 +54,7 @@ def lagrangian_parts(podium, sigma):
 def test_equations_of_motion_are_those_of_lagrange(sigma):
     """Eqs. (10), (22), (24)."""
     kinetic, potential, damping = lagrangian_parts(ELASTIC, sigma)
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
 
     @jax.jit
     def both(state):
@@ -72,11 +74,11 @@ def test_equations_of_motion_are_those_of_lagrange(sigma):
 
 def test_energy_is_that_of_the_lagrangian():
     kinetic, potential, _ = lagrangian_parts(ELASTIC, 1.0)
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
     for state in STATES:
         q, rate = jnp.asarray([abs(state[0]), state[1]]), jnp.asarray(state[2:4])
         expected = kinetic(q, rate) + potential(q, 0.0)
-        assert float(model.energy(c, jnp.ones(()), (q[0], q[1]), (rate[0], rate[1]))) == pytest.approx(
+        assert float(energy(c, jnp.ones(()), (q[0], q[1]), (rate[0], rate[1]))) == pytest.approx(
             float(expected)
         )
 
@@ -86,14 +88,14 @@ def test_energy_rate_and_its_bound(name):
     """dE/dt is the ground's power minus the damper's; the ground's share grows √E at most at the rate
     C|ü_g|."""
     podium = PODIUMS[name]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     n = 2 if c.elastic else 1
 
     @jax.jit
     def rates(state):
         x, v = (state[0], state[1])[:n], (state[2], state[3])[:n]
         a = model.acceleration(c, jnp.ones(()), state[4], x, v)
-        E, rate = jax.jvp(lambda x, v: model.energy(c, jnp.ones(()), x, v), (x, v), (v, a))
+        E, rate = jax.jvp(lambda x, v: energy(c, jnp.ones(()), x, v), (x, v), (v, a))
         stretch = v[1] - model.beam(c, jnp.ones(()), x[0], v[0])[1] if c.elastic else jnp.zeros(())
         loss = c.eta * c.damping * stretch**2 if c.elastic else jnp.zeros(())
         return E, rate, loss
@@ -111,7 +113,7 @@ def test_energy_rate_and_its_bound(name):
 def test_uplift_is_where_rocking_would_start(side):
     """Eq. (9) is Eq. (24) with θ = θ̇ = θ̈ = 0; Eq. (6) as printed counts the columns twice and does not give
     it."""
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
     u, u_dot = jnp.asarray(0.03), jnp.asarray(-0.2)
     zero = jnp.zeros(())
     force = c.omega2 * u + c.damping * u_dot
@@ -130,7 +132,7 @@ def test_uplift_is_where_rocking_would_start(side):
 
 
 def test_contact_is_equation_4():
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
     zero = jnp.zeros(())
     theta_ddot, u_ddot = model.acceleration(
         c, zero, jnp.asarray(1.3), (zero, jnp.asarray(0.02)), (zero, jnp.asarray(0.1))
@@ -141,11 +143,11 @@ def test_contact_is_equation_4():
 
 
 def test_impact_and_uplift_maps():
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
     assert float(model.impact(c, jnp.asarray(-0.4))) == pytest.approx(
         -0.4 * float(ELASTIC.restitution_factor)
     )
-    stocky = model.coefficients(rj.Podium(alpha=1.2, R=1.0))
+    stocky = coefficients(rj.Podium(alpha=1.2, R=1.0))
     assert float(stocky.restitution) < 0
     assert float(model.impact(stocky, jnp.asarray(-0.4))) == 0
     up = c.uplift
@@ -173,7 +175,7 @@ def test_coefficients_by_hand(name):
     """What the equations need of a podium, from masses and heights: columns of mass 1 together, beam γ, top
     η."""
     podium = PODIUMS[name]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     R, g, alpha, lam = (float(getattr(podium, k)) for k in ("R", "g", "alpha", "lam"))
     gamma, eta = float(podium.gamma), float(podium.eta)
     top = podium.superstructure
@@ -222,7 +224,7 @@ def test_beam_and_shear_from_the_geometry(sigma):
     x, v, a = theta(0.2), jax.grad(theta)(0.2), jax.grad(jax.grad(theta))(0.2)
     s = jnp.asarray(sigma)
     for podium in (ELASTIC, ELASTIC.replace(superstructure=rj.Rigid(8.0))):
-        c = model.coefficients(podium)
+        c = coefficients(podium)
         np.testing.assert_allclose(model.beam(c, s, x, v), [u_b(0.2), rate(0.2)], rtol=1e-12)
         assert float(model.beam_acceleration(c, s, x, v, a)) == pytest.approx(float(second(0.2)), rel=1e-12)
         if not c.elastic:
@@ -230,7 +232,7 @@ def test_beam_and_shear_from_the_geometry(sigma):
             assert float(model.shear(c, s, jnp.asarray(1.3), (x,), (v,), (a,))) == pytest.approx(
                 expected, rel=1e-12
             )
-    c = model.coefficients(ELASTIC)
+    c = coefficients(ELASTIC)
     w, z = 2 * np.pi / 0.6, 0.07
     u, u_dot, ground = jnp.asarray(0.11), jnp.asarray(-0.4), jnp.asarray(1.3)
     acc = model.acceleration(c, s, ground, (x, u), (v, u_dot))
@@ -244,7 +246,7 @@ def test_power_and_moment_by_hand(name, sigma):
     """What the ground gives and the damper takes is the change of energy; the moment is that of the vertical
     forces."""
     podium = PODIUMS[name]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     n, s = (2 if c.elastic else 1), jnp.asarray(sigma)
     R, alpha, g = (float(y) for y in (podium.R, podium.alpha, podium.g))
     heavy = float(podium.gamma + podium.eta)  # beam and top mass, which rise alike
@@ -252,8 +254,8 @@ def test_power_and_moment_by_hand(name, sigma):
     @jax.jit
     def evaluated(x, v, ground):
         a = model.acceleration(c, s, ground, x, v)
-        _, rate = jax.jvp(lambda x, v: model.energy(c, s, x, v), (x, v), (v, a))
-        return a[0], rate, *model.power(c, s, ground, x, v), model.restoring_moment(c, s, ground, x, v)
+        _, rate = jax.jvp(lambda x, v: energy(c, s, x, v), (x, v), (v, a))
+        return a[0], rate, *power(c, s, ground, x, v), restoring_moment(c, s, ground, x, v)
 
     for state in STATES[:6]:
         theta = sigma * abs(state[0])
@@ -273,43 +275,39 @@ def test_power_and_moment_by_hand(name, sigma):
             assert taken == 0
         assert rate == pytest.approx(given - taken, rel=1e-9, abs=1e-10)
         rises = 2 * R * (acceleration * np.sin(psi) - omega**2 * np.cos(psi))
-        arm, at_uplift = (
-            np.sin(psi),
-            np.sin(alpha) * g * (2 * heavy + 1),
-        )  # of the beam twice that of the columns
+        # Of the beam twice that of the columns.
+        arm, at_uplift = np.sin(psi), np.sin(alpha) * g * (2 * heavy + 1)
         assert moment == pytest.approx(
             arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11
         )
     zero = jnp.zeros(())
     q = 0.4 * float(c.uplift)
-    down = model.restoring_moment(c, zero, jnp.asarray(q), (zero,) * n, (zero,) * n)
+    down = restoring_moment(c, zero, jnp.asarray(q), (zero,) * n, (zero,) * n)
     assert float(down) == pytest.approx(-0.4, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", PODIUMS)
 def test_potential_is_the_work_against_gravity(name):
     podium = PODIUMS[name]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     n = 2 if c.elastic else 1
     for sigma, theta in ((1.0, 0.04), (-1.0, -0.11), (1.0, 0.3)):
         s, angle = jnp.asarray(sigma), jnp.asarray(theta)
         u_b, _ = model.beam(c, s, angle, jnp.zeros(()))
-        still = model.energy(c, s, (angle, u_b)[:n], (jnp.zeros(()),) * n)
-        assert float(model.potential(c, s, angle)) == pytest.approx(float(still), rel=1e-12)
+        still = energy(c, s, (angle, u_b)[:n], (jnp.zeros(()),) * n)
+        assert float(potential(c, s, angle)) == pytest.approx(float(still), rel=1e-12)
         lift = (
             2 * float(podium.R) * (np.cos(sigma * float(podium.alpha) - theta) - np.cos(float(podium.alpha)))
         )
         total = 0.5 + float(podium.gamma) + float(podium.eta)
         assert float(still) == pytest.approx(float(podium.g) * total * lift, rel=1e-12)
     zero = jnp.zeros(())
-    assert float(model.potential(c, zero, zero)) == 0
-    assert float(model.energy(c, zero, (zero,) * n, (zero,) * n)) == 0
+    assert float(potential(c, zero, zero)) == 0
+    assert float(energy(c, zero, (zero,) * n, (zero,) * n)) == 0
     now, impulse = jnp.asarray(0.3), jnp.asarray(0.7)
     most = (np.sqrt(0.3) + float(c.impulse) * 0.7) ** 2
-    assert float(model.energy_after(c, now, impulse)) == pytest.approx(most, rel=1e-12)
-    assert float(model.energy_after(c, -now, impulse)) == pytest.approx(
-        (float(c.impulse) * 0.7) ** 2, rel=1e-12
-    )
+    assert float(energy_after(c, now, impulse)) == pytest.approx(most, rel=1e-12)
+    assert float(energy_after(c, -now, impulse)) == pytest.approx((float(c.impulse) * 0.7) ** 2, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["rigid", "elastic"])

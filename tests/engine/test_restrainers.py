@@ -11,6 +11,8 @@ import pytest
 
 import rockjax as rj
 from rockjax._engine import model
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import potential, potential_slope
 from rockjax._problem import Reader
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests import restrained
@@ -88,7 +90,7 @@ def test_uplift_follows_the_slow_ground_motion():
 
 
 def test_elongation():
-    c = model.coefficients(podium(rj.Tendon(1.0)))
+    c = coefficients(podium(rj.Tendon(1.0)))
     for theta in (0.1, -0.1):
         found = model.elongation(c, jnp.sign(theta), jnp.asarray(theta))
         assert 1.5 * float(found.stretch) == pytest.approx(0.04481276231035240, rel=1e-15)
@@ -116,7 +118,7 @@ def test_one_joint_is_the_table_of_equivalents():
 
 def test_potential_and_its_slope():
     tau, kappa, w, s, R, g = 5.0, 100.0, 10.5, math.sin(0.15), 1.5, 9.80665
-    c = model.coefficients(podium(rj.Tendon(tau, kappa)))
+    c = coefficients(podium(rj.Tendon(tau, kappa)))
     for A in (1e-9, 0.05, 0.3, 1.2):
         V = (
             R
@@ -131,11 +133,11 @@ def test_potential_and_its_slope():
             * (2 * w * math.sin(0.15 - A) + 2 * tau * s * math.cos(A / 2) + 4 * kappa * s**2 * math.sin(A))
         )
         for side in (1.0, -1.0):
-            assert float(model.potential(c, jnp.asarray(side), jnp.asarray(side * A))) == pytest.approx(
+            assert float(potential(c, jnp.asarray(side), jnp.asarray(side * A))) == pytest.approx(
                 V, rel=1e-13
             )
-        assert float(model.potential_slope(c, jnp.asarray(A))) == pytest.approx(slope, rel=1e-13)
-    assert float(model.potential(c, jnp.zeros(()), jnp.zeros(()))) == 0
+        assert float(potential_slope(c, jnp.asarray(A))) == pytest.approx(slope, rel=1e-13)
+    assert float(potential(c, jnp.zeros(()), jnp.zeros(()))) == 0
 
 
 def test_free_rocking_without_dampers():
@@ -144,8 +146,8 @@ def test_free_rocking_without_dampers():
     response = free(structure, 0.12, t_end=4.0)
     exact = [0.6714846049952811, 1.853861181248221, 2.906731325298647, 3.851639334878372]
     np.testing.assert_allclose(response.impact_times[:4], exact, rtol=0, atol=2e-11)
-    c, e = model.coefficients(structure), float(structure.restitution_factor)
-    V = lambda A: float(model.potential(c, jnp.ones(()), jnp.asarray(A)))
+    c, e = coefficients(structure), float(structure.restitution_factor)
+    V = lambda A: float(potential(c, jnp.ones(()), jnp.asarray(A)))
     for k, peak in enumerate((0.09889978020873698, 0.08210706439530056), start=1):
         assert V(peak) == pytest.approx(e ** (2 * k) * V(0.12), rel=1e-13)
     kicked = free(structure, 0.0, 0.4)
@@ -310,9 +312,9 @@ def test_a_stiff_tendon_brings_columns_back_from_any_rotation():
     peak = rj.peak_response(structure, rj.Rest(), initial=rj.State(theta_dot=1.5), t_end=9.0, options=options)
     assert not peak.overturned
     assert peak.exceeded_alpha
-    c = model.coefficients(structure)
+    c = coefficients(structure)
     energy = 0.5 * float(c.spin) * 1.5**2
-    highest = model.potential(c, jnp.ones(()), peak.peak_rotation * 0.15)
+    highest = potential(c, jnp.ones(()), peak.peak_rotation * 0.15)
     assert float(highest) == pytest.approx(energy, rel=1e-11)
 
 
@@ -327,7 +329,7 @@ def test_margin_has_the_sign_of_the_verdict_up_to_the_stability_angle():
     assert np.all(peaks.margin[peaks.stats.steps == 1] == 1)
     # At rest on top of the well there is nothing to spare.
     low = rj.peak_response(structure, rj.Rest(), initial=rj.State(theta=0.9 * 0.15 * ratio), options=options)
-    V = lambda A: float(model.potential(model.coefficients(structure), jnp.ones(()), jnp.asarray(A)))
+    V = lambda A: float(potential(coefficients(structure), jnp.ones(()), jnp.asarray(A)))
     assert float(low.margin) == pytest.approx(1 - V(0.9 * 0.15 * ratio) / V(0.15 * ratio), rel=1e-9)
 
 

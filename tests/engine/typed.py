@@ -15,7 +15,8 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 with install_import_hook("rockjax._engine", "beartype.beartype"):
     import rockjax as rj
-    from rockjax._engine import model, transitions
+    from rockjax._engine import transitions
+    from rockjax._engine.coefficients import coefficients
     from rockjax._engine.solve import _solve
     from rockjax._results import REST
 
@@ -60,7 +61,7 @@ def main() -> None:
     jax.eval_shape(jax.grad(rotation, argnums=(0, 1), allow_int=True), PODIUMS["rigid"], RECORD)
     print("derivatives")
     try:
-        transitions.contact_mode(model.coefficients(PODIUMS["rigid"]), jnp.zeros(3))
+        transitions.contact_mode(coefficients(PODIUMS["rigid"]), jnp.zeros(3))
     except TypeCheckError:
         print("a vector is no number")
 

@@ -232,12 +232,8 @@ def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, dampi
     as close, with a parabola through the highest three."""
     motion = rj.synthetic_motions(1, seed=3, duration=10.0, dt=0.02, omega_g=2.0, omega_f=0.5)[0]
     h, w = motion.dt / finer, 2 * np.pi / period
-    of_state = [
-        [0, 1, 0, 0],
-        [-w * w, -2 * damping * w, -1, 0],
-        [0, 0, 0, 1],
-        [0, 0, 0, 0],
-    ]  # u, u̇, ü_g, its slope
+    # Of u, u̇, ü_g and its slope.
+    of_state = [[0, 1, 0, 0], [-w * w, -2 * damping * w, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]
     step = scipy.linalg.expm(np.array(of_state) * h)
     values, vectors = np.linalg.eig(step[:2, :2])
     samples = np.interp(

@@ -22,6 +22,7 @@ from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
+from rockjax._programs.program import COUNTS, forget
 from tests.scenes import Stops, shaking
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
@@ -49,6 +50,46 @@ class Analytic(optimise.AbstractTarget):
 
 def _alpha(podium):
     return podium.alpha
+
+
+# Suites
+
+
+def test_suites_side_by_side_keep_their_order():
+    """Each motion where it was, motions of one kind in one group."""
+    pulse, wave = lambda a: rj.Ricker(a, 1.0), lambda a: rj.HalfSine(a, 1.0)
+    first, second = (
+        Suite([pulse(1.0), wave(2.0), pulse(3.0)]),
+        Suite([wave(4.0), pulse(5.0), rj.OneSine(6.0, 1.0)]),
+    )
+    both = first.and_also(second).and_also(Suite([pulse(7.0)]))
+    assert [type(group) for group in both.groups] == [rj.Ricker, rj.HalfSine, rj.OneSine]
+    assert both.each(lambda motion: motion.a_p).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+@pytest.mark.slow
+def test_a_later_design_compiles_nothing():
+    """Of another structure, with the same objective written anew; motions that two targets use are simulated
+    once, in one loop."""
+    motions = [rj.Ricker(4.0, 0.6), rj.Ricker(3.0, 1.0)]
+
+    def answer(height):
+        column = dataclasses.replace(DRAWING, height=height, top_mass=0.0)
+        targets = [
+            optimise.PeakRotation(0.4, motions),
+            optimise.NoOverturning([motion.scaled(1.5) for motion in motions]),
+        ]
+        least = lambda podium: 2 * podium.alpha
+        return optimise.design(column, {"width": (0.2, 1.5)}, least, targets)
+
+    first = answer(3.0)
+    assert first.satisfied
+    before = dict(COUNTS)
+    forget()
+    second = answer(3.2)
+    assert second.satisfied
+    assert second.variables["width"] != first.variables["width"]
+    assert {"loaded": before["loaded"] + 1, "compiled": before["compiled"]} == COUNTS
 
 
 # Variables
@@ -214,9 +255,8 @@ def test_unreachable_targets_return_the_closest_design():
 
 
 def test_without_objective_the_nearest_design_is_found():
-    target = Analytic(
-        lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45
-    )  # a straight line in scaled variables
+    # A straight line in scaled variables.
+    target = Analytic(lambda p: (p.alpha + p.R / 1.5 * 0.45 - 0.9) / 0.45)
     answer = optimise.design(
         BLOCK.replace(alpha=0.05, R=0.5), {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, None, target
     )
@@ -455,6 +495,10 @@ def test_suite_groups_kinds_and_keeps_the_order():
 
 
 MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
+RECORDS = rj.synthetic_motions(3, seed=2, duration=4.0, dt=0.04).records()
+HAZARD = rj.Hazard([0.5, 2.0, 8.0, 30.0], [5e-2, 5e-3, 2e-4, 2e-5])
+IN_G = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], units="g")
+OVER_PGD = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], measure="PGD")
 TARGETS = {
     "rotation": optimise.PeakRotation(0.4, MOTIONS),
     "shear": optimise.PeakShear(0.5, MOTIONS),
@@ -462,6 +506,7 @@ TARGETS = {
     # What the acceleration is over moves too; the median takes in every scale.
     "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True),
     "median": optimise.MedianCapacity(1.5, MOTIONS),
+    "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS),
     "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
 }
 
@@ -488,6 +533,20 @@ def test_margins_have_exact_derivatives(name):
     assert np.all(np.isfinite(value))
     assert np.allclose(slope, (high - low) / (2 * h), rtol=2e-5, atol=1e-6)
     assert np.all(slope != 0)
+
+
+@pytest.mark.slow
+def test_the_annual_frequency_of_a_target_is_that_of_the_analysis():
+    podium, target = BLOCK.replace(alpha=0.2), TARGETS["risk"]
+    options = rj.Options(rtol=1e-10, atol=1e-12)
+    levels = np.linspace(2.0, 30.0, 4)
+    analysis = rj.incremental_dynamic_analysis(podium, RECORDS, levels, options=options)
+    assert np.isfinite(analysis["capacity"]).all()
+    expected = rj.annual_frequency(rj.fragility(analysis, confidence=None), HAZARD).frequency
+    assert float(target.frequency(podium, options)) == pytest.approx(float(expected), rel=1e-6)
+    # Where nothing overturns: what is known for certain, and no slope.
+    stocky = podium.replace(alpha=1.0, R=20.0)
+    assert float(target.frequency(stocky, options)) == pytest.approx(float(HAZARD(jnp.asarray(30.0))))
 
 
 @pytest.mark.slow
@@ -558,6 +617,16 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.OverturningScale(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS, max_scale=1.5), "must exceed at_least"),
         (lambda: optimise.MedianCapacity(2.0, MOTIONS[:1]), "two motions or more"),
+        (lambda: optimise.AnnualFrequency(0.0, HAZARD, RECORDS), "at_most must be"),
+        (lambda: optimise.AnnualFrequency(1e-3, [0.1, 1.0], RECORDS), "hazard must be a rockjax.Hazard"),
+        (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; see hazard\.in_si"),
+        (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher one"),
+        (lambda: optimise.AnnualFrequency(1e-3, HAZARD, RECORDS[0]), "two motions or more"),
+        (lambda: optimise.AnnualFrequency(1e-3, HAZARD, MOTIONS), "samples a motion at times t"),
+        (
+            lambda: optimise.AnnualFrequency(1e-3, OVER_PGD, RECORDS),
+            r"'PGA', 'PGV' or such as 'Sa\(0\.5 s\)'",
+        ),
         (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
     ],
 )

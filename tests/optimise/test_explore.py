@@ -96,9 +96,8 @@ def test_no_compilation_when_sliders_move(study, caplog):
             assert study.values[name] == slider.value
         assert not [record for record in caplog.records if "ompil" in record.getMessage()]
         jax.jit(lambda x: x + 1)(0.0)
-        assert [
-            record for record in caplog.records if "ompil" in record.getMessage()
-        ]  # it would have been seen
+        # It would have been seen.
+        assert [record for record in caplog.records if "ompil" in record.getMessage()]
 
 
 @pytest.mark.slow

@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 import rockjax as rj
 from rockjax import _redraw, plots
 from rockjax._cli import app
-from rockjax._engine import model
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.energy import energy, potential
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests.scenes import PODIUMS, G, pulse, shaking
 
@@ -125,7 +126,7 @@ def test_saddles_and_separatrices():
     """θ = ±α is an equilibrium from which the rotation grows, and what starts on a separatrix comes to rest
     there."""
     podium = PODIUMS["rigid"]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     for sigma in (1.0, -1.0):
         at = lambda theta, sigma=sigma: model.acceleration(
             c, jnp.asarray(sigma), jnp.zeros(()), (theta,), (jnp.zeros(()),)
@@ -133,11 +134,11 @@ def test_saddles_and_separatrices():
         value, slope = jax.value_and_grad(at)(sigma * c.alpha)
         assert float(value) == pytest.approx(0, abs=1e-12)
         assert float(slope) > 0
-    top = float(model.potential(c, jnp.ones(()), c.alpha))
+    top = float(potential(c, jnp.ones(()), c.alpha))
     theta = np.array([-0.6, 0.2, 1.1]) * float(podium.alpha)
     rates = plots._histories.separatrix(xarray.Dataset(attrs=describe_podium(podium)), theta)
     for x, rate in zip(theta, rates, strict=True):
-        held = model.energy(c, jnp.sign(jnp.asarray(x)), (jnp.asarray(x),), (jnp.asarray(rate),))
+        held = energy(c, jnp.sign(jnp.asarray(x)), (jnp.asarray(x),), (jnp.asarray(rate),))
         assert float(held) == pytest.approx(top, rel=1e-12)
     # Eq. (24) for a block without ground motion: θ̇² = (3g/2R)(1 − cos ψ).
     block = xarray.Dataset(attrs=describe_podium(PODIUMS["block"]))
@@ -187,7 +188,7 @@ def test_energy_balance_closes(responses, histories, kind):
     assert np.all(np.diff(struck) >= -1e-12 * scale)
     assert np.all(np.diff(damped) >= -1e-12 * scale)
     # The loss at an impact by Eqs. (18), (27): of the rotation, and of the top mass on its way up and down.
-    c = model.coefficients(response.podium)
+    c = coefficients(response.podium)
     weight = 0.5 * float(c.spin) + 0.5 * float(c.eta) * float(c.two_R * c.sin_alpha) ** 2
     losses = (1 - float(c.restitution) ** 2) * weight * data["theta_dot_before"].values ** 2
     assert struck[-1] == pytest.approx(np.sum(losses), rel=1e-5)
@@ -209,9 +210,7 @@ def test_energy_balance_from_an_initial_state():
     response = rj.simulate(PODIUMS["frame"], rj.Ricker(0.0, 1.5), initial=rj.State(0.1))
     data = response.dataset()
     start = float(data["initial_energy"])
-    assert start == pytest.approx(
-        float(model.potential(model.coefficients(response.podium), 1.0, jnp.asarray(0.1)))
-    )
+    assert start == pytest.approx(float(potential(coefficients(response.podium), 1.0, jnp.asarray(0.1))))
     np.testing.assert_allclose(data["mechanical_energy"] + data["impact_energy"], start, rtol=1e-7)
     assert float(data["impact_energy"][-1]) == pytest.approx(start, rel=1e-6)
 
@@ -285,7 +284,7 @@ def test_film_is_drawn_to_scale(histories):
     times = np.array([0.3, 0.9])
     stage = plots._animation._Stage(data, times, 2, 1.0, 1.0, False)
     podium = PODIUMS["rigid"]
-    c = model.coefficients(podium)
+    c = coefficients(podium)
     for k, t in enumerate(times):
         stage.show(k)
         theta = jnp.interp(t, data["time"].values, data["theta"].values)

@@ -185,6 +185,36 @@ def test_the_folder_is_where_the_user_says(monkeypatch, tmp_path):
     assert folder.path().is_absolute()
 
 
+def test_a_program_is_made_ready_ahead(kept):
+    """By another thread, under the settings of this one; and who calls it meanwhile waits for that one."""
+    made, before = program._ALL[-1], len(TRACED)
+    made.ahead(*ARGUMENTS)
+    made.ahead(*ARGUMENTS, times=3)
+    answers = made(*ARGUMENTS), made(*ARGUMENTS, times=3)
+    assert len(TRACED) == before + 2
+    for times, answer in zip((2, 3), answers, strict=True):
+        np.testing.assert_array_equal(answer["sum"], expected(*ARGUMENTS, times=times))
+    with jax.numpy_rank_promotion("warn"):  # which that thread would not have
+        made.ahead(*ARGUMENTS, times=4)
+    assert all(
+        thread is threading.main_thread() or thread.join(60) is None for thread in threading.enumerate()
+    )
+    assert len(TRACED) == before + 2
+
+
+def test_functions_of_the_users_own_are_known_by_what_they_do(kept):
+    """Written anew in every process, with numbers of their own, and with derivatives of their own."""
+    made = lambda factor: kind.TracedFunction(lambda podium: factor * jnp.tan(podium.alpha), PODIUMS["block"])
+    assert kind.describe(made(2.0)) == kind.describe(made(2.0)) != kind.describe(made(3.0))
+    assert made(2.0) == made(2.0) != made(3.0)
+    assert float(made(2.0)(PODIUMS["block"])) == 2 * float(jnp.tan(PODIUMS["block"].alpha))
+    held = kind.TracedFunction(
+        lambda podium: 2 * jnp.tan(jax.lax.stop_gradient(podium.alpha)), PODIUMS["block"]
+    )
+    assert held.text != made(2.0).text
+    assert kind.describe((held,)) != kind.describe((made(2.0),))
+
+
 def test_threads_compile_a_program_once(kept):
     made, before = program._ALL[-1], len(TRACED)
     answers = []
@@ -305,7 +335,7 @@ def test_records_of_other_lengths_share_programs():
     """And however much fills one up, its answers are the same to the last bit."""
     from rockjax._motions.record import PaddedRecord
 
-    samples = 8 * np.convolve(np.random.default_rng(1).normal(size=330), np.hanning(12) / 6, "same")
+    samples = 8 * np.convolve(np.random.default_rng(1).normal(size=1300), np.hanning(12) / 6, "same")
     podium, options = PODIUMS["rigid"], rj.Options(rtol=1e-6, atol=1e-8)
     peak = lambda motion: rj.peak_response(podium, motion, options=options)
     long = peak(rj.Record(samples, 0.01))
@@ -319,6 +349,21 @@ def test_records_of_other_lengths_share_programs():
     traced = jax.jit(lambda dt: peak(rj.Record(samples[:290], dt)))(0.01)
     assert float(traced.peak_rotation) == pytest.approx(float(short.peak_rotation), rel=1e-12)
     assert int(traced.impacts) == int(short.impacts)
+
+
+def test_suites_of_other_sizes_share_programs():
+    """Of other numbers of records, and other lengths: the table is filled up, and says the same."""
+    podium, options = PODIUMS["rigid"], rj.Options(rtol=1e-6, atol=1e-8)
+    noise = 8 * np.random.default_rng(1).normal(size=(5, 120)).cumsum(axis=1)
+    records = [rj.Record(noise[k, : 120 - 7 * k], 0.02) for k in range(5)]
+    peaks = lambda members: rj.peak_responses(podium, rj.Records.of(members), options=options)
+    whole = peaks(records)
+    counts = dict(program.COUNTS)
+    part = peaks(records[1:4])
+    assert counts == program.COUNTS
+    np.testing.assert_array_equal(part.peak_rotation, whole.peak_rotation[1:4])
+    alone = [rj.peak_response(podium, record, options=options).peak_rotation for record in records]
+    np.testing.assert_allclose(whole.peak_rotation, np.array(alone), rtol=1e-9)
 
 
 def broken(*passed):

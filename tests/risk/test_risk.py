@@ -15,7 +15,7 @@ from scipy.stats import norm
 import rockjax as rj
 from rockjax._risk import search
 from rockjax._risk.limit_state import OfFunction
-from rockjax._risk.reliability import first_order, starting
+from rockjax._risk.reliability import first_order, probability_of, starting
 from rockjax._risk.structure import OfStructure, limit_of
 
 POINTS = np.array([0.1, 0.7, 2.0, 5.0])
@@ -129,9 +129,8 @@ def test_a_flat_segment_contributes_nothing():
     steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
     assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
     ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
-    found = rj.annual_frequency(
-        rj.Lognormal(1.4, 0.01), ends
-    )  # what is exceeded for ever is never reached by anything more
+    # What is exceeded for ever is never reached by anything more.
+    found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)
     assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
 
 
@@ -176,9 +175,8 @@ def test_counted_shares_are_integrated_as_they_are():
     expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
     assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
     above = 0.9 * float(HAZARD(jnp.asarray(8.0)))  # beyond the levels …
-    between = by_quadrature(
-        lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels
-    )  # … or the points
+    # … or the points.
+    between = by_quadrature(lambda x: np.interp(x, levels, share) * ((x > 5.0) & (x < 8.0)), levels)
     assert float(found.extrapolated) == pytest.approx((above + between) / expected, rel=1e-8)
     with pytest.raises(ValueError, match="20% of the records overturn at the lowest level, 1"):
         rj.annual_frequency(analysis(share[1:], levels[1:]), HAZARD)
@@ -239,9 +237,8 @@ def test_hazards_of_openquake(tmp_path):
         rj.Hazard.from_file(path)
     first, second = (rj.Hazard.from_file(path, site=k) for k in (0, 1))
     np.testing.assert_allclose(first.annual_rate, -np.log([0.1, 0.5, 0.99]) / 50)
-    np.testing.assert_allclose(
-        second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665
-    )  # certain points say nothing
+    # Certain points say nothing.
+    np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)
     assert first.measure == "Sa(0.5 s)"
 
 
@@ -464,6 +461,60 @@ def test_ctrl_c_keeps_what_is_known(monkeypatch):
     assert not caught.value.partial.converged
 
 
+class Moved(OfFunction):
+    """G(u, b), which knows its derivative by b."""
+
+    def __init__(self, G, b, dimension):
+        super().__init__(lambda u: G(u, b), dimension)
+        self._by_b = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))
+        self.b = b
+
+    def with_sensitivities(self, u):
+        value, (slope, of_b) = self._by_b(jnp.asarray(u), self.b)
+        return np.asarray(value), np.asarray(slope), {"b": np.asarray(of_b)}
+
+
+def z(u):
+    return jnp.sum(u) / jnp.sqrt(u.size)
+
+
+def bowl(u, b):
+    return b - z(u) + 0.1 * (u[0] - u[1]) ** 2
+
+
+def window(u, b):
+    """Fails between b and 3: every line leaves failure again."""
+    return (z(u) - b) * (z(u) - 3.0)
+
+
+def step(u, b):
+    return jnp.where(z(u) < b, 1.0, -1.0) - 1e-3 * z(u)
+
+
+@pytest.mark.parametrize(
+    ("G", "dimension", "exact"),
+    [
+        (bowl, 2, -quad(lambda w: norm.pdf(w) * norm.pdf(2.0 + 0.2 * w * w), -9, 9)[0]),
+        (window, 5, -norm.pdf(2.0)),
+    ],
+)
+def test_derivatives_of_probabilities_are_surface_integrals(G, dimension, exact):
+    limit = Moved(G, 2.0, dimension)
+    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.03, 1, 100_000, False)
+    slope, error = found.sensitivities["b"]
+    assert found.jumps == 0
+    assert abs(slope - exact) < 3 * error + 1e-3 * abs(exact)
+    assert error < 0.05 * abs(exact)
+
+
+def test_where_a_limit_state_jumps_derivatives_are_said_to_know_nothing():
+    limit = Moved(step, 2.0, 3)
+    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.1, 1, 100_000, False)
+    assert found.probability == pytest.approx(norm.sf(2.0), rel=0.1)
+    assert found.jumps == pytest.approx(1.0)
+    assert found.sensitivities["b"] == (0.0, 0.0)
+
+
 # Rocking structures: one block, and a frame that rocks alike.
 
 NOISE = rj.GaussianMotion(121, 0.04, 0.02)
@@ -484,12 +535,12 @@ def test_the_limit_state_of_a_block():
     np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # to either side alike
     # Its derivative, by a sample and by the numbers of structure and ground.
     near = np.asarray(u[:8]) * 0.9
-    value, (slope, of_podium, of_motion) = limit.with_sensitivities(near)
+    value, slope, named = limit.with_sensitivities(near)
     best = int(np.argmin(np.abs(value - 0.5)))
     along, h = np.random.default_rng(3).standard_normal(limit.dimension), 1e-5
     up, down = limit.values(np.stack([near[best] + h * along, near[best] - h * along]))
     assert slope[best] @ along == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-7)
-    for name, whole, exact in (("alpha", BLOCK, of_podium.alpha), ("S_0", NOISE, of_motion.S_0)):
+    for name, whole, exact in (("alpha", BLOCK, named["alpha"]), ("S_0", NOISE, named["S_0"])):
         y = float(getattr(whole, name))
         moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
         pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]

@@ -29,6 +29,15 @@ RECORDS = suite()
 TABLE = rj.Records.of(RECORDS)
 
 
+def test_a_wide_width_needs_no_more_places_than_the_first():
+    """Changes are then solved again, more sharply, among the answers of the first places."""
+    levels = np.linspace(1.0, 12.0, 3)
+    rough = rj.incremental_dynamic_analysis(BLOCK, TABLE, levels, width=0.1, resolution=64)
+    close = rj.incremental_dynamic_analysis(BLOCK, TABLE, levels, width=1e-3, resolution=64)
+    assert np.all(close["certain_width"] <= 1e-3 * 12.0)
+    assert np.all(rough["capacity"] >= close["capacity"] * (1 - 1e-9))
+
+
 # --------------------------------------------------------------------------------------- records in one table
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_a_table_answers_as_its_records_do(kind):

@@ -79,6 +79,50 @@ def test_pictures_have_the_axes_of_the_field(spectrum):
     plots.plt.close("all")
 
 
+def test_pictures_of_sensitivities(spectrum):
+    slopes = spectrum["peak_rotation"].expand_dims({"parameter": ["alpha", "T_p"]}, axis=-1)
+    data = spectrum.assign(peak_rotation_sensitivity=slopes * [-3.0, 0.3])
+    ax = plots.sensitivity_spectrum(data, parameter="T_p")
+    (cells,) = ax.collections
+    drawn = np.ma.asarray(cells.get_array()).reshape(Y.size, X.size)
+    np.testing.assert_array_equal(drawn.mask, spectrum["overturned"])
+    np.testing.assert_allclose(drawn.compressed(), 0.3 * spectrum["peak_rotation"].values[~drawn.mask])
+    panels = data.expand_dims({"eta_over_gamma": [10.0], "T_s": [0.0]})
+    figure = plots.sensitivity_spectra(panels)
+    titles = [ax.get_title() for ax in figure.axes]
+    assert [title.split("$")[1] for title in titles if title] == [r"\ln \alpha", r"\ln T_p"]
+    with pytest.raises(ValueError, match=r"no sensitivities of the peak rotation to 'R', it has \['alpha'"):
+        plots.sensitivity_spectrum(data, parameter="R")
+    with pytest.raises(ValueError, match="to any parameter, it has"):
+        plots.sensitivity_spectrum(spectrum)
+    plots.plt.close("all")
+
+
+def test_sensitivities_that_make_no_sense_are_refused(spectrum):
+    arguments = PODIUMS["rigid"], rj.Ricker, X, Y
+    with pytest.raises(ValueError, match=r"rocking_spectrum: sensitivities must be some of .*'T_s'"):
+        rj.rocking_spectrum(*arguments, sensitivities=["T_s"])
+    with pytest.raises(ValueError, match="the spectrum to resume has other sensitivities"):
+        rj.rocking_spectrum(*arguments, sensitivities=["alpha"], resume=spectrum)
+
+
+@pytest.mark.slow
+def test_command_line_sensitivities(tmp_path):
+    kind = ("--points", "6", "--eta-over-gamma", "10", "--T-s", "0", "--sensitivities", "alpha,a_p")
+    done = run("spectrum", *kind, "-o", "s", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    axes = np.linspace(1, 8, 6), np.linspace(1, 12, 6)
+    how = rj.Options(outputs=("peak_rotation",))
+    names = ["alpha", "a_p"]
+    podium = PODIUMS["rigid"]
+    direct = rj.rocking_spectrum(podium, rj.Ricker, *axes, options=how, sensitivities=names)
+    with xarray.open_dataset(tmp_path / "s.nc") as data:
+        found = data["peak_rotation_sensitivity"].squeeze(["eta_over_gamma", "T_s"])
+        assert list(found["parameter"].values) == names
+        np.testing.assert_allclose(found, direct["peak_rotation_sensitivity"], rtol=1e-9, atol=1e-9)
+    assert (tmp_path / "s-sensitivity.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def run(*arguments, cwd, **more):
     environment = {**os.environ, "MPLBACKEND": "Agg"}
     return subprocess.run(

@@ -185,6 +185,21 @@ def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, counte
     assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
 
 
+@pytest.mark.slow
+def test_sensitivities_are_those_of_the_batch(tmp_path):
+    names = ("alpha", "a_p")
+    data = sweep(tmp_path / "sweep", sensitivities=names)
+    batch = rj.peak_responses(*GRID[:2], options=OPTIONS, sensitivities=names)
+    slopes = data["peak_rotation_sensitivity"]
+    assert slopes.dims == (*GRID.coords, "parameter")
+    assert list(data["parameter"].values) == list(names)
+    np.testing.assert_allclose(slopes, batch.sensitivities.peak_rotation, rtol=1e-9, atol=1e-9)
+    assert np.abs(slopes).max() > 1
+    xarray.testing.assert_identical(data.load(), sweep(tmp_path / "sweep", sensitivities=names).load())
+    with pytest.raises(ValueError, match=r"its sensitivities are \['alpha', 'a_p'\], not \[\]"):
+        sweep(tmp_path / "sweep")
+
+
 def test_a_table_of_scenes(tmp_path, batch):
     """Arrays of one length are a table; what is common to all is an attribute."""
     a_p = np.broadcast_to(GRID.excitations.a_p, GRID.shape)[1].ravel()

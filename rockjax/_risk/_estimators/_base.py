@@ -33,6 +33,14 @@ class Estimate(NamedTuple):
         return self.standard_error / self.probability if self.probability > 0 else math.inf
 
 
+class Slopes(NamedTuple):
+    """Derivatives of a probability by name, each with its standard error; and the share of the surface of
+    failure, by its density, across which G jumps, of which they know nothing."""
+
+    named: dict[str, tuple[float, float]]
+    jumps: float
+
+
 class AbstractEstimator(abc.ABC):
     """An estimator of P(G ≤ 0). Rounds go on until the coefficient of variation or the number of scenes is
     reached."""
@@ -49,6 +57,10 @@ class AbstractEstimator(abc.ABC):
     @abc.abstractmethod
     def estimate(self) -> Estimate:
         """What is known so far."""
+
+    def slopes(self) -> Slopes | None:
+        """dP/dy by the same samples, where limit state and method say them."""
+        return None
 
     def run(self, cov: float, max_scenes: int, first: int, report: Callable[[Estimate], None]) -> Estimate:
         """Rounds, each as large as the last estimate asks for, at most four times all before it."""

@@ -1,0 +1,110 @@
+"""Targets on a risk: how often the columns overturn at a site."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import rockjax as rj
+from rockjax.internal import NARROWEST, AnyMotions, as_motions, fit_capacities, measured_as, of_kind, single
+
+from ._suite import Margins, Suite
+from ._targets import AbstractScaleTarget, Name, check_limit
+
+SI = ("m s-2", "m s-1")
+
+
+class AnnualFrequency(AbstractScaleTarget):
+    """The columns overturn at most `at_most` times a year, on average.
+
+    - `at_most`: mean annual frequency λ_f, > 0 [1/year]
+    - `hazard`: the [`rockjax.Hazard`][] of the site, over PGA, PGV or Sa at a period, in SI units
+    - `suite`: two records or motions or more; each is scaled to every intensity of the hazard's measure
+    - `max_intensity`: intensities up to this are looked at, by default to the last point of the hazard;
+      motions that none of them overturns are known to lie above it (censored) [as the hazard]
+    - `width`: in a verified design no window of overturning wider than this share of `max_intensity` is
+      missed [–]
+
+    λ_f is that of [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
+    overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f); where fewer than
+    two motions overturn it is that of a podium that overturns at every intensity above `max_intensity`, with
+    zero derivative. Raises `ValueError` for a hazard in other units or over another measure, and for a
+    `max_intensity` that is exceeded more often than `at_most`: no answer could follow from it.
+    """
+
+    at_most: Any
+    hazard: rj.Hazard
+    max_scale: Any
+    width: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+
+    def __init__(
+        self,
+        at_most,
+        hazard: rj.Hazard,
+        suite: AnyMotions,
+        *,
+        max_intensity=None,
+        width: float = NARROWEST,
+        name: Name = None,
+    ):
+        owner = type(self).__name__
+        check_limit(owner, "at_most", at_most)
+        check_limit(owner, "width", width, below=0.1)
+        of_kind(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
+        if hazard.units not in SI:
+            raise ValueError(
+                f"{owner}: the hazard must be in SI units, got {hazard.units!r}; see hazard.in_si()"
+            )
+        highest = float(hazard.intensity[-1]) if max_intensity is None else max_intensity
+        highest = single(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
+        often = float(hazard(jnp.asarray(float(highest))))
+        if often >= at_most:
+            raise ValueError(
+                f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {often:.3g} times a year, "
+                f"more often than at_most = {at_most:g}; give a higher one"
+            )
+        motions = as_motions(owner, suite, "suite")
+        if len(motions) < 2:
+            raise ValueError(f"{owner}: suite must hold two motions or more, got one")
+        try:
+            sizes = [measured_as(motion, hazard.measure) for motion in motions]
+        except ValueError as error:
+            raise ValueError(f"{owner}: of the hazard, {error}") from None
+        if min(sizes) == 0:
+            raise ValueError(
+                f"{owner}: motion {int(np.argmin(sizes)) + 1} of the suite has {hazard.measure} = 0"
+            )
+        self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
+        self.width, self.name = float(width), name
+        # Of unit intensity each: a factor on a motion is its intensity.
+        unit = [
+            rj.Record(motion.acceleration / size, motion.dt)
+            for motion, size in zip(motions, sizes, strict=True)
+        ]
+        self.suite = Suite(unit, owner, "suite")
+
+    def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
+        """Of the least overturning intensities [as the hazard]; NaN where fewer than two motions overturn."""
+        found = self.least_scales(podium, options)
+        return fit_capacities(found, jnp.full_like(found, self.max_scale))
+
+    def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
+        """λ_f [1/year]; an upper limit where fewer than two motions overturn."""
+        fitted = self.distribution(podium, options)
+        known = ~jnp.isnan(fitted.median)
+        curve = rj.Lognormal(*(jnp.where(known, y, 1.0) for y in fitted))
+        end = jax.lax.stop_gradient(self.hazard(self.max_scale))
+        return jnp.where(known, rj.annual_frequency(curve, self.hazard).frequency, end)
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        return jnp.log(self.at_most / self.frequency(podium, options))[None]
+
+    def describe(self) -> str:
+        return f"overturning at most {self.at_most:g} times a year"

@@ -1,0 +1,247 @@
+"""Scenes made ready for the lanes, a chunk of them at once, and what a lane does with its scene.
+
+Where sensitivities are wanted, a row for each parameter goes beside all that moves with it: beside the
+scenes, and beside the states in the lanes. A function of scene and state is then pushed forward, by the
+same rules as the derivatives of a single scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+
+from rockjax import _results as results
+from rockjax._engine.contact import advance_to_uplift, cross_full_contact
+from rockjax._engine.derivatives import pushed, which_move
+from rockjax._engine.flat import runs
+from rockjax._engine.hops import chatters
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.state import LoopState, Plan, Scene, moving
+from rockjax._engine.step import trial
+from rockjax._options import Options
+from rockjax._responses.sensitivities import moved
+from rockjax._types import Flag
+
+
+class LaneLayout(NamedTuple):
+    """What a program is made for, besides the options."""
+
+    axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
+    structure: Any  # of (podium, excitation, initial, t_end)
+    lanes: int
+    size: int  # scenes of a chunk, a multiple of the lanes
+    # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
+    refill: bool
+    sensitivities: tuple[str, ...] = ()  # parameters with respect to whose logarithms derivatives are wanted
+
+
+class Slopes(NamedTuple):
+    """What goes beside the scenes and states of lanes: derivatives, a row for each parameter."""
+
+    parts: list[Any]  # of `Scene`: None beside what does not move with the parameters
+    lane: dict[str, Any]  # of `moving` in a `LoopState`
+
+
+def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
+    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
+    exchange."""
+    going = runs(lane, options.max_steps)
+    if plan.many_hops:
+        return going & ~chatters(lane)
+    return going if plan.elastic else going & (lane.sigma != 0)
+
+
+def automaton(plan: Plan, options: Options):
+    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next
+    uplift at once."""
+
+    def moves(scene: Scene, lane: LoopState) -> LoopState:
+        going = makes_trials(plan, options, lane)
+        after, _ = trial(scene, plan, lane)
+        return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
+
+    def settle(scene: Scene, lane: LoopState) -> LoopState:
+        if plan.elastic:
+            return lane
+        waits = (lane.sigma == 0) & runs(lane, options.max_steps)
+        lifted, _ = advance_to_uplift(scene, plan, lane)
+        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
+
+    return moves, settle
+
+
+class _ChunkSlopes(NamedTuple):
+    """The same of a chunk."""
+
+    parts: list[Any]
+    common: list[Any]
+    lane: dict[str, Any]
+
+
+class Chunk(NamedTuple):
+    """Scenes made ready: what differs between them has a row for each, what is common to all is there
+    once."""
+
+    parts: list[Any]  # of `Scene`: what differs
+    common: list[Any]  # of `Scene`: what does not, None where it does
+    structure: Any
+    lane: LoopState  # at the start
+    lane_differs: Any
+    slopes: _ChunkSlopes | None
+
+    def starts(self, lanes: int) -> tuple[LoopState, Slopes | None]:
+        """The first states of the chunk, as many as there are lanes, and the slopes of their scenes and of
+        them."""
+
+        def start(y, differs):
+            return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
+
+        state = jax.tree.map(start, self.lane, self.lane_differs)
+        if self.slopes is None:
+            return state, None
+        beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
+        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs))
+        return state, Slopes([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
+
+    def in_lanes(
+        self,
+        function: Callable,
+        parts: list[Any],
+        lane: LoopState,
+        slopes: Slopes | None,
+        loops: bool = False,
+    ):
+        """(floats, their slopes, rest) of `function(scene, lane)` → (floats, rest) in every lane.
+
+        The slopes are None where there are none of scenes and lanes. `loops`: see `pushed`.
+        """
+
+        def scene(parts, common) -> Scene:
+            parts = iter(parts)
+            return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in common])
+
+        def every(parts, common, lane):
+            return jax.vmap(lambda parts, lane: function(scene(parts, common), lane))(parts, lane)
+
+        if slopes is None or self.slopes is None:
+            floats, rest = every(parts, self.common, lane)
+            return floats, None, rest
+        beside = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
+        beside = slopes.parts, self.slopes.common, beside
+        return pushed(every, (parts, self.common, lane), beside, loops=loops)
+
+
+def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
+    """The scenes of a chunk, at their starts."""
+    structure, names = layout.structure, layout.sensitivities
+    plan = plan_for(jax.tree.unflatten(structure, leaves)[0], options, history=False)
+    _, settle = automaton(plan, options)
+
+    def ready(factors, *leaves) -> tuple[Scene, LoopState]:
+        podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
+        if names:
+            podium, excitation = moved(podium, excitation, names, factors)
+        scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
+        return scene, settle(scene, lane)
+
+    factors = jnp.ones(len(names)) if names else None
+    leaves, axes = _with_own_states(leaves, layout) if names else (leaves, layout.axes)
+    axes = (None, *axes)
+    differs = _differing(ready, axes, (factors, *leaves))
+    out_axes = jax.tree.map(lambda flag: 0 if flag else None, differs)
+    every = jax.vmap(ready, in_axes=axes, out_axes=out_axes)
+    own = jax.tree.leaves(differs[0])
+    apart = lambda scenes, differ: [
+        y if flag == differ else None for y, flag in zip(scenes, own, strict=True)
+    ]
+    if names:
+        one = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
+        moves = jax.tree.leaves(which_move(lambda factors: ready(factors, *one), factors)[0])
+
+        def of_factors(factors):
+            scenes, lane = every(factors, *leaves)
+            flat = jax.tree.leaves(scenes)
+            flat = [y if flag else None for y, flag in zip(flat, moves, strict=True)]
+            return (flat, moving(lane)), (scenes, lane)
+
+        _, (rows, of_lane), (scenes, lane) = pushed(
+            of_factors, (factors,), (jnp.eye(len(names)),), loops=True
+        )
+        of_parts = [y for y, flag in zip(rows, own, strict=True) if flag]
+        slopes = _ChunkSlopes(of_parts, apart(rows, False), of_lane)
+    else:
+        (scenes, lane), slopes = every(factors, *leaves), None
+    flat, scene_structure = jax.tree.flatten(scenes)
+    parts = [y for y, flag in zip(flat, own, strict=True) if flag]
+    return Chunk(parts, apart(flat, False), scene_structure, lane, differs[1], slopes)
+
+
+def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
+    """The leaves of a chunk with an initial state for each scene.
+
+    Derivatives of a state that is common to all differ from scene to scene: with a value that does not, the
+    derivative of `restart` would have another shape than its value.
+    """
+    _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
+    own = jax.tree.leaves(initial)
+    wide = [
+        jnp.broadcast_to(y, (layout.size,)) if k in own and layout.axes[k] is None else y
+        for k, y in enumerate(leaves)
+    ]
+    return wide, tuple(0 if k in own else axis for k, axis in enumerate(layout.axes))
+
+
+# What changes of a lane that crosses panels.
+_CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")
+
+
+def crossed(chunk: Chunk, plan: Plan, lanes: int, count) -> Chunk:
+    """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
+    if not plan.elastic:
+        return chunk
+
+    def one(scene: Scene, lane: LoopState):
+        lane = cross_full_contact(scene, plan, lane)
+        kept = {name: getattr(lane, name) for name in _CROSSED}
+        return {name: y for name, y in moving(lane).items() if name in kept}, kept
+
+    def block(arguments):
+        _, slopes, kept = chunk.in_lanes(one, *arguments, loops=True)
+        return kept, slopes
+
+    size = chunk.parts[0].shape[0]
+    split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
+    split_rows = lambda y: jnp.moveaxis(y.reshape(len(y), size // lanes, lanes, *y.shape[2:]), 1, 0)
+    starts, slopes = chunk.starts(size)
+    used = jnp.arange(size) < count  # what fills up the chunk goes nowhere
+    starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
+    blocks = *jax.tree.map(split, (chunk.parts, starts)), jax.tree.map(split_rows, slopes)
+    crossed, rows = jax.lax.map(block, blocks)
+    crossed = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), crossed)
+    differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, crossed))
+    if chunk.slopes is not None:
+        rows = jax.tree.map(lambda y: jnp.moveaxis(y, 0, 1).reshape(y.shape[1], size, *y.shape[3:]), rows)
+        chunk = chunk._replace(slopes=chunk.slopes._replace(lane=chunk.slopes.lane | rows))
+    return chunk._replace(lane=chunk.lane._replace(**crossed), lane_differs=differs)
+
+
+def _differing(function, axes, leaves):
+    """For each output of the vmapped function, whether it differs between scenes."""
+    found: list[Any] = []
+
+    @custom_vmap
+    def probe(outputs):
+        return outputs
+
+    @probe.def_vmap
+    def _(axis_size, in_batched, outputs):
+        del axis_size
+        found.append(in_batched[0])
+        return outputs, in_batched[0]
+
+    jax.eval_shape(jax.vmap(lambda *leaves: probe(function(*leaves)), in_axes=axes), *leaves)
+    return found[-1]

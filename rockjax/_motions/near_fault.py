@@ -1,0 +1,261 @@
+"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and the pulse in a record."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._checks import concrete, of_kind, single, texts
+from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+
+from .convert import AnyMotion, as_motions
+from .motion import Motion
+
+COLUMNS = ("A", "f_p", "gamma", "nu")
+QUANTITIES = ("velocity", "displacement")
+PERIODS = (0.3, 12.0)  # of the pulses that are looked for [s], and at most the duration of the record
+OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # to begin with
+FREQUENCIES = 40
+STARTS = 4
+
+
+class PulseTable(NamedTuple):
+    """Pulses by name.
+
+    - `pulses`: a batch of [`rockjax.MavroeidisPapageorgiou`][] with fields of shape (k,); `names`: of each
+    """
+
+    pulses: MavroeidisPapageorgiou
+    names: tuple[str, ...]
+
+
+def read_pulses(path: str | Path) -> PulseTable:
+    """A table of Mavroeidis–Papageorgiou pulses (host).
+
+    The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad] or
+    `nu_deg` [°], and, if wanted, `name`. Lines that begin with # are comments. Raises a `ValueError` that
+    names pulse and column for anything else, and for pulses that make no sense.
+    """
+    path = Path(path)
+    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    rows = list(csv.DictReader(line for line in lines if not line.lstrip().startswith("#")))
+    if not rows:
+        raise ValueError(f"{path}: holds no pulses; columns are {', '.join(COLUMNS)}")
+    heads = {head.strip() for head in rows[0] if head}
+    other = {"A": ("A_cm_s", 0.01), "nu": ("nu_deg", math.pi / 180)}
+    values = {}
+    for name in COLUMNS:
+        found, factor = (name, 1.0) if name in heads else other.get(name, (name, 1.0))
+        if found not in heads:
+            known = " or ".join(filter(None, (name, other.get(name, ("",))[0])))
+            raise ValueError(f"{path}: column {known} is missing; the columns are {', '.join(sorted(heads))}")
+        values[name] = factor * np.array([_number(path, k, found, row) for k, row in enumerate(rows)])
+    names = [str(row.get("name") or k + 1).strip() for k, row in enumerate(rows)]
+    return PulseTable(MavroeidisPapageorgiou(**values), texts("read_pulses", "names", names))
+
+
+def _number(path: Path, k: int, column: str, row: dict) -> float:
+    text = {str(head).strip(): value for head, value in row.items()}.get(column)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{path}: pulse {k + 1}: {column} must be a number, got {text!r}")
+    return value
+
+
+@dataclasses.dataclass(frozen=True)
+class PulseFit:
+    """The pulse in a record.
+
+    - `pulse`: centred on t = 0, as all of its kind; `time`: where its centre is in the record [s]
+    - `share`: of the energy ∫v² dt of the record that the pulse explains, or of ∫d² dt [–]
+    - `quantity`: what was fitted, `"velocity"` or `"displacement"`
+    """
+
+    pulse: MavroeidisPapageorgiou
+    time: Float[Array, ""]
+    share: Float[Array, ""]
+    quantity: str
+
+    def velocity(self, times) -> Float[Array, " n"]:
+        """v of the pulse at times of the record, shape (n,) [m/s]."""
+        return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
+
+    def rest(self, motion: Motion) -> Motion:
+        """What a record is besides the pulse: the motion less the pulse (host)."""
+        pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
+        return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
+
+    def __repr__(self):
+        if concrete(self.share) is None:
+            return "PulseFit(traced)"
+        return f"PulseFit: {self.pulse!r} at {float(self.time):.4g} s, {float(self.share):.0%} of the record"
+
+
+jax.tree_util.register_dataclass(PulseFit, ["pulse", "time", "share"], ["quantity"])
+
+
+def fit_pulse(
+    motion: AnyMotion,
+    *,
+    quantity: Literal["velocity", "displacement"] = "velocity",
+    shortest: float = PERIODS[0],
+    longest: float = PERIODS[1],
+) -> PulseFit:
+    """The Mavroeidis–Papageorgiou pulse that comes closest to a record, by least squares on its velocity or
+    displacement (host).
+
+    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], from rest
+    - `quantity`: what is fitted; the displacement weighs long periods more, and needs a record whose
+      displacement is right
+    - `shortest`, `longest`: periods 1/f_p to begin with [s]
+
+    For each of many periods and numbers of oscillations the best place in the record is a correlation; least
+    squares go on from the best of them (Levenberg–Marquardt). For derivatives of the pulse by the samples see
+    [`rockjax.refit_pulse`][]. Raises `ValueError` for other motions, for one that is zero, and for periods
+    that make no sense.
+    """
+    owner = "fit_pulse"
+    found = as_motions(owner, motion)
+    if len(found) != 1:
+        raise ValueError(f"{owner}: motion must be one motion, got {len(found)}; call it once for each")
+    if quantity not in QUANTITIES:
+        raise ValueError(f"{owner}: quantity must be 'velocity' or 'displacement', got {quantity!r}")
+    shortest = single(owner, "shortest", shortest, lambda v: v > 0, "finite and > 0 s")
+    longest = single(owner, "longest", longest, lambda v: v > shortest, "finite and longer than shortest")
+    one = found[0]
+    if not np.any(one.velocity):
+        raise ValueError(f"{owner}: {one.name} is zero throughout")
+    longest = max(min(longest, one.duration), 1.0001 * shortest)
+    starts = _starts(one.velocity, one.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
+    side_by_side = jax.tree.map(lambda *ys: jnp.stack(ys), *starts)
+    fits = _refitted(jnp.asarray(one.acceleration), jnp.asarray(one.dt), side_by_side, quantity)
+    best = int(np.nanargmax(np.asarray(fits.share)))
+    return jax.tree.map(lambda y: y[best], fits)
+
+
+@functools.partial(jax.jit, static_argnames="quantity")
+def _refitted(acceleration, dt, starts: PulseFit, quantity: str) -> PulseFit:
+    return jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
+
+
+def _starts(velocity: np.ndarray, dt: float, frequencies: Sequence[float] | np.ndarray) -> list[PulseFit]:
+    """The best pulses of a grid of periods and numbers of oscillations, each where it fits best, one for a
+    period."""
+    from scipy.signal import fftconvolve
+
+    total, best = float(velocity @ velocity), []
+    for f in frequencies:
+        of_period = []
+        for gamma in OSCILLATIONS:
+            half = math.floor(0.5 * gamma / f / dt)
+            phase = 2 * math.pi * f * dt * np.arange(-half, half + 1)
+            window = 0.5 * (1 + np.cos(phase / gamma))
+            shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
+            # Of the normal equations at every place; the shapes are even and odd, so they do not mix.
+            sides = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
+            sizes = np.sum(shapes**2, axis=1)
+            explained = np.sum(sides**2 / np.maximum(sizes, 1e-300)[:, None], axis=0)
+            at = int(np.argmax(explained))
+            a, b = sides[:, at] / np.maximum(sizes, 1e-300)
+            pulse = MavroeidisPapageorgiou(math.hypot(a, b), f, gamma, math.atan2(b, a))
+            fit = PulseFit(
+                pulse, jnp.asarray((at - half) * dt), jnp.asarray(explained[at] / total), "velocity"
+            )
+            of_period.append(fit)
+        best.append(max(of_period, key=lambda fit: float(fit.share)))
+    shares = np.array([float(fit.share) for fit in best])
+    # The tops of the share over the period.
+    tops = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
+    return [best[k] for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]]
+
+
+def refit_pulse(
+    acceleration: Float[Array, " n"],
+    dt,
+    start: PulseFit,
+    *,
+    quantity: str | None = None,
+) -> PulseFit:
+    """Least squares from a pulse that is close: differentiable with respect to the samples, under `jit` and
+    `vmap`.
+
+    - `acceleration`: of the record, linear between samples, shape (n,) [m/s²]; `dt`: its interval [s]
+    - `start`: of [`rockjax.fit_pulse`][]; `quantity`: what is fitted, by default what `start` was fitted to
+
+    Derivatives are those of the implicit function theorem at the least squares.
+    """
+    import optimistix as optx
+
+    quantity = quantity or start.quantity
+    of_kind("refit_pulse", "start", start, PulseFit, "a rockjax.PulseFit")
+    acceleration = jnp.asarray(acceleration, float)
+    t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
+    wanted = _integral(acceleration, dt)
+    if quantity == "displacement":
+        # The integral of a parabola between samples.
+        parts = dt * (0.5 * (wanted[1:] + wanted[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
+        wanted = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
+    size = jax.lax.stop_gradient(jnp.max(jnp.abs(wanted)))
+    shape = _velocity if quantity == "velocity" else _displacement
+
+    def residual(y, wanted):
+        return (shape(_pulse(y), t - y[4]) - wanted) / size
+
+    pulse = start.pulse
+    y = jnp.stack([pulse.A, jnp.log(pulse.f_p), jnp.log(pulse.gamma - 1), pulse.nu, jnp.asarray(start.time)])
+    solver = optx.LevenbergMarquardt(1e-10, 1e-10)
+    found = optx.least_squares(residual, solver, jax.lax.stop_gradient(y), wanted, max_steps=200, throw=False)
+    left = residual(found.value, wanted)
+    share = 1 - jnp.sum(left**2) / jnp.sum((wanted / size) ** 2)
+    return PulseFit(_tidy(_pulse(found.value)), found.value[4], share, quantity)
+
+
+def _integral(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
+    parts = 0.5 * dt * (acceleration[1:] + acceleration[:-1])
+    return jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
+
+
+def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
+    return MavroeidisPapageorgiou(y[0], jnp.exp(y[1]), 1 + jnp.exp(y[2]), y[3])
+
+
+def _tidy(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
+    """The same pulse with A ≥ 0 and −π < ν ≤ π."""
+    turned = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
+    nu = turned - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(turned / (2 * math.pi) - 0.5))
+    return dataclasses.replace(pulse, A=jnp.abs(pulse.A), nu=nu)
+
+
+def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
+    """v of the pulse, shape (n,) [m/s]."""
+    phase = 2 * math.pi * pulse.f_p * t
+    inside = jnp.abs(t) <= 0.5 * pulse.gamma / pulse.f_p
+    shape = 0.5 * (1 + jnp.cos(phase / pulse.gamma)) * jnp.cos(phase + pulse.nu)
+    return jnp.where(inside, pulse.A * shape, 0.0)
+
+
+def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
+    """∫v dt from before the pulse, shape (n,) [m]."""
+    half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
+
+    def upto(t):
+        terms = ((0.5, omega), (0.25, omega * (1 + 1 / pulse.gamma)), (0.25, omega * (1 - 1 / pulse.gamma)))
+        return sum(
+            (weight / rate * jnp.sin(rate * t + pulse.nu) for weight, rate in terms), jnp.zeros_like(t)
+        )
+
+    inside = jnp.clip(t, -half, half)
+    return pulse.A * (upto(inside) - upto(-half))

@@ -1,0 +1,89 @@
+"""Which motions are components of one station."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import TypeVar
+
+from .accelerogram import Accelerogram
+
+M = TypeVar("M", bound=Accelerogram)
+
+# What headers and names of files call the vertical component: Up, UD, UP, V, VERT, DWN, Z, HNZ, HHZ, UD1 …
+_VERTICAL = re.compile(r"^(?:u|up|ud\d?|updo|v|ver|vert|vertical|dwn|down|z|[a-z]{2}z)$", re.IGNORECASE)
+_DOWN = re.compile(r"^(?:dwn|down)$", re.IGNORECASE)
+_ENDS = re.compile(r"[-_. ]?(UD\d?|UP|DWN|DOWN|VERT|VER|V|Z|[A-Z]{2}Z)$", re.IGNORECASE)
+
+
+def paired(motions: Sequence[M]) -> tuple[M, ...]:
+    """The horizontal ones, each with the vertical one of its station; in the order given."""
+    vertical: dict[tuple, list[M]] = defaultdict(list)
+    horizontal: list[M] = []
+    for motion in motions:
+        if _is_vertical(motion):
+            vertical[_station(motion)].append(motion)
+        else:
+            horizontal.append(motion)
+    problems, found = [], []
+    for motion in horizontal:
+        of_station = _of_depth(motion, vertical.get(_station(motion), [])) or _by_name(motion, vertical)
+        if len(of_station) == 1:
+            found.append(dataclasses.replace(motion, vertical=_upwards(of_station[0])))
+        else:
+            names = ", ".join(other.name for other in of_station)
+            problems.append(
+                f"{motion.name}: " + (f"could have {names}" if names else "has no vertical motion")
+            )
+    if problems:
+        raise ValueError(
+            "\n  ".join([f"paired: {len(problems)} motions have not one vertical one", *problems])
+        )
+    if not found:
+        raise ValueError("paired: there is no horizontal motion")
+    return tuple(found)
+
+
+def _component(motion: Accelerogram) -> str:
+    return str(motion.metadata.get("component", "")).strip()
+
+
+def _is_vertical(motion: Accelerogram) -> bool:
+    component = _component(motion)
+    if component:
+        return _VERTICAL.match(component.split()[0]) is not None
+    return _ENDS.search(motion.name) is not None
+
+
+def _station(motion: Accelerogram) -> tuple[str, ...]:
+    """Station, event and date; by the name where the header has no station."""
+    said = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
+    return tuple(said) if said[0] else ("", motion.name)
+
+
+def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
+    """Vertical motions whose names differ from this one's in their ends only; of several the most alike."""
+    if motion.metadata.get("station"):
+        return []
+    stems = [(_ENDS.sub("", other.name), other) for others in vertical.values() for other in others]
+    stems = [(stem, other) for stem, other in stems if stem and motion.name.startswith(stem)]
+    longest = max((len(stem) for stem, _ in stems), default=0)
+    return [other for stem, other in stems if len(stem) == longest]
+
+
+def _of_depth(motion: M, others: list[M]) -> list[M]:
+    """Of several instruments at a station, that of the same number (EW1 and UD1, EW2 and UD2)."""
+    if len(others) < 2:
+        return others
+    number = lambda of: re.search(r"\d*$", _component(of).split()[0] if _component(of) else "")
+    own = number(motion)
+    return [other for other in others if own and (same := number(other)) and same[0] == own[0]] or others
+
+
+def _upwards(motion: M) -> M:
+    """Upwards positive: a component that is called down is turned round."""
+    if not _DOWN.match(_component(motion).split()[0] if _component(motion) else motion.name[-3:]):
+        return motion
+    return dataclasses.replace(motion, acceleration=-motion.acceleration)

@@ -1,0 +1,36 @@
+"""Parameters of a podium with respect to whose logarithms derivatives are taken, by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxtyping import Array, Float
+
+from rockjax import _checks
+from rockjax._structures import Podium
+
+from . import variants
+from .table import clash
+
+
+def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
+    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`, or for two that
+    say the same."""
+    names = _checks.texts(owner, "sensitivities", names)
+    known = [*variants.parameters_of(podium), *more]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
+    twice = clash(names)
+    if twice is not None:
+        raise ValueError(
+            f"{owner}: sensitivities name {twice[0]} and {twice[1]}, of which one at a time can vary"
+        )
+
+
+def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"]) -> Podium:
+    """The podium with named parameters times factors."""
+    return variants.varied(
+        podium,
+        {name: factor * variants.read(podium, name) for name, factor in zip(names, factors, strict=True)},
+    )

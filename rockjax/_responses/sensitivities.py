@@ -1,0 +1,120 @@
+"""Derivatives of the peaks of scenes with respect to the logarithms of named parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax import _checks
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
+from rockjax._parameters.sensitivities import check_parameters, varied
+from rockjax._parameters.table import STRUCTURE
+from rockjax._structures import Podium
+
+SENSITIVE = ("peak_rotation", "peak_deformation", "peak_shear", "margin")  # answers that have sensitivities
+
+
+class Sensitivities(eqx.Module):
+    """Derivatives of peaks with respect to the logarithms ln y of some parameters y, the others held.
+
+    - `parameters`: their names; they are along the last axis of what follows
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–]: y ∂(…)/∂y, None for those
+      that are not wanted; zero where a parameter is zero
+    """
+
+    parameters: tuple[str, ...] = eqx.field(static=True)
+    peak_rotation: Float[Array, "*batch parameters"] | None
+    peak_deformation: Float[Array, "*batch parameters"] | None
+    peak_shear: Float[Array, "*batch parameters"] | None
+    margin: Float[Array, "*batch parameters"] | None
+
+
+def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> Sensitivities | None:
+    """Those of wanted peaks from the answers of lanes, None where no parameters are named."""
+    if not names:
+        return None
+    wanted = (floats[slope_name(peak)] if peak in outputs else None for peak in SENSITIVE)
+    return Sensitivities(names, *wanted)
+
+
+def slope_name(answer: str) -> str:
+    """What the derivatives of an answer are called."""
+    return f"{answer}_sensitivity"
+
+
+def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
+    """Where a motion keeps single numbers, by the names of parameters of a scene.
+
+    Of a pair those of the horizontal motion have their own names, those of the vertical one are
+    `vertical.…`.
+    """
+    if isinstance(motion, GroundMotion):
+        of_each = {part: numbers_of(getattr(motion, part)) for part in ("horizontal", "vertical")}
+        places = {name: f"horizontal.{field}" for name, field in of_each["horizontal"].items()}
+        return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
+    left_out = {*motion.own_dimensions, "which", "scale"}
+    fields = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
+    numbers = [name for name in fields if _varies(getattr(motion, name))]
+    return {f"excitation.{field}" if field in STRUCTURE else field: field for field in numbers}
+
+
+def _varies(value: Any) -> bool:
+    return isinstance(value, jax.Array | np.ndarray) and jnp.issubdtype(value.dtype, jnp.floating)
+
+
+def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
+    """The motion with other numbers in some places."""
+    for place, value in values.items():
+        part, _, field = place.rpartition(".")
+        if part:
+            changed = dataclasses.replace(getattr(motion, part), **{field: value})
+            motion = dataclasses.replace(motion, **{part: changed})
+    own = {place: value for place, value in values.items() if "." not in place}
+    return dataclasses.replace(motion, **own)
+
+
+def of_scenes(
+    owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
+) -> tuple[str, ...]:
+    """Names of parameters of a structure and a ground motion, checked.
+
+    Raises `ValueError`, in the name of `owner`, for one that is neither's, that is named twice, or that says
+    the same as another.
+    """
+    names = _checks.texts(owner, "sensitivities", names)
+    check_parameters(owner, podium, names, more=[*numbers_of(motion), "scale"])
+    if len(set(names)) < len(names):
+        raise ValueError(f"{owner}: sensitivities name a parameter twice: {list(names)}")
+    return names
+
+
+def moved(
+    podium: Podium, motion: AbstractExcitation, names: Sequence[str], factors: Float[Array, " n"]
+) -> tuple[Podium, AbstractExcitation]:
+    """A structure and a ground motion as they are, that move with factors on named parameters."""
+    factor = dict(zip(names, factors, strict=True))
+    fields = {field: factor.pop(name) for name, field in numbers_of(motion).items() if name in factor}
+    scale = factor.pop("scale", None)
+    changed = with_numbers(motion, {place: y * _kept(motion, place) for place, y in fields.items()})
+    changed = changed if scale is None else changed.scaled(scale)
+    structure = varied(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
+    return _as_is(podium, structure), _as_is(motion, changed)
+
+
+def _kept(motion: AbstractExcitation, place: str) -> Any:
+    return functools.reduce(getattr, place.split("."), motion)
+
+
+def _as_is(now: Any, changed: Any) -> Any:
+    """What is now to the last digit, with the derivatives of what it has changed into."""
+    constant = jax.lax.stop_gradient
+    return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), now, changed)

@@ -1,0 +1,121 @@
+"""Spectra of records over the size of a structure: what overturns it, and how far its top goes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from rockjax._batch.batch import peak_responses
+from rockjax._boundaries.boundary import check_search, positive_limit
+from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.verdict import NARROWEST
+from rockjax._checks import as_float, require, texts
+from rockjax._motions.convert import AnyMotions, as_records
+from rockjax._options import Options
+from rockjax._responses.arguments import check_types
+from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._structures import Podium
+from rockjax._threads import TABLES, import_meanwhile
+
+from .fragility import ENSEMBLE
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def record_spectrum(
+    podium: Podium,
+    records: AnyMotions,
+    p: Float[ArrayLike, " n"],
+    *,
+    max_scale: float = 10.0,
+    names: Sequence[str] | None = None,
+    width: float = NARROWEST,
+    resolution: int = 128,
+    options: Options = ENSEMBLE,
+    progress: Any = False,
+) -> xarray.Dataset:
+    """What records do to geometrically similar structures of every size (host).
+
+    - `podium`: its slenderness, mass ratios and superstructure; its size is that of each p
+    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each
+    - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
+    - `max_scale`: records are scaled up to this factor to find what overturns [–]
+    - `width`: every interval of overturning factors below the least that is wider than this share of
+      `max_scale` is found, in (0, 0.1]; `resolution`: places that are looked at first
+
+    Returns a Dataset over `record` and `p` with `demand`, the PGA over the least PGA at which the record
+    overturns the structure [–]: above 1 it falls, NaN where no factor up to `max_scale` overturns;
+    `peak_rotation` max|θ|/α and `overturned` under the records as they are; and `top_displacement`
+    max|u_b| = 2R [sin α − sin(α − max|θ|)] of the top of the columns relative to the ground [m], Eq. (13),
+    NaN where they overturn. Far from overturning it hardly depends on the size.
+
+    Raises `ValueError` for inputs that make no sense.
+    """
+    owner = "record_spectrum"
+    check_types(owner, podium, options)
+    records, known = as_records(owner, records)
+    names = known if names is None else texts(owner, "names", names)
+    count = len(records)
+    labels = list(names) if names is not None else list(range(1, count + 1))
+    if len(labels) != count or len(set(labels)) != count:
+        raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
+    sizes = np.asarray(as_float(p, f"{owner}: p"))
+    if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
+        raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
+    require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
+    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
+        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    positive_limit(owner, "max_scale", max_scale)
+    check_search(owner, width, resolution)
+    R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
+
+    def plane(x, y):
+        record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
+        return podium.replace(R=R[size]), dataclasses.replace(records, which=record, scale=y)
+
+    import_meanwhile(*TABLES)
+    cells = np.arange(count * sizes.size)
+    peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
+    top = float(max_scale)
+    found = scan(plane, cells, (0.0, top), resolution, options, progress, look_closer="first", width=width)
+    least = found.crossings.table(cells.size)[0][:, 0]
+    shape = (count, sizes.size)
+    rotation = np.asarray(peaks.peak_rotation).reshape(shape)
+    overturned = np.asarray(peaks.overturned).reshape(shape)
+    alpha, sway = float(podium.alpha), np.sin(float(podium.alpha) * (1 - rotation))
+    displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - sway))
+    import xarray
+
+    one, of = {"units": "1"}, ("record", "p")
+    return xarray.Dataset(
+        {
+            "demand": (of, (1 / least).reshape(shape), one | {"long_name": "PGA over least overturning PGA"}),
+            "peak_rotation": (of, rotation, one | {"long_name": "max|θ|/α"}),
+            "overturned": (of, overturned, {"long_name": "overturned"}),
+            "top_displacement": (of, displacement, {"units": "m", "long_name": "max|u_b|"}),
+        },
+        coords={
+            "record": ("record", labels, {"long_name": "record"}),
+            "p": ("p", sizes, {"units": "rad s-1", "long_name": "frequency parameter p"}),
+            "R": ("p", R, {"units": "m", "long_name": "half diagonal of a column R"}),
+        },
+        attrs={
+            "title": "Spectra of records",
+            "kind": "record-spectrum",
+            "max_scale": top,
+            "scenes": cells.size + found.scenes,
+            "certain_width": float(np.max(found.certain)),
+            **{k: y for k, y in describe_podium(podium).items() if k not in OF_SIZE},
+            **describe_options(options),
+        },
+    )
+
+
+OF_SIZE = ("R_m", "p_rad_s", "p_rad_s-1")  # attributes of one size only

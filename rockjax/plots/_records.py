@@ -1,0 +1,45 @@
+"""Pictures of what records do to structures of every size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ._style import COLOURS, plt, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST = 6  # records that are told apart
+
+
+@styled
+def record_spectrum(dataset: xarray.Dataset) -> Figure:
+    """PGA over least overturning PGA, and displacement of the top, over p; `dataset` is from
+    [`rockjax.record_spectrum`][]."""
+    p, names = dataset["p"].values, dataset["record"].values
+    figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
+    demand, displacement = figure.subplots(2, 1, sharex=True)
+    few = len(names) <= MOST
+    for k, name in enumerate(names):
+        how = {"color": COLOURS[k % len(COLOURS)] if few else "0.7", "lw": 1.3 if few else 0.8}
+        demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **how)
+        displacement.plot(p, dataset["top_displacement"][k], **how)
+    if not few:
+        # NaN is below what was looked for in the demand; of the displacement it is a fall.
+        middle = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
+        demand.plot(p, np.where(middle > 0, middle, np.nan), color=COLOURS[0], label="median")
+        stands = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2
+        moved = np.where(dataset["overturned"], np.inf, dataset["top_displacement"])
+        displacement.plot(p, np.where(stands, np.median(moved, axis=0), np.nan), color=COLOURS[0])
+    demand.axhline(1.0, color="0.4", lw=0.8, ls=(0, (4, 3)))
+    demand.annotate("overturns", (p[0], 1.0), (2, 3), textcoords="offset points", color="0.4", fontsize=8)
+    demand.set(ylabel="PGA over least\noverturning PGA [–]", ylim=(0, None))
+    demand.legend(loc="best")
+    displacement.set(ylabel=r"$\max|u_b|$ of the top [m]", xlabel=r"frequency parameter $p$ [rad/s]")
+    displacement.set(ylim=(0, None), xlim=(p[0], p[-1]))
+    for ax in (demand, displacement):
+        ax.grid(alpha=0.3)
+    return figure

@@ -1,0 +1,92 @@
+"""Pictures of sensitivity spectra: the derivatives of peak rotations over the axes of a rocking spectrum."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+
+from ._panels import grid_of_panels, mass_of, period_of, title_of
+from ._spectra import dimensional_axes
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_of
+
+if TYPE_CHECKING:
+    import xarray
+
+# Towards the boundary of overturning derivatives grow without bound: steps of a scale that is nearly
+# logarithmic on both sides of zero.
+STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
+COLOURS_OF_SIGNS = "RdBu_r"
+
+
+@on_axes
+def sensitivity_spectrum(
+    dataset: xarray.Dataset, ax: Axes | None = None, parameter: str | None = None, levels=LEVELS
+) -> Axes:
+    """∂(max|θ|/α)/∂ ln y over ω_p/p and a_p/(g tan α): red where a larger y makes columns rock further.
+
+    Overturned cells are grey. `dataset` is a rocking spectrum with sensitivities; `parameter` names y, by
+    default the first of them. Raises `ValueError` for a spectrum without it.
+    """
+    assert ax is not None
+    slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")
+    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    drawn = slope.where(~dataset["overturned"]).transpose("acceleration_ratio", "frequency_ratio")
+    ax.set_facecolor(OVERTURNED)
+    ax.pcolormesh(x, y, drawn.values, norm=norm, cmap=COLOURS_OF_SIGNS, shading="nearest", rasterized=True)
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
+    return ax
+
+
+def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
+    known = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
+    if not known or (parameter is not None and parameter not in known):
+        wanted = "any parameter" if parameter is None else repr(parameter)
+        raise ValueError(
+            f"sensitivity_spectrum: the dataset holds no sensitivities of the peak rotation to {wanted}, it "
+            f"has {known}; rockjax.rocking_spectrum(…, sensitivities=[…]) finds them"
+        )
+    return dataset["peak_rotation_sensitivity"].sel(parameter=known[0] if parameter is None else parameter)
+
+
+@styled
+def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
+    """Sensitivities of peak rotations in the layout of the paper's Fig. 6: T_s across, η/γ down for each
+    parameter in turn.
+
+    `panels` is a rocking spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
+    """
+    parameters, ratios = list(map(str, panels["parameter"].values)), panels.sizes["eta_over_gamma"]
+    rows, columns = len(parameters) * ratios, panels.sizes["T_s"]
+    figure, axes, rest = grid_of_panels(rows, columns, width=2.7, height=2.2, right=1.75)
+    for i, j in np.ndindex(rows, columns):
+        parameter, ax = parameters[i // ratios], cast(Axes, axes[i, j])
+        panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
+        sensitivity_spectrum(panel, ax, parameter)
+        dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
+        ratio = float(panel.eta_over_gamma)
+        names = (mass_of(panels, ratio), period_of(panels, ratio, float(panel.T_s)))
+        about = ", ".join(dict.fromkeys(names))
+        ax.set_title(rf"$\ln {symbol_of(parameter)}$: {about}", fontsize=10)
+        ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
+        ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
+        if bool(panel["overturned"].any()):
+            ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+    _bar(figure, rest)
+    figure.suptitle(title_of(panels))
+    return figure
+
+
+def _bar(figure: Figure, rest: float) -> None:
+    """The colour bar of all panels, to the right of them."""
+    width, height = figure.get_figwidth(), figure.get_figheight()
+    tall = min(0.8, 3.5 / height)
+    place = (rest + 0.75 / width, 0.5 - tall / 2, 0.16 / width, tall)
+    colours = ScalarMappable(BoundaryNorm(LEVELS, 256, extend="both"), COLOURS_OF_SIGNS)
+    bar = figure.colorbar(colours, cax=figure.add_axes(place), ticks=LEVELS, spacing="uniform", format="%g")
+    bar.set_label(r"$\partial(\max|\theta|\,/\,\alpha)\,/\,\partial\ln y$")

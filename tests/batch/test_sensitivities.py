@@ -1,0 +1,144 @@
+"""Derivatives of whole batches against those of single scenes."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.state import MOVING
+from rockjax._engine.step import trial
+from rockjax._parameters.variants import read
+from rockjax._parameters.variants import varied as variant
+from rockjax._responses.sensitivities import SENSITIVE, moved
+from tests.scenes import PODIUMS, G, elastic, options, shaking
+
+NAMES = ("alpha", "R", "gamma", "a_p", "T_p")
+PEAKS = ("peak_rotation", "peak_deformation", "peak_shear")
+HOW = options(1e-9, "dopri8", outputs=(*PEAKS, "margin"))
+A_P = np.linspace(0.5, 4.5, 150) * G * 0.15
+SOME = (1, 40, 70, 80, 95, 140)
+
+
+def of_single_scene(podium, motion, names, how):
+    """y ∂/∂y of the peaks of one scene, by `jax.jacfwd`."""
+
+    def peaks(factors):
+        found = rj.peak_response(*moved(podium, motion, names, factors), options=how)
+        return {name: getattr(found, name) for name in SENSITIVE}
+
+    return jax.jacfwd(peaks)(jnp.ones(len(names)))
+
+
+def compare(podium, rtol, landed):
+    """A batch, whose lanes are refilled, with single scenes; `landed` for peaks on which a step ends."""
+    batch = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=HOW, sensitivities=NAMES)
+    assert batch.sensitivities.parameters == NAMES
+    assert batch.overturned.any()
+    for k in SOME:
+        single = of_single_scene(podium, rj.Ricker(A_P[k], 1.0), NAMES, HOW)
+        for peak in SENSITIVE:
+            found, known = getattr(batch.sensitivities, peak)[k], np.asarray(single[peak])
+            allowed = rtol if peak in ("peak_rotation", "margin") else landed
+            np.testing.assert_allclose(found, known, rtol=0, atol=allowed * max(0.01, np.abs(known).max()))
+    largest = np.abs(batch.sensitivities.peak_rotation[~batch.overturned]).max()
+    assert largest > 1
+    assert np.abs(batch.sensitivities.peak_rotation[batch.overturned]).max() < 1e-12
+    return batch
+
+
+def test_derivatives_of_a_batch_are_those_of_its_scenes():
+    podium = PODIUMS["rigid"]
+    batch = compare(podium, rtol=1e-12, landed=1e-9)
+    plain = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=HOW)
+    assert plain.sensitivities is None
+    np.testing.assert_allclose(batch.peak_rotation, plain.peak_rotation, rtol=1e-11)
+    data = batch.dataset()
+    assert data["peak_shear_sensitivity"].dims == ("scene_0", "parameter")
+    assert list(data["parameter"].values) == list(NAMES)
+    # And both are differences of values.
+    step, how = 1e-6, HOW.replace(rtol=1e-12, atol=1e-14)
+    slopes = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=how, sensitivities=NAMES).sensitivities
+    up, down = (
+        rj.peak_responses(variant(podium, {"R": float(podium.R) * (1 + s)}), rj.Ricker(A_P, 1.0), options=how)
+        for s in (step, -step)
+    )
+    for peak in ("peak_rotation", "peak_shear", "margin"):
+        known = (getattr(up, peak) - getattr(down, peak)) / (2 * step)
+        np.testing.assert_allclose(getattr(slopes, peak)[:90:5, 1], known[:90:5], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("T_s", [0.5, 0.1])
+def test_derivatives_of_a_batch_of_elastic_scenes(T_s):
+    # As far apart as those of one scene are when the last digit of its amplitude changes: dozens of impacts
+    # amplify rounding, and a vibration's maximum is landed on within the tolerance only.
+    compare(elastic(T_s), rtol=1e-7, landed=1e-5)
+
+
+@pytest.mark.slow
+def test_records_and_their_scale():
+    how = options(1e-9, "dopri8", outputs=("peak_rotation",))
+    motions = [shaking(120, seed=k).scaled(0.7) for k in range(3)]
+    batch = rj.peak_responses(PODIUMS["rigid"], motions, options=how, sensitivities=["alpha", "scale"])
+    own = np.stack([motion.scale * motion.acceleration for motion in motions])
+    each = rj.Record(own, 0.02)
+    each = rj.peak_responses(PODIUMS["rigid"], each, options=how, sensitivities=["alpha", "dt"])
+    assert not batch.overturned.all()
+    for k, motion in enumerate(motions):
+        single = of_single_scene(PODIUMS["rigid"], motion, ("alpha", "scale", "dt"), how)
+        known = np.asarray(single["peak_rotation"])
+        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], known[:2], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(each.sensitivities.peak_rotation[k], known[[0, 2]], rtol=1e-9, atol=1e-12)
+
+
+def test_a_scene_moves_with_its_parameters():
+    """As variants of it differ, and its value stays as it is to the last bit."""
+    podium, motion = PODIUMS["elastic"], rj.Gabor(0.4, 1.2, 3.0, 0.3)
+    names = ("width", "T_s", "lam", "excitation.gamma", "scale")
+
+    def leaves(factors):
+        return jax.tree.leaves(moved(podium, motion, names, factors))
+
+    def changed(factors):
+        values = {name: f * read(podium, name) for name, f in zip(names[:3], factors, strict=False)}
+        shaken = dataclasses.replace(motion, gamma=factors[3] * motion.gamma).scaled(factors[4])
+        return jax.tree.leaves((variant(podium, values), shaken))
+
+    one = jnp.ones(len(names))
+    for now, there in zip(leaves(one), jax.tree.leaves((podium, motion)), strict=True):
+        assert now == there
+    for slopes, known in zip(jax.jacfwd(leaves)(one), jax.jacfwd(changed)(one), strict=True):
+        np.testing.assert_allclose(slopes, known, rtol=1e-14)
+
+
+def test_what_is_said_to_be_constant_is():
+    """Slopes are carried for what `MOVING` names: nothing else of a state may move and tell on a peak."""
+    podium, motion = PODIUMS["elastic"], rj.Ricker(3.0, 1.0)
+    plan = plan_for(podium, HOW, history=False)
+
+    def after(factor):
+        scene, state = prepare(*moved(podium, motion, ("T_s",), factor), rj.State(), None, HOW, plan)
+        return trial(scene, plan, trial(scene, plan, state)[0])[0]
+
+    _, slopes = jax.jvp(after, (jnp.ones(1),), (jnp.ones(1),))
+    told = {"peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak"}
+    for name in set(slopes._fields) - set(MOVING) - told:
+        for slope in jax.tree.leaves(getattr(slopes, name)):
+            assert slope.dtype == jax.dtypes.float0 or slope == 0, name
+    assert all(slopes.x[1:])
+
+
+def test_what_is_no_parameter_is_refused():
+    for names, words in (
+        (["weight"], "must be some of"),
+        (["T_s"], "must be some of"),
+        (["alpha", "alpha"], "twice"),
+        (["alpha", "width"], "one at a time"),
+        ("alpha", "a list of texts"),
+    ):
+        with pytest.raises(ValueError, match=f"peak_responses: sensitivities .*{words}"):
+            rj.peak_responses(PODIUMS["rigid"], rj.Ricker(A_P, 1.0), sensitivities=names)

@@ -1,0 +1,61 @@
+"""Spectra of records over the size of the structure."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax import plots
+
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+RECORDS = rj.synthetic_motions(2, seed=3, duration=4.0, dt=0.04, pga=3.0)
+SIZES = np.array([0.6, 0.7, 3.0])
+
+
+@pytest.fixture(scope="module")
+def spectrum():
+    return rj.record_spectrum(BLOCK, RECORDS, SIZES, width=1e-3)
+
+
+def test_every_size_is_a_structure_of_its_own(spectrum):
+    assert np.allclose(np.sqrt(0.75 * 9.80665 / spectrum["R"]), SIZES)
+    podium = BLOCK.replace(R=float(spectrum["R"][2]))
+    for k, record in enumerate(RECORDS.records()):
+        least = float(rj.overturning_scale(podium, record, max_scale=10.0, width=1e-3))
+        assert float(spectrum["demand"][k, 2]) == pytest.approx(1 / least, rel=1e-6)
+        peak = rj.peak_response(podium, record)
+        assert float(spectrum["peak_rotation"][k, 2]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
+        assert bool(spectrum["overturned"][k, 2]) == bool(peak.overturned)
+    # The largest structure is not overturned by ten times the record.
+    assert np.isnan(spectrum["demand"][:, 0]).all()
+
+
+def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
+    moved = spectrum["top_displacement"].values
+    rotation = spectrum["peak_rotation"].values
+    assert np.all(rotation[:, 0] < 0.1)
+    assert np.allclose(moved[:, 0], moved[:, 1], rtol=0.05)
+    R, alpha = spectrum["R"].values, 0.2
+    assert np.allclose(moved[:, :2], 2 * R[:2] * (np.sin(alpha) - np.sin(alpha * (1 - rotation[:, :2]))))
+
+
+def test_it_is_drawn(spectrum):
+    figure = plots.record_spectrum(spectrum)
+    assert len(figure.axes) == 2
+    assert "overturning PGA" in figure.axes[0].get_ylabel()
+    plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: rj.record_spectrum(BLOCK, RECORDS, [3.0, 1.0]), "ascending"),
+        (lambda: rj.record_spectrum(BLOCK, RECORDS, [-1.0, 1.0]), "finite and > 0 rad/s"),
+        (lambda: rj.record_spectrum(BLOCK, RECORDS, [1.0], names=["a", "a"]), "2 different ones"),
+        (lambda: rj.record_spectrum(BLOCK, RECORDS, [1.0], max_scale=-1.0), "max_scale"),
+        (lambda: rj.record_spectrum(BLOCK.replace(alpha=[0.1, 0.2]), RECORDS, [1.0]), "single numbers"),
+    ],
+)
+def test_bad_input_says_what_would_be_right(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
