@@ -77,3 +77,11 @@ def test_columns_that_lose_nothing_come_to_an_end():
     alone = rj.peak_response(bouncing(periods[0], damping[0]), MOTION, t_end=T_END, options=options)
     for name in ("peak_rotation", "peak_deformation", "peak_shear"):
         assert float(getattr(batch, name)[0]) == pytest.approx(float(getattr(alone, name)), rel=1e-7)
+
+
+def test_who_does_not_need_it_does_not_compile_it():
+    """Both laws take enough at every impact, and a program without it is smaller."""
+    assert plan_for(bouncing(0.5), OPTIONS, False).many_hops
+    assert not plan_for(elastic(0.5), OPTIONS, False).many_hops
+    assert not plan_for(elastic(0.5).replace(restitution="compatible"), OPTIONS, False).many_hops
+    assert not plan_for(bouncing(0.5), OPTIONS, True).many_hops
