@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import rockjax as rj
 from rockjax import _redraw, plots
 from rockjax._cli import app
+from rockjax._engine import model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import energy, potential
 from rockjax._responses.datasets import describe_podium, podium_of
