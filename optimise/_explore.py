@@ -231,6 +231,10 @@ class _Answer(eqx.Module):
     ground: Float[Array, " n"]
 
 
+def _names_of(kind: type) -> list[str]:
+    return [field.name for field in dataclasses.fields(kind)]
+
+
 @eqx.filter_jit
 def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
     structure, excitation = study.at(numbers)
@@ -238,7 +242,9 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     response = rj.simulate(podium, excitation, options=options)
     start, end = excitation.support
     t = jnp.linspace(start, end + SHOWN / podium.p, POINTS)
-    peak = rj.Peak(**{field.name: getattr(response, field.name) for field in dataclasses.fields(rj.Peak)})
+    peak = rj.Peak(
+        **{name: getattr(response, name) for name in _names_of(rj.Peak) if name in _names_of(rj.Response)}
+    )
     return _Answer(
         peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g
     )

@@ -76,4 +76,5 @@ from ._sweep.grid import Grid as Grid
 from ._sweep.grid import grid as grid
 from ._sweep.sweep import SweepPlan as SweepPlan
 from ._sweep.sweep import sweep as sweep
-from ._version import __version__ as __version__
+
+__version__: str

@@ -10,7 +10,7 @@ from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import State
-from rockjax._structures import Elastic, Podium
+from rockjax._structures import Elastic, GivenRestitution, Podium
 from rockjax._types import Value
 
 from . import margin
@@ -35,7 +35,10 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         errors="errors" in options.outputs,
         to_the_end=history,
         refine=tab.order > 5,
-        many_hops=elastic and not (podium.restrainers or history),
+        # Both laws take enough at every impact; what is given may take nothing.
+        many_hops=elastic
+        and isinstance(podium.restitution, GivenRestitution)
+        and not (podium.restrainers or history),
         tableau=tab,
     )
 

@@ -221,7 +221,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == (64, 1024)
     # Of a record of 100 samples, and its padding.
-    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**17)
+    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**20)
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 

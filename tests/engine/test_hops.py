@@ -86,3 +86,11 @@ def test_columns_that_lose_nothing_come_to_an_end():
 
     wanted = periods[0] * float(jax.grad(shear)(periods[0]))
     assert float(batch.sensitivities.peak_shear[0, 0]) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_who_does_not_need_it_does_not_compile_it():
+    """Both laws take enough at every impact, and a program without it is smaller."""
+    assert plan_for(bouncing(0.5), OPTIONS, False).many_hops
+    assert not plan_for(elastic(0.5), OPTIONS, False).many_hops
+    assert not plan_for(elastic(0.5).replace(restitution="compatible"), OPTIONS, False).many_hops
+    assert not plan_for(bouncing(0.5), OPTIONS, True).many_hops
