@@ -80,6 +80,7 @@ def test_columns_that_lose_nothing_come_to_an_end():
     for name in ("peak_rotation", "peak_deformation", "peak_shear"):
         assert float(getattr(batch, name)[0]) == pytest.approx(float(getattr(alone, name)), rel=1e-7)
     assert batch.sensitivities is not None
+    assert batch.sensitivities.peak_shear is not None
 
     def shear(T_s):
         return rj.peak_response(bouncing(T_s, damping[0]), MOTION, t_end=T_END, options=options).peak_shear
