@@ -134,7 +134,8 @@ def _arrived(scene: Scene, plan: Plan, state: LoopState, end: Hop, crests: Pair,
     """The state after the last of the hops, an impact, with what they leave in the records."""
     now, u, u_dot, speed = end
     stamp = jax.lax.stop_gradient(now)
-    x, v = (jnp.zeros_like(u), u), (state.sigma * speed, u_dot)
+    # θ = 0 that differs between lanes, as its derivative does.
+    x, v = (jax.lax.stop_gradient(state.x[0]), u), (state.sigma * speed, u_dot)
     hops = jnp.minimum(2 * count, float(UNCOUNTED)).astype(jnp.int32)
     arrived = state._replace(
         t=stamp,

@@ -72,11 +72,21 @@ def test_columns_that_lose_nothing_come_to_an_end():
     """With the rest velocity of the tolerance, which takes 10⁸ hops: no step limit, in a batch and alone."""
     options = OPTIONS.replace(rest_velocity=None, max_steps=200_000)
     periods, damping = np.linspace(0.8, 1.2, 4), np.linspace(0.02, 0.1, 4)
-    batch = rj.peak_responses(bouncing(periods, damping), MOTION, t_end=T_END, options=options)
+    batch = rj.peak_responses(
+        bouncing(periods, damping), MOTION, t_end=T_END, options=options, sensitivities=("T_s",)
+    )
     assert set(np.asarray(code_of(batch.result))) <= {0, 1, 2}
     alone = rj.peak_response(bouncing(periods[0], damping[0]), MOTION, t_end=T_END, options=options)
     for name in ("peak_rotation", "peak_deformation", "peak_shear"):
         assert float(getattr(batch, name)[0]) == pytest.approx(float(getattr(alone, name)), rel=1e-7)
+    assert batch.sensitivities is not None
+    assert batch.sensitivities.peak_shear is not None
+
+    def shear(T_s):
+        return rj.peak_response(bouncing(T_s, damping[0]), MOTION, t_end=T_END, options=options).peak_shear
+
+    wanted = periods[0] * float(jax.grad(shear)(periods[0]))
+    assert float(batch.sensitivities.peak_shear[0, 0]) == pytest.approx(wanted, rel=1e-6)
 
 
 def test_who_does_not_need_it_does_not_compile_it():
