@@ -11,12 +11,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import NARROWEST, AnyMotions, as_motions, fit_capacities, measured_as, of_kind, single
+from rockjax.internal import (
+    NARROWEST,
+    AnyMotions,
+    as_motions,
+    fit_capacities,
+    measured_as,
+    of_kind,
+    several,
+    single,
+)
 
 from ._suite import Margins, Suite
 from ._targets import AbstractScaleTarget, Name, check_limit
-
-SI = ("m s-2", "m s-1")
 
 
 class AnnualFrequency(AbstractScaleTarget):
@@ -24,7 +31,8 @@ class AnnualFrequency(AbstractScaleTarget):
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, over PGA, PGV or Sa at a period, in SI units
-    - `suite`: two records or motions or more; each is scaled to every intensity of the hazard's measure
+    - `suite`: two records or motions or more; each is scaled to every intensity of the hazard's measure,
+      which is that of the horizontal motion where there is a vertical one
     - `max_intensity`: intensities up to this are looked at, by default to the last point of the hazard;
       motions that none of them overturns are known to lie above it (censored) [as the hazard]
     - `width`: in a verified design no window of overturning wider than this share of `max_intensity` is
@@ -58,7 +66,7 @@ class AnnualFrequency(AbstractScaleTarget):
         check_limit(owner, "at_most", at_most)
         check_limit(owner, "width", width, below=0.1)
         of_kind(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
-        if hazard.units not in SI:
+        if hazard.units != hazard.in_si().units:
             raise ValueError(
                 f"{owner}: the hazard must be in SI units, got {hazard.units!r}; see hazard.in_si()"
             )
@@ -84,10 +92,8 @@ class AnnualFrequency(AbstractScaleTarget):
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
         # Of unit intensity each: a factor on a motion is its intensity.
-        unit = [
-            rj.Record(motion.acceleration / size, motion.dt)
-            for motion, size in zip(motions, sizes, strict=True)
-        ]
+        given = several(owner, suite, "suite").members
+        unit = [motion.scaled(1 / size) for motion, size in zip(given, sizes, strict=True)]
         self.suite = Suite(unit, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._programs.kind import TracedFunction
-from rockjax._programs.program import KeptProgram
+from rockjax.internal import KeptProgram, TracedFunction
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank

@@ -24,6 +24,7 @@ import rockjax as rj
 from rockjax.internal import (
     DIMENSIONS,
     STRUCTURE,
+    AbstractPeak,
     AnyMotion,
     as_excitation,
     of_kind,
@@ -231,10 +232,6 @@ class _Answer(eqx.Module):
     ground: Float[Array, " n"]
 
 
-def _names_of(kind: type) -> list[str]:
-    return [field.name for field in dataclasses.fields(kind)]
-
-
 @eqx.filter_jit
 def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
     structure, excitation = study.at(numbers)
@@ -243,7 +240,7 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     start, end = excitation.support
     t = jnp.linspace(start, end + SHOWN / podium.p, POINTS)
     peak = rj.Peak(
-        **{name: getattr(response, name) for name in _names_of(rj.Peak) if name in _names_of(rj.Response)}
+        **{field.name: getattr(response, field.name) for field in dataclasses.fields(AbstractPeak)}
     )
     return _Answer(
         peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g

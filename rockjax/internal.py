@@ -13,9 +13,12 @@ from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
 from ._problem_keys import whole as whole_number
+from ._programs.kind import TracedFunction
+from ._programs.program import KeptProgram
 from ._progress import bar
 from ._repr import card, readable
 from ._responses.datasets import describe_options
+from ._responses.peak import AbstractPeak
 from ._restrainers.damper import as_exponent
 from ._studies.lognormal import fit_capacities
 from ._tables import html, lines, written
@@ -28,11 +31,14 @@ __all__ = [
     "STRUCTURE",
     "TEXT",
     "TRUTH",
+    "AbstractPeak",
     "AnyMotion",
     "AnyMotions",
+    "KeptProgram",
     "Kind",
     "Parameter",
     "Reader",
+    "TracedFunction",
     "about",
     "as_excitation",
     "as_exponent",

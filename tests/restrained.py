@@ -234,3 +234,13 @@ def ricker(a_p: float, T_p: float) -> Callable:
 def one_sine(a_p: float, T_p: float) -> Callable:
     """One full sine from 0 on."""
     return lambda t: a_p * math.sin(2 * math.pi * t / T_p) if 0 <= t <= T_p else 0.0
+
+
+def check_peaks(found, answer, frame: Frame, rotation: float) -> None:
+    """Peaks and first uplift are those of the independent integration; the rotation within `rotation`."""
+    assert 0.1 < answer.peak < 0.95
+    assert abs(float(found.peak_rotation) - answer.peak) <= rotation
+    assert abs(float(found.uplift_time) - answer.uplift_time) <= 1e-11
+    assert abs(float(found.peak_deformation) - answer.deformation) <= 1e-9
+    if frame.modes:
+        assert abs(float(found.peak_shear) - answer.shear) <= 1e-8

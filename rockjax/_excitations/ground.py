@@ -22,6 +22,7 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
+PARTS = "horizontal", "vertical"
 TOUCH = 1e-9  # of the time scale of the motion: excursions above a level that are shorter are below rounding
 CAUTION = 1 - 1e-6  # of the level from which on the horizontal motion is looked at closely
 
@@ -95,7 +96,7 @@ class GroundMotion(AbstractExcitation):
     def own_dimensions(self) -> dict[str, int]:
         return {
             f"{name}.{field}": dimensions
-            for name in ("horizontal", "vertical")
+            for name in PARTS
             for field, dimensions in getattr(self, name).own_dimensions.items()
         }
 

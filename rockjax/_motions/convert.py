@@ -20,7 +20,7 @@ import numpy as np
 
 from rockjax._checks import concrete, of_kind, shown
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
 
 from .motion import Motion, Motions
@@ -192,9 +192,6 @@ def _rows(owner: str, records: Records, name: str) -> list[Record]:
     rows = zip(np.atleast_1d(which).astype(int), np.atleast_1d(scales), strict=True)
     samples = [records.acceleration[j, : int(count)] for j, count in enumerate(counts)]
     return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
-
-
-PARTS = "horizontal", "vertical"
 
 
 def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:

@@ -64,14 +64,18 @@ class Motion(Accelerogram):
         """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
         factor = single("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
-        vertical = None if self.vertical is None else self.vertical.scaled(factor)
-        return dataclasses.replace(self._changed(factor * self.acceleration, **note), vertical=vertical)
+        scaled = self._changed(factor * self.acceleration, **note)
+        return scaled._and_vertical(lambda vertical: vertical.scaled(factor))
 
     def _changed(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
         dt = self.dt if dt is None else dt
         return dataclasses.replace(
             self, acceleration=acceleration, dt=dt, metadata=dict(self.metadata) | notes
         )
+
+    def _and_vertical(self, change: Callable[[Motion], Motion]) -> Self:
+        """With the vertical motion changed too, where there is one."""
+        return self if self.vertical is None else dataclasses.replace(self, vertical=change(self.vertical))
 
     def resampled(self, dt: float) -> Self:
         """The motion every `dt` [s] instead, band-limited (`scipy.signal.resample_poly`).
@@ -98,9 +102,8 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        vertical = None if self.vertical is None else self.vertical.resampled(dt)
         resampled = self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
-        return dataclasses.replace(resampled, vertical=vertical)
+        return resampled._and_vertical(lambda vertical: vertical.resampled(dt))
 
     def baseline_corrected(self, order: int = 2) -> Self:
         """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in
@@ -126,8 +129,7 @@ class Motion(Accelerogram):
         corrected = self._changed(self.acceleration - slope / self.duration, baseline_order=order)
         # Trapezoids of a polynomial are not quite its integral.
         corrected = corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
-        vertical = None if self.vertical is None else self.vertical.baseline_corrected(order)
-        return dataclasses.replace(corrected, vertical=vertical)
+        return corrected._and_vertical(lambda vertical: vertical.baseline_corrected(order))
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
         """The part between the fractions `lower` and `upper` of the Arias intensity [–].

@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -151,35 +150,38 @@ def _refitted(acceleration, dt, starts: PulseFit, quantity: str) -> PulseFit:
     return jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
 
 
-def _starts(velocity: np.ndarray, dt: float, frequencies: Sequence[float] | np.ndarray) -> list[PulseFit]:
+def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
     """The best pulses of a grid of periods and numbers of oscillations, each where it fits best, one for a
     period."""
-    from scipy.signal import fftconvolve
-
-    total, best = float(velocity @ velocity), []
-    for f in frequencies:
-        of_period = []
-        for gamma in OSCILLATIONS:
-            half = math.floor(0.5 * gamma / f / dt)
-            phase = 2 * math.pi * f * dt * np.arange(-half, half + 1)
-            window = 0.5 * (1 + np.cos(phase / gamma))
-            shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-            # Of the normal equations at every place; the shapes are even and odd, so they do not mix.
-            sides = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
-            sizes = np.sum(shapes**2, axis=1)
-            explained = np.sum(sides**2 / np.maximum(sizes, 1e-300)[:, None], axis=0)
-            at = int(np.argmax(explained))
-            a, b = sides[:, at] / np.maximum(sizes, 1e-300)
-            pulse = MavroeidisPapageorgiou(math.hypot(a, b), f, gamma, math.atan2(b, a))
-            fit = PulseFit(
-                pulse, jnp.asarray((at - half) * dt), jnp.asarray(explained[at] / total), "velocity"
-            )
-            of_period.append(fit)
-        best.append(max(of_period, key=lambda fit: float(fit.share)))
-    shares = np.array([float(fit.share) for fit in best])
+    total = float(velocity @ velocity)
+    best = [max(_best_place(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
+    shares = np.array([explained for explained, *_ in best]) / total
     # The tops of the share over the period.
     tops = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
-    return [best[k] for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]]
+    found = []
+    for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]:
+        _, time, A, gamma, nu = best[k]
+        numbers = map(jnp.asarray, (A, float(frequencies[k]), gamma, nu))
+        pulse = MavroeidisPapageorgiou(*numbers)
+        found.append(PulseFit(pulse, jnp.asarray(time), jnp.asarray(shares[k]), "velocity"))
+    return found
+
+
+def _best_place(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
+    """Σv² that a pulse explains where it fits best, the time of its centre, A, γ and ν."""
+    from scipy.signal import fftconvolve
+
+    half = math.floor(0.5 * gamma / f_p / dt)
+    phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
+    window = 0.5 * (1 + np.cos(phase / gamma))
+    shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
+    # Of the normal equations at every place; the shapes are even and odd, so they do not mix.
+    sides = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
+    sizes = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
+    explained = np.sum(sides**2 / sizes, axis=0)
+    at = int(np.argmax(explained))
+    a, b = (sides / sizes)[:, at]
+    return float(explained[at]), (at - half) * dt, math.hypot(a, b), gamma, math.atan2(b, a)
 
 
 def refit_pulse(

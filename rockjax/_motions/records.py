@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from rockjax._checks import array_module, as_number, concrete, shown
-from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
@@ -162,9 +162,7 @@ class RecordPairs(GroundMotion):
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
         """A batch of single pairs of records."""
-        return cls(
-            *(Records.of([getattr(pair, name) for pair in pairs]) for name in ("horizontal", "vertical"))
-        )
+        return cls(*(Records.of([getattr(pair, part) for pair in pairs]) for part in PARTS))
 
     @property
     def which(self) -> Int[Array, "*batch"]:

@@ -25,6 +25,11 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
     options.check_precision()
 
 
+def check_single(owner: str, podium: Podium) -> None:
+    if any(np.ndim(y) for y in jax.tree.leaves(podium)):
+        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+
+
 def as_start(owner: str, initial) -> State:
     """The initial state as arrays."""
     of_kind(owner, "initial", initial, State, "a rockjax.State")

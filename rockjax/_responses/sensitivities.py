@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
@@ -58,7 +58,7 @@ def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
     `vertical.…`.
     """
     if isinstance(motion, GroundMotion):
-        of_each = {part: numbers_of(getattr(motion, part)) for part in ("horizontal", "vertical")}
+        of_each = {part: numbers_of(getattr(motion, part)) for part in PARTS}
         places = {name: f"horizontal.{field}" for name, field in of_each["horizontal"].items()}
         return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
     left_out = {*motion.own_dimensions, "which", "scale"}

@@ -13,8 +13,7 @@ from scipy import stats
 from rockjax._progress import bar
 from rockjax._results import Interrupted
 
-from ._estimators import ESTIMATORS, Estimate
-from ._estimators._base import Slopes
+from ._estimators import ESTIMATORS, Estimate, Slopes
 from .limit_state import AbstractLimitState, OfFunction
 from .search import FARTHEST, Found, design_points
 

@@ -7,11 +7,11 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from rockjax._motions.record import Record
+from rockjax._responses.arguments import check_single
 from rockjax._structures import Podium
 
 from .gaussian import GaussianMotion
@@ -129,6 +129,5 @@ def _limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any)
         raise ValueError(f"{owner}: podium must be a rockjax.Podium, got {type(podium).__name__}")
     if not isinstance(motion, GaussianMotion):
         raise ValueError(f"{owner}: motion must be a rockjax.GaussianMotion, got {type(motion).__name__}")
-    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
-        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    check_single(owner, podium)
     return OfStructure(podium, motion, limit_of(owner, limit, podium))

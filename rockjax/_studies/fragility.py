@@ -24,7 +24,7 @@ from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._programs.program import KeptProgram
-from rockjax._responses.arguments import check_types
+from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import peak_variables
 from rockjax._results import REST
@@ -56,6 +56,15 @@ class Measure(NamedTuple):
 def pga(records: Records | RecordPairs) -> Measure:
     """Peak ground acceleration of each record [m/s²]."""
     return Measure("PGA", np.asarray(jnp.max(records.sizes(), axis=1)), "m s-2")
+
+
+def labels_of(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
+    """What each record is called: its name, or numbers from 1 on."""
+    count = len(records)
+    labels = list(range(1, count + 1)) if names is None else list(texts(owner, "names", names))
+    if len(labels) != count or len(set(labels)) != count:
+        raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
+    return labels
 
 
 def _levels(owner: str, intensity) -> np.ndarray:
@@ -135,18 +144,14 @@ def incremental_dynamic_analysis(
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
     records, known = as_records(owner, records)
-    names = known if names is None else texts(owner, "names", names)
+    labels = labels_of(owner, records, known if names is None else names)
     levels = _levels(owner, intensity)
-    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
-        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
     measure = _measure(owner, measure, records)
     unit = np.asarray(measure.values, float)
     count = len(records)
-    labels = list(names) if names is not None else list(range(1, count + 1))
-    if len(labels) != count or len(set(labels)) != count:
-        raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
 
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)

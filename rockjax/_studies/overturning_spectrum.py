@@ -23,7 +23,7 @@ from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import about
 from rockjax._parameters.variants import pulse_period
 from rockjax._programs.program import KeptProgram
-from rockjax._responses.arguments import check_types
+from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -83,8 +83,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
     require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
-        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    check_single(owner, podium)
     check_search(owner, width, resolution)
     if method not in ("scan", "trace"):
         raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
@@ -15,18 +12,21 @@ from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, positive_limit
 from rockjax._boundaries.crossings import scan
 from rockjax._boundaries.verdict import NARROWEST
-from rockjax._checks import as_float, require, texts
+from rockjax._checks import as_float, require
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._options import Options
-from rockjax._responses.arguments import check_types
+from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
 
-from .fragility import ENSEMBLE
+from .fragility import ENSEMBLE, labels_of
 
 if TYPE_CHECKING:
     import xarray
+
+
+OF_SIZE = ("R_m", "p_rad_s")  # attributes of a podium of one size
 
 
 def record_spectrum(
@@ -61,24 +61,19 @@ def record_spectrum(
     owner = "record_spectrum"
     check_types(owner, podium, options)
     records, known = as_records(owner, records)
-    names = known if names is None else texts(owner, "names", names)
-    count = len(records)
-    labels = list(names) if names is not None else list(range(1, count + 1))
-    if len(labels) != count or len(set(labels)) != count:
-        raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
+    count, labels = len(records), labels_of(owner, records, known if names is None else names)
     sizes = np.asarray(as_float(p, f"{owner}: p"))
     if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
         raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
     require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
-    if any(jnp.ndim(y) for y in jax.tree.leaves(podium)):
-        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+    check_single(owner, podium)
     positive_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 
     def plane(x, y):
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
-        return podium.replace(R=R[size]), dataclasses.replace(records, which=record, scale=y)
+        return podium.replace(R=R[size]), records.chosen(record, y)
 
     import_meanwhile(*TABLES)
     cells = np.arange(count * sizes.size)
@@ -116,6 +111,3 @@ def record_spectrum(
             **describe_options(options),
         },
     )
-
-
-OF_SIZE = ("R_m", "p_rad_s", "p_rad_s-1")  # attributes of one size only

@@ -549,6 +549,19 @@ def test_the_annual_frequency_of_a_target_is_that_of_the_analysis():
     assert float(target.frequency(stocky, options)) == pytest.approx(float(HAZARD(jnp.asarray(30.0))))
 
 
+def test_an_annual_frequency_takes_vertical_motions_with_it():
+    pairs = rj.synthetic_motions(2, seed=2, duration=4.0, dt=0.04)
+    pairs = pairs.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))
+    suite = optimise.AnnualFrequency(4e-4, HAZARD, pairs).suite
+    tops = suite.each(lambda motion: jnp.stack([jnp.max(jnp.abs(y)) for y in motion_samples(motion)]))
+    assert np.allclose(tops, [[1.0, 0.5], [1.0, 0.5]])  # a PGA of 1 m/s², half as much upwards
+
+
+def motion_samples(motion):
+    assert isinstance(motion, rj.GroundMotion)
+    return [part.scale * part.acceleration for part in (motion.horizontal, motion.vertical)]
+
+
 @pytest.mark.slow
 def test_severity_goes_on_where_the_columns_fall():
     pulses = [rj.Ricker(a, 1.0) for a in (2.0, 8.0, 14.0)]

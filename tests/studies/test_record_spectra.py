@@ -1,5 +1,7 @@
 """Spectra of records over the size of the structure."""
 
+import dataclasses
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -37,6 +39,18 @@ def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
     assert np.allclose(moved[:, 0], moved[:, 1], rtol=0.05)
     R, alpha = spectrum["R"].values, 0.2
     assert np.allclose(moved[:, :2], 2 * R[:2] * (np.sin(alpha) - np.sin(alpha * (1 - rotation[:, :2]))))
+
+
+def test_vertical_motions_are_not_left_out():
+    """Of pairs the spectrum is that of each pair."""
+    pairs = RECORDS.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))
+    found = rj.record_spectrum(BLOCK, pairs, SIZES[2:], max_scale=3.0, width=1e-2)
+    podium = BLOCK.replace(R=float(found["R"][0]))
+    for k, pair in enumerate(pairs.records()):
+        peak = rj.peak_response(podium, pair)
+        assert float(found["peak_rotation"][k, 0]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
+        alone = rj.peak_response(podium, pair.horizontal)
+        assert float(peak.peak_rotation) != pytest.approx(float(alone.peak_rotation), rel=1e-3)
 
 
 def test_it_is_drawn(spectrum):
