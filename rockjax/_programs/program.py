@@ -27,6 +27,7 @@ _NUMBERS = _ARRAYS | bool | int | float
 # is done by then.
 _QUICK = {"xla_backend_optimization_level": 1}
 _PATIENCE = 2.0  # s of compiling, after which it is said
+AHEAD = "rockjax program ahead"  # name of threads that make one before it is called
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
 
 
@@ -97,7 +98,7 @@ class KeptProgram:
                 if _present_settings() == key[2]:  # a thread has the usual ones
                     self._make(key, passed, fixed)
 
-        threading.Thread(target=make).start()
+        threading.Thread(target=make, name=AHEAD).start()
 
     def traced(self, *arguments: Any, **named: Any) -> Any:
         """The same through `jax.jit`, for those who trace."""
