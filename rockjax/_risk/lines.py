@@ -99,7 +99,7 @@ def narrowed(
     same = line[1:] == line[:-1]
     parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
     now = _Intervals(*(y[same] for y in parts)).changing()
-    narrow = how.enough * (now.b - now.a).min(initial=np.inf)
+    narrow = how.enough * (now.b - now.a).min(initial=1e300)
     done = [now.chosen(np.zeros(now.line.size, bool))]
     for _ in range(how.rounds):
         if now.line.size == 0:

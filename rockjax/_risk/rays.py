@@ -35,7 +35,7 @@ COARSE = Division(rounds=0)
 FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, but for
 SHARP = Division(rounds=3, parts=16)  # where G jumps
 HEAVIEST = 5.0  # weight, times the median
-JUMP = 1e-6  # of r: where Newton's step from a crossing that is known so well goes farther, G jumps
+JUMP = 1e-4  # of r: where Newton's step from a crossing that is known so well goes farther, G jumps
 
 
 class Scaled(AbstractLimitState):
@@ -213,22 +213,7 @@ def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequenc
         return Cut(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
     scan.narrow(FINE)
     of_ray = rays.weights[scan.line]
-    along, slopes = np.zeros(scan.r.size), np.zeros((scan.r.size, len(names)))
-    jumps = np.ones(scan.r.size, bool)
-    for sharper in (False, True):  # where Newton's step leaves the interval it is halved on, and tried again
-        of = np.flatnonzero(jumps)
-        if of.size == 0:
-            break
-        width = np.abs(scan.r - scan.other)[of] / scan.r[of] if not sharper else JUMP
-        if sharper:
-            scan.sharpen(of)
-        value, along[of], slopes[of] = limit.log_slopes(
-            rays.directions[scan.line[of]] * scan.r[of, None], names
-        )
-        step = -value / np.where(along[of] == 0, np.inf, along[of])
-        good = (along[of] != 0) & (np.abs(step) <= width)
-        scan.r[of] *= np.where(good, np.exp(np.where(good, step, 0.0)), 1.0)
-        jumps[of] = ~good
+    jumps, along, slopes = _polished(limit, rays, scan, names)
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
     # dP/d ln k = Σ ± weight φ(r/k) r/k
@@ -244,6 +229,24 @@ def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequenc
         jumps=float(np.sum(np.abs(push[jumps]))) / total,
         effective=float(share.sum() ** 2 / np.sum(share**2)),
     )
+
+
+def _polished(
+    limit: OfStructure, rays: Rays, scan: _Scan, names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Move crossings to where they are, by Newton's steps: at which G jumps (k,), and of G there the
+    derivatives by ln r (k,) and by the logarithms of named parameters (k, names)."""
+
+    def newton(width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        value, along, slopes = limit.log_slopes(rays.directions[scan.line] * scan.r[:, None], names)
+        step = -value / np.where(along == 0, np.inf, along)
+        jumps = (along == 0) | ~(np.abs(step) <= width)
+        scan.r = scan.r * np.exp(np.where(jumps, 0.0, step))
+        return jumps, along, slopes
+
+    jumps, _, _ = newton(np.abs(scan.r - scan.other) / scan.r)
+    scan.sharpen(np.flatnonzero(jumps))  # where Newton's step leaves the interval, that is divided on
+    return newton(JUMP)
 
 
 def _located(limit, rays: Rays, probability: float, guess: float) -> tuple[_Scan, float]:
