@@ -83,7 +83,8 @@ class State(eqx.Module):
     rate.
 
     `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an
-    elastic superstructure.
+    elastic superstructure. Of several modes they are u_i and u̇_i along the last axis; one number is that of
+    all modes, as where all floors move by it.
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
@@ -109,6 +110,7 @@ class Errors(eqx.Module):
 
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these
       answers; inf where a scene has none, NaN where it was not asked for
+    - `peak_drift` [m], `peak_floor_acceleration` [m/s²]: likewise, of buildings; None without stories
     - `undecided`: ten times the estimate would make the columns overturn, or keep them from it
     """
 
@@ -116,3 +118,5 @@ class Errors(eqx.Module):
     peak_deformation: Float[Array, "*batch"]
     peak_shear: Float[Array, "*batch"]
     undecided: Bool[Array, "*batch"]
+    peak_drift: Float[Array, "*batch stories"] | None = None
+    peak_floor_acceleration: Float[Array, "*batch stories"] | None = None

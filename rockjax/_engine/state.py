@@ -30,6 +30,10 @@ class Plan:
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     many_hops: bool  # hops may be followed in large numbers
     tableau: Tableau
+    several: bool  # displacements and deformations have an axis of modes
+    stories: int
+    drifts: bool  # of the stories …
+    floors: bool  # … and accelerations of the floors
 
 
 class Scene(NamedTuple):
@@ -65,7 +69,7 @@ class LoopState(NamedTuple):
     code: Index  # results.RUNNING, or how the scene ended
     peak: Value  # max|θ| so far
     peak_time: Value
-    deformation: Value | None  # None where not wanted
+    deformation: Vector | None  # of each mode; None where not wanted
     shear: Value | None  # likewise
     margin: Value | None  # likewise
     uplifted: Flag
@@ -77,11 +81,13 @@ class LoopState(NamedTuple):
     slowest_before_peak: Value  # … and up to the peak
     steps: Index
     rejected: Index
+    drifts: Vector | None = None  # of each story, None where not wanted
+    floors: Vector | None = None  # likewise: absolute accelerations of the floors
 
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
 # for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
-MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin")
+MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors")
 
 
 def moving(state: LoopState) -> dict[str, Any]:
