@@ -21,7 +21,7 @@ from rockjax._engine.scene import plan_for
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
-from rockjax._programs.program import remembered
+from rockjax._programs.kept import remembered
 from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 

@@ -267,9 +267,10 @@ def _beside_bars(line: str) -> None:
 
 
 def _programs() -> str:
-    from rockjax._programs import folder, program
+    from rockjax._programs import folder
+    from rockjax._programs.kept import COUNTS
 
-    kept = _MADE["kept"] + program.COUNTS["loaded"]
+    kept = _MADE["kept"] + COUNTS["loaded"]
     return (
         f"{_MADE['programs']:.0f} programs in {_MADE['seconds']:.1f} s of compiling, side by side; "
         f"{kept:.0f} were kept from before in {folder.path()}"

@@ -22,7 +22,8 @@ from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
-from rockjax._programs.program import COUNTS, forget
+from rockjax._programs.kept import COUNTS
+from rockjax._programs.program import forget
 from tests.scenes import Stops, shaking
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)

@@ -1,0 +1,64 @@
+"""What a program depends on besides its arguments: where they are, and JAX's settings."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Hashable
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
+
+
+@functools.cache
+def device() -> Any:
+    return jax.local_devices(backend="cpu")[0]
+
+
+@functools.cache
+def _sharding() -> jax.sharding.Sharding:
+    return jax.sharding.SingleDeviceSharding(device())
+
+
+def is_here(leaf: Any) -> bool:
+    """Whether it is a number or array on the CPU that programs are kept for."""
+    if isinstance(leaf, jax.Array):
+        return not isinstance(leaf, Tracer) and leaf.sharding == _sharding()
+    return True  # of NumPy or Python
+
+
+def type_of(leaf: Any) -> Hashable:
+    """What a program is compiled for of a number or an array: arrays of NumPy and of JAX are the same."""
+    if isinstance(leaf, ARRAYS):
+        return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
+    return type(leaf)
+
+
+def usual() -> bool:
+    """Whether programs run as usual: on one CPU, and not looked into by one of JAX's settings for
+    debugging."""
+    settings: Any = jax.config
+    chosen = settings.jax_default_device
+    if jax.default_backend() != "cpu" or not (chosen is None or chosen == "cpu" or chosen == device()):
+        return False
+    unusual = (
+        settings.jax_disable_jit,
+        settings.jax_debug_nans,
+        settings.jax_debug_infs,
+        settings.jax_check_tracer_leaks,
+    )
+    return not any(unusual) and jax.process_count() == 1
+
+
+def present_settings() -> tuple[Any, ...]:
+    """Settings that a program is traced under and that may change within a process."""
+    settings: Any = jax.config
+    return (
+        settings.jax_enable_x64,
+        settings.jax_default_matmul_precision,
+        settings.jax_numpy_dtype_promotion,
+        settings.jax_numpy_rank_promotion,
+    )
