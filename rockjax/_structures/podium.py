@@ -266,7 +266,9 @@ class Podium(eqx.Module):
     def _vibrating(self, name: str) -> AbstractSuperstructure:
         top = self.superstructure
         if top is None or not top.elastic:
-            raise ValueError(f"Podium.{name}: only an elastic superstructure oscillates")
+            raise ValueError(
+                f"Podium.{name}: only something elastic oscillates, such as Elastic(...)"
+            )
         return top
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
