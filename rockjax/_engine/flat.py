@@ -168,11 +168,18 @@ def replay(
     Checkpoints are on two levels, the root of `max_steps` apart, and of a step nothing is kept but the state
     before it: with more levels, or with all that a step computes, the program takes twice as long to compile.
     """
+    first = state
 
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def body(carry):
         state, nodes, k = carry
-        replayed = jax.tree.map(lambda y: y[k], decisions)
+        # Under `vmap` lanes at their end go on until the last is there. What they do is dropped, but zero
+        # times a derivative without a bound is no zero: they repeat their first step. One that never made a
+        # step has a decision of zeros; its length must not be zero.
+        goes_on = k < count
+        state = jax.tree.map(lambda now, at_first: jnp.where(goes_on, now, at_first), state, first)
+        replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)
+        replayed = replayed._replace(h=jnp.where(count > 0, replayed.h, scene.longest))
         state, info = step(scene, plan, state, replayed)
         if nodes is not None:
             nodes = _append(nodes, state, info.impact_time, info.accepted)
