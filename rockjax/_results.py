@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -93,7 +94,8 @@ class State(eqx.Module):
     u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t_dot"), default=0.0)
 
 
-REST = State()
+# Of NumPy: an array of JAX would start its backend as soon as the package is imported.
+REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 
 class Stats(eqx.Module):

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
 from rockjax import _tables
-from rockjax._checks import concrete
+from rockjax._checks import concrete, from_host
 from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
@@ -179,7 +179,7 @@ def _impacts(floats, integers, options: Options, history: bool):
     stands &= count < UNCOUNTED
     numpy = jnp if traced else np
     found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
-    return jnp.asarray(found) if of_jax else found
+    return from_host(found) if of_jax and not traced else found
 
 
 def raise_without_answer(code: Array) -> None:
