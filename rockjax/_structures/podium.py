@@ -266,9 +266,7 @@ class Podium(eqx.Module):
     def _vibrating(self, name: str) -> AbstractSuperstructure:
         top = self.superstructure
         if top is None or not top.elastic:
-            raise ValueError(
-                f"Podium.{name}: only something elastic oscillates, such as Elastic(...)"
-            )
+            raise ValueError(f"Podium.{name}: only something elastic oscillates, such as Elastic(...)")
         return top
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
