@@ -19,7 +19,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._responses.simulate import REST
-from rockjax._structures import Elastic, Podium
+from rockjax._structures import Podium
 
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
@@ -61,7 +61,7 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         kind = LIMITS[name]
         if podium is not None and kind.superstructure and podium.superstructure is None:
             raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
-        if podium is not None and kind.elastic and not isinstance(podium.superstructure, Elastic):
+        if podium is not None and kind.elastic and not podium.vibrates:
             raise ValueError(
                 f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid"
             )
