@@ -14,7 +14,8 @@ which reverse mode differentiates by, as much.
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Self
 
 import equinox as eqx
 import jax
@@ -25,8 +26,13 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive, require
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._motions.measures import intensity_measures
 from rockjax._motions.record import Record
+from rockjax._motions.records import Records
 from rockjax._studies.lognormal import Lognormal
+
+if TYPE_CHECKING:
+    import xarray
 
 Number = Float[Array, ""]
 
@@ -205,6 +211,45 @@ class GaussianMotion(eqx.Module):
             return motion
         median = self.pulse.amplitude.median * factor
         return eqx.tree_at(lambda m: m.pulse.amplitude.median, motion, jnp.asarray(median, float))
+
+    def response_spectrum(
+        self,
+        periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
+        *,
+        damping: float = 0.05,
+        count: int = 200,
+        seed: int = 0,
+    ) -> xarray.Dataset:
+        """Statistics of the pseudo-acceleration spectra of `count` sampled motions (host).
+
+        - `periods`: ≥ 0 [s]; `damping`: 0 ≤ ζ < 1 [–]; `count`: ≥ 2; `seed`: the same gives the same
+
+        Returns a Dataset over `period`: `median`, `fractile_16` and `fractile_84` of Sa [m/s²], and
+        `dispersion`, the standard deviation of ln Sa [–]. Each motion's Sa is exact between its samples.
+        Raises `ValueError` for arguments outside their ranges.
+        """
+        if isinstance(count, bool) or not isinstance(count, int) or count < 2:
+            raise ValueError(
+                f"GaussianMotion.response_spectrum: count must be a whole number >= 2, got {count!r}"
+            )
+        import xarray
+
+        motions = Records.of([self.record(u) for u in self.samples(count, seed=seed)])
+        found = intensity_measures(motions, periods=periods, damping=damping)
+        one, period = found["Sa"].values, found["period"]
+        of, unit = ("period",), {"units": "m s-2"}
+        low, middle, high = np.quantile(one, [0.16, 0.5, 0.84], axis=0)
+        words = "dispersion of Sa over motions"
+        return xarray.Dataset(
+            {
+                "median": (of, middle, unit | {"long_name": "median Sa"}),
+                "fractile_16": (of, low, unit | {"long_name": "16 % fractile of Sa"}),
+                "fractile_84": (of, high, unit | {"long_name": "84 % fractile of Sa"}),
+                "dispersion": (of, np.std(np.log(one), axis=0, ddof=1), {"units": "1", "long_name": words}),
+            },
+            coords={"period": period},
+            attrs={"title": "Response spectrum of a GaussianMotion", "damping": damping, "count": count},
+        )
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
         """Standard normal u of so many motions; the same seed gives the same (host)."""

@@ -293,6 +293,26 @@ def test_motions_are_linear_repeatable_and_batched():
     assert MOTION.record(u).acceleration.shape == (4, 601)
 
 
+def test_response_spectra_of_sampled_motions():
+    motion = rj.GaussianMotion(201, 0.04, 0.01)
+    periods = (0.0, 0.4, 1.0)
+    found = motion.response_spectrum(periods, count=60, seed=2)
+    assert np.all(found["fractile_16"] < found["median"])
+    assert np.all(found["median"] < found["fractile_84"])
+    assert float(found["dispersion"].min()) > 0.05
+    # At T = 0 they are the largest accelerations.
+    largest = np.abs(motion.acceleration(motion.samples(60, seed=2))).max(axis=1)
+    assert float(found["median"][0]) == pytest.approx(float(np.median(largest)), rel=1e-6)
+    # Linear in u: twice the motion, twice the spectrum, the same dispersion.
+    twice = motion.scaled(2.0).response_spectrum(periods, count=60, seed=2)
+    np.testing.assert_allclose(twice["median"], 2 * found["median"], rtol=1e-9)
+    np.testing.assert_allclose(twice["dispersion"], found["dispersion"], rtol=1e-9)
+    with pytest.raises(ValueError, match="count must be a whole number >= 2"):
+        motion.response_spectrum(count=1)
+    with pytest.raises(ValueError, match="period must be finite and >= 0"):
+        motion.response_spectrum((-1.0,))
+
+
 def test_derivatives_of_the_map():
     u = MOTION.samples(1, seed=5)[0]
 

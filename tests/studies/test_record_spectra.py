@@ -41,6 +41,19 @@ def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
     assert np.allclose(moved[:, :2], 2 * R[:2] * (np.sin(alpha) - np.sin(alpha * (1 - rotation[:, :2]))))
 
 
+@pytest.mark.slow
+def test_the_overturning_acceleration_follows_the_known_laws():
+    """Of one pulse, from small to large blocks: that of uplift where the pulse is long, ∝ 1/p where it is an
+    impulse."""
+    t, duration = np.linspace(0, 1, 26), 1.0
+    record = rj.Record(np.sin(np.pi * t), duration / 25)
+    sizes = np.array([0.04, 0.08, 60.0])
+    found = rj.record_spectrum(BLOCK, [record], sizes, max_scale=200.0, width=1e-3)
+    least = 1 / found["demand"].values[0]  # PGA is 1 m/s²
+    assert least[2] == pytest.approx(9.80665 * np.tan(0.2), rel=0.02)
+    assert least[0] / least[1] == pytest.approx(2.0, rel=0.02)
+
+
 def test_vertical_motions_are_not_left_out():
     """Of pairs the spectrum is that of each pair."""
     pairs = RECORDS.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))

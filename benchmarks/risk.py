@@ -1,0 +1,117 @@
+"""Probabilities of failure of rocking structures: subset simulation, repeated, beside counting.
+
+`python -m benchmarks.risk [minutes] [names of cases]` goes on from what is kept, for so many minutes of
+processor time at most, and prints the table. Counting stops at its number of scenes, repetitions at twenty.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+import rockjax as rj
+from rockjax.internal import limit_state
+
+from .measure import keep, show
+
+FOLDER = Path(__file__).parent / "results"
+BATCH = 20_000  # scenes counted between two looks at the clock
+REPETITIONS, COV = 20, 0.1
+
+
+class Case(NamedTuple):
+    """A structure, the density S₀ of its motions [m²/s³], and the scenes that are counted."""
+
+    podium: rj.Podium
+    S_0: float
+    scenes: int
+
+
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+ELASTIC = rj.Podium(alpha=0.2, R=1.5, gamma=2.0, superstructure=rj.Elastic(5.0, 0.4, 0.05))
+CASES = {
+    "block 1e-2": Case(BLOCK, 0.020, 100_000),
+    "block 1e-3": Case(BLOCK, 0.0145, 1_000_000),
+    "block 1e-4": Case(BLOCK, 0.0105, 1_000_000),
+    "elastic 1e-2": Case(ELASTIC, 0.020, 100_000),
+    "elastic 1e-3": Case(ELASTIC, 0.0145, 1_000_000),
+}
+
+
+def motion_of(case: Case) -> rj.GaussianMotion:
+    return rj.GaussianMotion(61, 0.06, case.S_0)
+
+
+def counted(case: Case, known: dict[str, Any]) -> None:
+    """Count a batch more; the next one has a seed of its own."""
+    limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
+    number = known.setdefault("batches", 0)
+    u = np.random.default_rng([11, number]).standard_normal((BATCH, limit.dimension))
+    known["failures"] = known.get("failures", 0) + int((limit.values(u) <= 0).sum())
+    known["batches"] = number + 1
+
+
+def repeated(case: Case, known: dict[str, Any]) -> None:
+    """One repetition more."""
+    runs = known.setdefault("runs", [])
+    found = rj.failure_probability(
+        case.podium, motion_of(case), method="subset", cov=COV, seed=100 + len(runs)
+    )
+    runs.append([found.probability, found.standard_error, *found.interval, found.scenes])
+
+
+def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
+    """Go on with all cases in turn, until the time is used up or nothing is left."""
+    path, end = FOLDER / "risk-runs.json", time.process_time() + 60 * minutes
+    known: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
+    for name in names:
+        case, of = CASES[name], known.setdefault(name, {})
+        while time.process_time() < end:
+            if len(of.get("runs", [])) < REPETITIONS:
+                repeated(case, of)
+            if of.get("batches", 0) * BATCH < case.scenes:
+                counted(case, of)
+            elif len(of.get("runs", [])) >= REPETITIONS:
+                break
+            path.write_text(json.dumps(known) + "\n")
+    return known
+
+
+def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
+    """What is known of a case. `held`: the share of the repetitions whose intervals hold what is counted."""
+    runs = np.array(known.get("runs", [])).reshape(-1, 5)
+    scenes, failures = known.get("batches", 0) * BATCH, known.get("failures", 0)
+    counted = failures / scenes if scenes else math.nan
+    low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
+    p, _, lower, upper, cost = runs.T
+    return {
+        "case": name,
+        "counted": counted,
+        "from": float(low),
+        "to": float(high),
+        "of": scenes,
+        "repetitions": len(runs),
+        "mean": float(p.mean()),
+        "cov": float(p.std(ddof=1) / p.mean()),
+        "held": float(np.mean((lower <= counted) & (counted <= upper))),
+        "scenes": float(cost.mean()),
+    }
+
+
+def main(minutes: float = 0.0, *names: str) -> None:
+    known = advance(minutes, list(names) or list(CASES))
+    rows = [row(name, of) for name, of in known.items() if len(of.get("runs", [])) > 1]
+    keep("risk", rows)
+    forms = {"counted": ".3e", "from": ".3e", "to": ".3e", "of": "d", "repetitions": "d", "mean": ".3e"}
+    show(rows, {"case": "", **forms, "cov": ".3f", "held": ".2f", "scenes": ".0f"})
+
+
+if __name__ == "__main__":
+    main(*(float(y) if k == 0 else y for k, y in enumerate(sys.argv[1:])))  # pyright: ignore[reportArgumentType]
