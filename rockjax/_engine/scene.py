@@ -47,6 +47,9 @@ IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most th
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
 FIRST_LOOK = 1024  # impacts, after which many hops are looked for
+# Of what is left up to a breakpoint. Halves, or halves again at a tenth of the tolerance, would be the same
+# steps: a closer look divides it otherwise.
+SPLIT, SPLIT_CLOSER = 0.5, 1 / 3
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -121,6 +124,7 @@ def prepare(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(rest),
         landing=_landing(options),
+        split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

@@ -43,6 +43,7 @@ class Scene(NamedTuple):
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     landing: Value  # part of a step within which it lands on an event
+    split: Value  # part of what is left up to a breakpoint, where that takes more than one step
     rtol: Value
     atol: Value
     longest: Value  # longest step [s] …
