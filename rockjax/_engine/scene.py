@@ -47,9 +47,9 @@ IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most th
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
 FIRST_LOOK = 1024  # impacts, after which many hops are looked for
-# Of what is left up to a breakpoint. Halves, or halves again at a tenth of the tolerance, would be the same
-# steps: a closer look divides it otherwise.
-SPLIT, SPLIT_CLOSER = 0.5, 1 / 3
+# Up to a breakpoint the first solution takes one step or halves. A closer look takes a third and the rest, or
+# its errors there would be the same; from an event on too, unless the controller's step is twice as long.
+SPLIT, SPLIT_CLOSER, WHOLE_CLOSER = 0.5, 1 / 3, 2.0
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -78,7 +78,7 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
+        excited = jnp.where(options.stride < 1, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
     return excited
 
 
@@ -125,6 +125,7 @@ def prepare(
         rest=constant(rest),
         landing=_landing(options),
         split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
+        whole=jnp.where(closer, WHOLE_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
