@@ -105,6 +105,16 @@ def _landing(options: Options) -> Value:
     return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
 
 
+def _rest_velocity(c: Coefficients, options: Options) -> Value:
+    """The speed below which columns come to rest after an impact [rad/s].
+
+    A closer look lets them rest some impacts later: what the rest velocity takes away shows in it.
+    """
+    rest = options.rtol if options.rest_velocity is None else options.rest_velocity
+    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
+    return rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
+
+
 def prepare(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -119,12 +129,8 @@ def prepare(
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
-    rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = options.stride * _longest_step(c, plan)
-    # A closer look lets columns rest some impacts later: what the rest velocity takes away shows in it.
     closer = options.stride < 1
-    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
-    rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
     excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
@@ -133,7 +139,7 @@ def prepare(
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
-        rest=constant(rest),
+        rest=constant(_rest_velocity(c, options)),
         landing=_landing(options),
         split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
         whole=jnp.where(closer, WHOLE_CLOSER, 1.0),
