@@ -17,7 +17,7 @@ from . import margin
 from .coefficients import Coefficients, coefficients
 from .model import uplift_demand
 from .runge_kutta import tableau
-from .state import LoopState, Plan, Scene
+from .state import LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
 
@@ -159,6 +159,7 @@ def prepare(
         deformation=jnp.zeros_like(t) if plan.deformation else None,
         shear=jnp.zeros_like(t) if plan.shear else None,
         margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else None,
+        turn=Turn(inf, inf) if plan.turns else None,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),

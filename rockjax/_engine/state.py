@@ -30,6 +30,14 @@ class Plan:
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     many_hops: bool  # hops may be followed in large numbers
     tableau: Tableau
+    turns: bool = False  # what is known of the turning point of each step is kept as well
+
+
+class Turn(NamedTuple):
+    """A turning point |θ| = θ_m that a step has passed, inf where it has passed none."""
+
+    margin: Value  # the overturning margin of that point alone
+    slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
 
 
 class Scene(NamedTuple):
@@ -68,6 +76,7 @@ class LoopState(NamedTuple):
     deformation: Value | None  # None where not wanted
     shear: Value | None  # likewise
     margin: Value | None  # likewise
+    turn: Turn | None  # of the last trial; None where not wanted
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
@@ -81,7 +90,7 @@ class LoopState(NamedTuple):
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
 # for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
-MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin")
+MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "turn")
 
 
 def moving(state: LoopState) -> dict[str, Any]:
