@@ -1,18 +1,23 @@
 """Windows of overturning below the boundary that is reported.
 
-`python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER]`
+`python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER] [--store FOLDER]`
 
-For each structure and each motion the boundary is searched as users do, certain to `WIDTH` of the range. Then
-every scale from the last that lifts nothing up to it is tried at a quarter of that width, by plain responses;
-each window of overturning that this shows is measured. None may be wider than what the search is certain to.
-Half of the synthetic motions have a velocity pulse; some are pulses alone. With a folder, its records (text
-with times and accelerations, in any unit: the range is in terms of PGA) are the motions, cut to 1000 samples
-from 400 before their peak.
+For each structure and each motion every scale, from the last that lifts nothing up to the first wide window
+of overturning, is tried at a quarter of `WIDTH` of the range, by plain responses; each window that this shows
+is measured. Then the boundary is searched as users do. No window below it may be wider than what the search
+is certain to, and just above it the structure has to overturn. Half of the synthetic motions have a velocity
+pulse; some are pulses alone. With `--records`, the records in a folder (text with times and accelerations, in
+any unit: the range is in terms of PGA) are the motions, cut to 1000 samples from 400 before their peak.
+
+What the scales tell does not depend on the search. With `--store` it is kept in a folder, a file for each
+structure and motion: stopped at any moment, the same command goes on, and once they are there another search
+is compared with them at the cost of that search alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import time
@@ -24,9 +29,14 @@ import numpy as np
 
 import rockjax as rj
 
+from .campaign import Kept
 from .measure import RESULTS, keep, show
 
 WIDTH = 1e-4  # of the range
+FINE = 0.25 * WIDTH  # from one scale that is tried to the next
+WIDE = 64  # scales in a row that overturn: what is above them is no window any more
+BLOCK = 4096  # scales that are tried at once
+INSIDE = 200  # scales in a step at whose ends the verdict changes
 RANGE = 10.0  # scales up to so many g tan α over PGA
 LEAST = 256  # scenes of a batch
 COARSE = 256  # scales that tell from where on the columns lift
@@ -97,47 +107,90 @@ def still(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
     return float(scales[np.argmax(uplifted) - 1] if uplifted.any() else end)
 
 
-def windows(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
-    """(n, 2): beginnings and ends of the windows that overturn among ascending scales of one record."""
-    over = overturns(podium, records, j, scales)
-    found = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(int)))
+def scanned(podium: rj.Podium, records: rj.Records, j: int, limit: float) -> dict:
+    """What plain responses tell about one record: `windows` of overturning, (from, to), up to the first wide
+    one, whose end is not looked for."""
+    began = time.process_time()
+    scales = np.arange(still(podium, records, j, limit), limit, FINE * limit)
+    over = np.zeros(0, bool)
+    for first in range(0, scales.size, BLOCK):
+        over = np.append(over, overturns(podium, records, j, scales[first : first + BLOCK]))
+        in_a_row = np.convolve(over, np.ones(WIDE), mode="valid")
+        wide = np.flatnonzero(in_a_row > WIDE - 0.5)
+        if wide.size:
+            over = over[: wide[0] + WIDE]
+            break
+    found = windows(podium, records, j, scales[: over.size], over)
+    return {"windows": found, "scenes": int(over.size), "cpu_s": time.process_time() - began}
+
+
+def windows(
+    podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, over: np.ndarray
+) -> list[list[float]]:
+    """Beginnings and ends of the windows that overturn among ascending scales of one record."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(int)))
     edges = []
-    for change in found:
+    for change in changes:
         lo, hi = scales[max(change - 1, 0)], scales[min(change, scales.size - 1)]
-        finer = np.linspace(lo, hi, 200)
+        finer = np.linspace(lo, hi, INSIDE)
         at = np.flatnonzero(np.diff(overturns(podium, records, j, finer).astype(int)))
-        edges.append(finer[at[0]] if at.size else lo)
-    return np.reshape(edges, (-1, 2))
+        edges.append(float(finer[at[0]] if at.size else lo))
+    return [edges[k : k + 2] for k in range(0, len(edges), 2)]
 
 
-def measured(name: str, source: str, records: rj.Records) -> dict:
+def tried(name: str, source: str, records: rj.Records, limits: np.ndarray, kept: Kept | None) -> list[dict]:
+    """`scanned` of all records, from a folder where it is kept."""
+    podium, rows = STRUCTURES[name], []
+    for j, limit in enumerate(map(float, limits)):
+        work = lambda j=j, limit=limit: scanned(podium, records, j, limit)
+        if kept is None:
+            rows.append(work())
+            continue
+        numbers = [*jax.tree.leaves(podium), *jax.tree.leaves(records.pick(np.int32(j))), limit, FINE, WIDE]
+        digest = hashlib.sha256(b"".join(np.asarray(y, float).tobytes() for y in numbers)).hexdigest()[:12]
+        words = "".join(letter if letter.isalnum() else "-" for letter in f"{name}-{source}")
+        rows.append(kept.remember(f"{words}-{j}-{digest}", work))
+    return rows
+
+
+def compared(name: str, source: str, records: rj.Records, kept: Kept | None) -> dict:
+    """A row of the table: the boundaries that a search finds, against all scales below them."""
     podium = STRUCTURES[name]
-    pga = np.asarray(records.sizes()).max(axis=1)
-    limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / pga
-    rows: dict = {"structure": name, "source": source, "motions": len(records)}
-    rows |= {"overturned": 0, "scenes_tried": 0, "windows": []}
+    limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
+    truth = tried(name, source, records, limits, kept)
     began = time.process_time()
 
     def search(which, limit):
         return rj.overturning_boundary(podium, records.pick(which), max_scale=limit, width=WIDTH)
 
     found = jax.vmap(search)(np.arange(len(records), dtype=np.int32), limits)
-    rows["cpu_s_search"] = time.process_time() - began
+    seconds = time.process_time() - began
     scale, certain = np.asarray(found.scale), np.asarray(found.certain_width)
-    rows["certain_to"] = float(np.max(certain / limits))
-    began = time.process_time()
-    for j in range(len(records)):
-        end = scale[j] * (1 - 1e-9) if np.isfinite(scale[j]) else limits[j]
-        rows["overturned"] += bool(np.isfinite(scale[j]))
-        scales = np.arange(still(podium, records, j, end), end, 0.25 * WIDTH * limits[j])
-        rows["scenes_tried"] += scales.size
-        for lo, hi in windows(podium, records, j, scales):
-            window = {"motion": j, "from": float(lo), "width": float((hi - lo) / limits[j])}
-            rows["windows"].append(window | {"boundary": float(scale[j])})
-    rows["cpu_s_trials"] = time.process_time() - began
-    rows["narrower"] = sum(w["width"] <= rows["certain_to"] for w in rows["windows"])
-    rows["missed"] = len(rows["windows"]) - rows["narrower"]
-    return rows
+    below, doubtful = [], []
+    for j, limit in enumerate(limits):
+        top = scale[j] - FINE * limit / INSIDE  # what begins closer is the boundary itself
+        for lo, hi in truth[j]["windows"]:
+            if lo < top:
+                below.append(
+                    {"motion": j, "from": lo, "width": (hi - lo) / limit, "boundary": float(scale[j])}
+                    | {"wider": bool(hi - lo > certain[j])}
+                )
+        if np.isfinite(scale[j]) and not overturns(podium, records, j, scale[j : j + 1] * (1 + 1e-10)).all():
+            doubtful.append(j)
+    return {
+        "structure": name,
+        "source": source,
+        "motions": len(records),
+        "overturned": int(np.isfinite(scale).sum()),
+        "certain_to": float(np.max(certain / limits)),
+        "scenes_tried": sum(row["scenes"] for row in truth),
+        "windows": below,
+        "narrower": sum(not window["wider"] for window in below),
+        "missed": sum(window["wider"] for window in below),
+        "standing": len(doubtful),
+        "cpu_s_search": seconds,
+        "cpu_s_trials": sum(row["cpu_s"] for row in truth),
+    }
 
 
 def main() -> None:
@@ -149,14 +202,16 @@ def main() -> None:
     arguments.add_argument(
         "--records", type=Path, help="a folder of records, *.dat, to take instead of synthetic ones"
     )
+    arguments.add_argument("--store", type=Path, help="a folder that keeps what the scales tell")
     given = arguments.parse_args()
+    kept = None if given.store is None else Kept(given.store)
     source = "synthetic" if given.records is None else "recorded"
     records = motions(given.motions) if given.records is None else recorded(given.records, given.motions)
     path = RESULTS / "boundaries.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
     for name in given.structures or STRUCTURES:
         others = [row for row in rows if (row["structure"], row["source"]) != (name, source)]
-        rows = [*others, measured(name, source, records)]
+        rows = [*others, compared(name, source, records, kept)]
         keep("boundaries", rows)
     columns = {"structure": "", "source": "", "motions": "d", "overturned": "d", "certain_to": ".1e"}
     show(
@@ -166,6 +221,7 @@ def main() -> None:
             "scenes_tried": ",d",
             "narrower": "d",
             "missed": "d",
+            "standing": "d",
             "cpu_s_search": ".1f",
             "cpu_s_trials": ".0f",
         },

@@ -1,13 +1,13 @@
-"""Design studies, each from ten random starts: `python -m benchmarks.studies [adam] [names]`, with Adam
-instead of the sequential quadratic programming.
+"""Design studies, each from ten random starts: `python -m benchmarks.studies [sqp] [adam] [names] [--runs N]
+[--cap N]`, by the sequential quadratic programming, by Adam or by both; a cap on the iterations of a start.
 
 (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability, (e) a fit.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 import time
 from collections.abc import Callable
 
@@ -16,6 +16,9 @@ import optax
 
 import optimise
 import rockjax as rj
+from optimise._results import OUT_OF_ITERATIONS
+
+from .measure import show
 
 OPTIONS = rj.Options(rtol=1e-8, atol=1e-10, throw=False)
 G = 9.80665
@@ -144,59 +147,88 @@ def measured_fit(seed: int = 0, noise: float = 0.01, starts: int = 4) -> optimis
 
 
 METHODS = {"sqp": "sqp", "adam": optax.adam(0.02)}
+STUDIES: dict[str, Callable] = {
+    "slimmest": slimmest,
+    "lightest": lightest,
+    "unreachable": unreachable,
+    "least_shear": least_shear,
+    "rarely": rarely,
+    "measured_fit": measured_fit,
+}
 
 
-def main(chosen: list[str], runs: int = 10) -> None:
-    """A row per study: ten runs from random starts, failures, and what they took; the first run compiles."""
-    studies: dict[str, Callable] = {
-        "slimmest": slimmest,
-        "lightest": lightest,
-        "unreachable": unreachable,
-        "least_shear": least_shear,
-        "rarely": rarely,
-        "measured_fit": measured_fit,
-    }
-    method = next((word for word in chosen if word in METHODS), "sqp")
-    chosen = [word for word in chosen if word not in METHODS]
+def wrong_fit(answer: optimise.Fit) -> bool:
+    """Whether it is more than five of its standard errors from the truth."""
     truth = measured()[0]
-    print(f"{'study':14}{'failures':>9}{'evaluations':>12}{'scenes':>8}{'s first':>8}{'s later':>8}  answers")
-    for name in chosen or studies:
-        rows, remarks = [], []
-        for seed in range(runs):
-            began = time.perf_counter()
-            # A fit is by least squares.
-            answer = (
-                studies[name](seed) if name == "measured_fit" else studies[name](seed, method=METHODS[method])
-            )
-            seconds = time.perf_counter() - began
-            if isinstance(answer, optimise.Fit):
-                near = all(
-                    abs(answer.variables[key] - value) <= 5 * answer.errors[key]
-                    for key, value in (
-                        ("alpha", float(truth.alpha)),
-                        ("restitution", float(truth.restitution_factor)),
-                    )
-                )
-                rows.append((not near, 0, 0, seconds))
-                remarks.append(answer.rms)
-                continue
-            if isinstance(answer, tuple):
-                answer, smoothed, counted = answer
-                name_ = f"bias {smoothed - counted:+.4f}"
-                print(f"  {name} {seed}: smoothed {smoothed:.4f}, counted {counted:.4f}, {name_}")
-            wanted = answer.satisfied if name != "unreachable" else str(answer.result._value) == "2"
-            rows.append((not wanted, answer.stats.evaluations, answer.stats.scenes, seconds))
-            remarks.append(answer.objective)
-        numbers = np.array(rows, float)
-        later = numbers[1:] if runs > 1 else numbers
-        print(
-            f"{name:14}{int(numbers[:, 0].sum()):6d}/{runs:<2d}{numbers[:, 1].mean():12.1f}"
-            f"{numbers[:, 2].mean():8.0f}"
-            f"{numbers[0, 3]:8.1f}{later[:, 3].mean():8.2f}  "
-            f"{np.array2string(np.array(remarks), precision=5)}",
-            flush=True,
-        )
+    known = {"alpha": float(truth.alpha), "restitution": float(truth.restitution_factor)}
+    return any(abs(answer.variables[key] - value) > 5 * answer.errors[key] for key, value in known.items())
+
+
+def one_run(name: str, seed: int, how: dict) -> dict:
+    """A study from one random start; a fit is by least squares, whatever the method."""
+    began = time.process_time()
+    answer = STUDIES[name](seed) if name == "measured_fit" else STUDIES[name](seed, **how)
+    seconds = time.process_time() - began
+    if isinstance(answer, optimise.Fit):
+        return {"failed": wrong_fit(answer), "answer": answer.rms, "cpu s": seconds}
+    if isinstance(answer, tuple):
+        answer, smoothed, counted = answer
+        bias = f"bias {smoothed - counted:+.4f}"
+        print(f"  {name} {seed}: smoothed {smoothed:.4f}, counted {counted:.4f}, {bias}")
+    result = str(answer.result._value)
+    return {
+        "failed": not answer.satisfied if name != "unreachable" else result != "2",
+        "cut short": result == str(OUT_OF_ITERATIONS),
+        "evaluations": answer.stats.evaluations,
+        "scenes": answer.stats.scenes,
+        "violation": -min(answer.failing.values(), default=0.0),
+        "answer": answer.objective,
+        "cpu s": seconds,
+    }
+
+
+def row_of(name: str, method: str, runs: list[dict]) -> dict:
+    """The runs of a study as a row; the first one compiles, or loads what is kept."""
+    mean = lambda key: float(np.mean([run.get(key, 0) for run in runs]))
+    later = [run["cpu s"] for run in runs[1:]] or [runs[0]["cpu s"]]
+    return {
+        "study": name,
+        "method": method,
+        "runs": len(runs),
+        "failures": sum(run["failed"] for run in runs),
+        "cut short": sum(run.get("cut short", False) for run in runs),
+        "evaluations": mean("evaluations"),
+        "scenes": mean("scenes"),
+        "violation": max(run.get("violation", 0.0) for run in runs),
+        "cpu s first": runs[0]["cpu s"],
+        "cpu s later": float(np.mean(later)),
+        "answers": ", ".join(f"{run['answer']:.5g}" for run in runs),
+    }
+
+
+FORMATS = {
+    "study": "", "method": "", "runs": "d", "failures": "d", "cut short": "d", "evaluations": ".1f",
+    "scenes": ".0f", "violation": ".1e", "cpu s first": ".1f", "cpu s later": ".2f", "answers": "",
+}  # fmt: skip
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    arguments.add_argument("words", nargs="*", help=", ".join([*METHODS, *STUDIES]))
+    arguments.add_argument("--runs", type=int, default=10, help="random starts")
+    arguments.add_argument("--cap", type=int, help="iterations of a start")
+    given = arguments.parse_args()
+    how = {} if given.cap is None else {"max_iterations": given.cap}
+    rows = []
+    for name in [word for word in given.words if word in STUDIES] or STUDIES:
+        for method in [word for word in given.words if word in METHODS] or ["sqp"]:
+            chosen = how | {"method": METHODS[method]}
+            rows.append(row_of(name, method, [one_run(name, seed, chosen) for seed in range(given.runs)]))
+            print(rows[-1], flush=True)
+    show(rows, FORMATS)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

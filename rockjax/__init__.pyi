@@ -60,8 +60,10 @@ from ._risk.rocking import DesignPoint as DesignPoint
 from ._risk.rocking import design_points as design_points
 from ._risk.rocking import failure_probability as failure_probability
 from ._structures import Elastic as Elastic
+from ._structures import Modes as Modes
 from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid
+from ._structures import ShearBuilding as ShearBuilding
 from ._studies.curve import fragility as fragility
 from ._studies.fragility import Measure as Measure
 from ._studies.fragility import incremental_dynamic_analysis as incremental_dynamic_analysis

@@ -25,9 +25,19 @@ def as_float(x, what: str = "it") -> Array:
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
+        if isinstance(x, float | int | np.ndarray | np.generic) and np.asarray(x).dtype.kind in "fiub":
+            return from_host(x, jnp.result_type(float))
         return jnp.asarray(x, dtype=jnp.result_type(float))
     except (TypeError, ValueError):
         raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
+
+
+def from_host(x, dtype=None) -> Array:
+    """A number of Python or an array of NumPy as an array of JAX.
+
+    A copy, as by `jnp.array`, which compiles a program for each shape in each process: 10 ms each.
+    """
+    return jax.device_put(np.array(x, dtype))
 
 
 def _holds_text(x) -> bool:

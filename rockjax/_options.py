@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 # Classes of Diffrax, which takes long to import and is needed only where something is traced.
 METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
 _EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
-OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "impacts", "margin", "errors")
+OF_STORIES = ("peak_drift", "peak_floor_acceleration")  # of buildings only
+PEAKS = ("peak_rotation", "peak_deformation", "peak_shear", *OF_STORIES)
+OUTPUTS = (*PEAKS, "impacts", "margin", "errors")
 LEAST_ATOL = 1e-17
 
 
@@ -40,10 +42,11 @@ class Options(eqx.Module):
     - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By
       default `rtol`
     - `max_steps`: bound on trial steps of a scene
-    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`, `"margin"`,
-      `"errors"` are wanted. The scene ends as soon as none of these can change; what is not wanted is not
-      computed (NaN), so impacts are counted to their end only if `"impacts"` is wanted or the columns
-      overturn. `"errors"` estimates the errors of the peaks, by a second solution
+    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"peak_drift"` and
+      `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"` are wanted. The scene
+      ends as soon as none of these can change; what is not wanted is not computed (NaN), so impacts are
+      counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"` estimates the
+      errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
     - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a
       closer look, by which errors are estimated: columns come to rest three impacts later as well
@@ -59,9 +62,7 @@ class Options(eqx.Module):
     overturn_ratio: float = 1.0
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
-    outputs: tuple[str, ...] = eqx.field(
-        static=True, default=("peak_rotation", "peak_deformation", "peak_shear"), converter=_names
-    )
+    outputs: tuple[str, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=4096)
     throw: bool = eqx.field(static=True, default=True)
     stride: float = 1.0

@@ -28,6 +28,8 @@ class Frame:
     gamma: float = 10.0
     lam: float = 1 / 3
     modes: tuple = ()  # of (η, T, ζ)
+    residual: float = 0.0  # mass of the superstructure that moves with the beam
+    shapes: tuple = ()  # Γφ of the floors, each over the modes
     tau: float = 0.0
     kappa: float = 0.0
     delta: float = 0.0
@@ -45,7 +47,7 @@ class Frame:
     def restitution(self):
         if self.e is not None:
             return self.e
-        top = sum(m[0] for m in self.modes)
+        top = self.residual + sum(m[0] for m in self.modes)
         s2 = math.sin(self.alpha) ** 2
         after = 1 + self.lam + 4 * (self.gamma + top) + 4 * self.mu * s2
         before = after - 2 * s2 * (1 + 4 * (self.gamma + top + self.mu))
@@ -56,8 +58,11 @@ class Frame:
 class Answer:
     peak: float = 0.0  # max|θ|/α
     peak_time: float = math.nan
-    deformation: float = 0.0  # of the first mode
-    shear: float = 0.0
+    deformation: Any = 0.0  # of the first mode
+    shear: Any = 0.0
+    deformations: Any = 0.0  # of all modes
+    drifts: Any = 0.0  # of the stories
+    floors: Any = 0.0  # absolute accelerations
     uplift_time: float = math.nan
     overturn_time: float = math.nan
     impacts: list = dataclasses.field(default_factory=list)
@@ -72,7 +77,10 @@ class _Motion:
         f, m = frame, COLUMN
         self.frame, self.h, self.v = frame, horizontal, vertical
         self.n = len(f.modes)
-        self.beam, self.tops = f.gamma * COLUMNS * m, np.array([k[0] for k in f.modes]) * COLUMNS * m
+        self.beam, self.tops = (
+            (f.gamma + f.residual) * COLUMNS * m,
+            np.array([k[0] for k in f.modes]) * COLUMNS * m,
+        )
         self.w = np.array([2 * math.pi / k[1] for k in f.modes])
         self.z = np.array([k[2] for k in f.modes])
         self.P, self.K = f.tau * m * f.g, f.kappa * m * f.g / f.R
@@ -207,22 +215,40 @@ def _turns(out: Answer, f: Frame, found) -> None:
 
 
 def _extremes(out: Answer, m: _Motion, s: int, found, clip) -> None:
-    """Largest deformation of the first mode and shear of all, from samples between the steps."""
+    """Largest deformations, shear, drifts and floor accelerations, from samples between the steps."""
     if not m.n:
         return
     t = np.linspace(found.t[0], found.t[-1], 60 * len(found.t))
-    springs = [m.springs(s, y) for y in found.sol(t).T]
-    total = m.tops.sum() * m.frame.g
-    for name, values in (
-        ("deformation", np.array([abs(d[0]) for _, d in springs])),
-        ("shear", np.array([abs(float(m.tops @ force)) for force, _ in springs]) / total),
-    ):
-        k = int(values.argmax())
-        best = values[k]
-        if 0 < k < len(values) - 1:
-            a, b, c = values[k - 1 : k + 2]
-            best = b + (a - c) ** 2 / (8 * (2 * b - a - c)) if 2 * b > a + c else b
-        setattr(out, name, max(getattr(out, name), best))
+    states = found.sol(t).T
+    springs = [m.springs(s, y) for y in states]
+    force, d = (np.array(part) for part in zip(*springs, strict=True))
+    rates = np.array(
+        [(m.rocking if s else m.contact)(clip(time), y, s) for time, y in zip(t, states, strict=True)]
+    )
+    psi = s * m.frame.alpha - states[:, 0]
+    base = 2 * m.frame.R * (rates[:, 1] * np.cos(psi) + states[:, 1] ** 2 * np.sin(psi))
+    base += np.array([m.h(clip(time)) for time in t])
+    residual = m.frame.residual * COLUMNS * COLUMN
+    total = m.tops.sum() + residual
+    quantities = {"deformation": d[:, 0], "deformations": d, "shear": (force @ m.tops - residual * base)}
+    quantities["shear"] /= total * m.frame.g
+    if m.frame.shapes:
+        shapes = np.array(m.frame.shapes)
+        quantities["drifts"] = d @ np.diff(shapes, axis=0, prepend=0.0).T
+        quantities["floors"] = force @ shapes.T - np.outer(base, 1 - shapes.sum(axis=1))
+    for name, values in quantities.items():
+        of_each = [_largest(np.abs(column)) for column in np.reshape(values, (len(t), -1)).T]
+        best = np.array(of_each) if values.ndim > 1 else of_each[0]
+        setattr(out, name, np.maximum(getattr(out, name), best))
+
+
+def _largest(values: np.ndarray) -> float:
+    """The largest of samples, by a parabola through it and its neighbours."""
+    k = int(values.argmax())
+    if 0 < k < len(values) - 1:
+        a, b, c = values[k - 1 : k + 2]
+        return b + (a - c) ** 2 / (8 * (2 * b - a - c)) if 2 * b > a + c else b
+    return values[k]
 
 
 def ricker(a_p: float, T_p: float) -> Callable:

@@ -164,7 +164,10 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> tuple[dict[str, jax.Arr
         return floats, integers
     if state.reach is not None:
         floats = floats | {"reach": state.reach}
-    return floats | {slope_name(name): slopes[name].T for name in SENSITIVE}, integers
+    rows_last = lambda y: jnp.moveaxis(y, 0, -1)
+    return floats | {
+        slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
+    }, integers
 
 
 def _loaded(chunk: Chunk, state: Lanes, loads: Flag, place: jax.Array, refill: bool) -> Lanes:

@@ -60,7 +60,7 @@ def broadcast(
     Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
     """
     excitations = excitations.common_form()
-    arguments = podiums, excitations, as_start(owner, initial), as_end(owner, t_end)
+    arguments = podiums.split(), excitations, as_start(owner, initial, podiums), as_end(owner, t_end)
     leaves, structure = jax.tree.flatten(arguments)
     outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
     if not any(outer):

@@ -40,6 +40,15 @@ class Attempt(NamedTuple):
     tiny: Value  # the resolution of time
 
 
+class Largest(NamedTuple):
+    """Of the superstructure over a step; absent where they are not wanted."""
+
+    deformation: Vector  # of each mode
+    shear: Value
+    drifts: Vector  # of each story
+    floors: Vector  # absolute accelerations
+
+
 class StepOutcome(NamedTuple):
     """What becomes of a trial."""
 
@@ -49,8 +58,7 @@ class StepOutcome(NamedTuple):
     after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
     false_uplift: Flag  # a lift that the next step does not confirm is none: back to full contact
     peaks: Flag  # |θ| has a maximum at the guard's turning point
-    deformation: Value
-    force: Value
+    superstructure: Largest
     turn: Turn  # that maximum
 
 
@@ -118,7 +126,8 @@ def _error(scene: Scene, state: LoopState, trial: Step) -> Value:
         for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
             scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
             total = total + (e / scale) ** 2
-    return jnp.sqrt(total / (2 * len(state.x)))
+    # Many modes at rest do not make up for one that is not.
+    return jnp.sqrt(total / (2 * min(len(state.x), 2)))
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
@@ -127,7 +136,8 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.elastic:
         sway = c.two_R * c.sin_alpha
-        x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.omega2)))
+        x_unit += tuple(sway for _ in c.modes)
+        v_unit += tuple(sway * jnp.maximum(c.p, jnp.sqrt(mode.omega2)) for mode in c.modes)
     return x_unit, v_unit
 
 

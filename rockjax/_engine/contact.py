@@ -12,6 +12,7 @@ Where nothing is elastic, nothing moves before the next uplift, which is a root 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +21,11 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._excitations.base import Shaking
-from rockjax._types import Flag, Index, Value
+from rockjax._types import Flag, Index, Value, Vector
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, Mode
 from .hermite import derivative
-from .model import horizontal, uplift_demand
+from .model import horizontal, story_weights, uplift_demand, weighted
 from .ratio import safe_ratio
 from .records import larger
 from .settled import certificate
@@ -45,10 +46,11 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     constant = jax.lax.stop_gradient
     c, excitation = scene.c, scene.excitation
     degree, lengths = excitation.panels
-    omega = jnp.sqrt(c.omega2)
-    zeta = 0.5 * c.damping / omega
+    omegas = [jnp.sqrt(mode.omega2) for mode in c.modes]
+    pairs = zip(c.modes, omegas, strict=True)
+    swings = [_Swing(mode, omega, 0.5 * mode.damping / omega) for mode, omega in pairs]
     # Long panels as far as they go, then shorter ones.
-    kinds = [(half, omega * half, _free(zeta, omega * half)) for half in (0.5 * constant(y) for y in lengths)]
+    kinds = [(half, [y.over(half) for y in swings]) for half in (0.5 * constant(y) for y in lengths)]
     shaking = excitation.piece(state.piece)(state.t)
     settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
     state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
@@ -57,11 +59,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
     def panel(carry: tuple[LoopState, Index]) -> tuple[LoopState, Index]:
         state, level = carry
-        half, turn, free = kinds[0]
+        half, over = kinds[0]
         for k, kind in enumerate(kinds[1:], start=1):
-            half, turn, free = jax.tree.map(
-                lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, turn, free)
-            )
+            half, over = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, over))
         ground_at, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
         values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
@@ -72,28 +72,15 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             rounding = [c.tilt * y for y in _combine(to_tail, values.vertical)]
             values = values.horizontal
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
-        path = jax.lax.optimization_barrier(_particular(force, zeta, turn, half))
-        rates = [*derivative(path), jnp.zeros_like(half)]
-        before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
-        # The free vibration is what the state at the start has besides the particular solution.
-        offset = state.x[1] - sum(y * s for y, s in zip(path, before, strict=True))
-        speed = state.v[1] * half - sum(y * s for y, s in zip(rates, before, strict=True))
-        x = sum(path) + free[0] * offset + free[1] * speed
-        v = (sum(rates) + free[2] * offset + free[3] * speed) / half
-
-        # Bounds over the panel: of polynomials by their coefficients, of the free vibration by its energy.
-        vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
-        spring = [c.omega2 * y + c.damping * r / half for y, r in zip(path, rates, strict=True)]
-        shaken = c.omega2 * jnp.sqrt(1 + 4 * zeta**2) * vibration
-        padded = [*force, *[0.0] * (len(path) - len(force))]
-        demand = [f - c.demand * s for f, s in zip(padded, spring, strict=True)]
+        starts = zip(swings, over, state.x[1:], state.v[1:], strict=True)
+        moves = [swing.across(force, half, own, u, u_dot) for swing, own, u, u_dot in starts]
+        padded = [*force, *[0.0] * (len(moves[0].path) - len(force))]
+        demand, demands = padded, [mode.demand for mode in c.modes]
+        for mode, move in zip(c.modes, moves, strict=True):
+            demand = [f - mode.demand * s for f, s in zip(demand, move.spring, strict=True)]
+        shaken = weighted(demands, [move.shaken for move in moves])
         goes = _stays_down(c, demand, shaken, raised, rounding)
-        if plan.deformation:
-            goes &= _size(path) + vibration < jnp.maximum(
-                present(state.deformation), scene.atol * c.two_R * c.sin_alpha
-            )
-        if plan.shear:
-            goes &= _size(spring) + shaken < jnp.maximum(present(state.shear) * c.g, scene.atol * c.uplift)
+        goes &= _under_records(scene, plan, state, moves, padded)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
@@ -102,10 +89,13 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             constant(edge) <= constant(scene.end),
             state.t + length < constant(jnp.minimum(edge, scene.end)),
         )
-        goes &= (zeta < _DAMPED) & inside
+        for swing in swings:
+            goes &= swing.zeta < _DAMPED
+        goes &= inside
 
         event_time = jnp.where(reaches, edge, state.t + length)
-        crossed = _past_panel(scene, state, event_time, reaches, x, v)
+        ends = tuple(move.x for move in moves), tuple(move.v for move in moves)
+        crossed = _past_panel(scene, state, event_time, reaches, *ends)
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
         return state, level + (~goes).astype(jnp.int32)
 
@@ -117,17 +107,104 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
 
 
+class _Moves(NamedTuple):
+    """What one mode does over a panel: bounds are of polynomials by their coefficients, of the free vibration
+    by its energy."""
+
+    path: list[Value]  # the particular solution, in powers of r on [−1, 1]
+    spring: list[Value]  # ω²d + 2ζω ḋ of it
+    vibration: Value  # amplitude of the free vibration …
+    shaken: Value  # … and of its ω²d + 2ζω ḋ
+    x: Value  # displacement and velocity at the end
+    v: Value
+
+
+class _Swing(NamedTuple):
+    """A mode in full contact."""
+
+    mode: Mode
+    omega: Value
+    zeta: Value
+
+    def over(self, half: Value) -> tuple[Value, tuple[Value, ...]]:
+        """Radians of half a panel, and the free vibration across all of it."""
+        return self.omega * half, _free(self.zeta, self.omega * half)
+
+    def across(self, force: list[Value], half: Value, over, u: Value, u_dot: Value) -> _Moves:
+        """The motion over a panel, from the displacement and velocity at its start."""
+        turn, free = over
+        path = jax.lax.optimization_barrier(_particular(force, self.zeta, turn, half))
+        rates = [*derivative(path), jnp.zeros_like(half)]
+        before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
+        # The free vibration is what the state at the start has besides the particular solution.
+        offset = u - sum(y * s for y, s in zip(path, before, strict=True))
+        speed = u_dot * half - sum(y * s for y, s in zip(rates, before, strict=True))
+        x = sum(path) + free[0] * offset + free[1] * speed
+        v = (sum(rates) + free[2] * offset + free[3] * speed) / half
+        vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
+        omega2, damping = self.mode.omega2, self.mode.damping
+        spring = [omega2 * y + damping * r / half for y, r in zip(path, rates, strict=True)]
+        shaken = omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
+        return _Moves(path, spring, vibration, shaken, x, v)
+
+
+def _under_records(
+    scene: Scene, plan: Plan, state: LoopState, moves: list[_Moves], force: list[Value]
+) -> Flag | bool:
+    """Whether what is wanted of the superstructure stays under its records over a panel, with `force` the
+    coefficients of ü_g."""
+    c, under = scene.c, True
+    short, weak = scene.atol * c.two_R * c.sin_alpha, scene.atol * c.uplift
+
+    def together(weights, name: str) -> tuple[list[Value], Value]:
+        """A sum over the modes: its polynomial, and the amplitude that vibrates freely."""
+        terms = zip(*(getattr(move, name) for move in moves), strict=True)
+        amplitudes = [move.vibration if name == "path" else move.shaken for move in moves]
+        sizes = [jnp.abs(weight) for weight in weights]
+        return [weighted(weights, term) for term in terms], weighted(sizes, amplitudes)
+
+    def carried(weights) -> list[Value]:
+        """The absolute acceleration of springs, over −1, and of the beam."""
+        found, amplitude = together(weights, "spring")
+        if c.residual is not None:
+            rest = 1 - sum(weights)
+            found = [s - rest * f for s, f in zip(found, force, strict=True)]
+        return [*found, amplitude]
+
+    if plan.deformation:
+        for move, record in zip(moves, present(state.deformation), strict=True):
+            under &= _size(move.path) + move.vibration < jnp.maximum(record, short)
+    if plan.shear:
+        most = jnp.maximum(present(state.shear) * c.g, weak)
+        if c.shares is None:
+            under &= _size(moves[0].spring) + moves[0].shaken < most
+        else:
+            under &= _size(carried(c.shares)) < most
+    if plan.drifts:
+        for weights, record in zip(story_weights(c), present(state.drifts), strict=True):
+            path, amplitude = together(weights, "path")
+            under &= _size(path) + amplitude < jnp.maximum(record, short)
+    if plan.floors:
+        for weights, record in zip(present(c.floors), present(state.floors), strict=True):
+            under &= _size(carried(weights)) < jnp.maximum(record, weak)
+    return under
+
+
 def _past_panel(
-    scene: Scene, state: LoopState, event_time: Value, reaches: Flag, x: Value, v: Value
+    scene: Scene, state: LoopState, event_time: Value, reaches: Flag, x: Vector, v: Vector
 ) -> LoopState:
-    """The state at the end of a panel, with displacement and velocity of the superstructure there."""
+    """The state at the end of a panel, with displacements and velocities of the superstructure there."""
     c, t = scene.c, jax.lax.stop_gradient(event_time)
     # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
     past = event_time - t
-    u_ddot = -horizontal(scene.excitation.piece(state.piece)(t)) - (c.omega2 * x + c.damping * v)
-    x, v = x + past * v, v + past * u_ddot
+    ground = horizontal(scene.excitation.piece(state.piece)(t))
+    ends = []
+    for mode, u, u_dot in zip(c.modes, x, v, strict=True):
+        u_ddot = -ground - (mode.omega2 * u + mode.damping * u_dot)
+        ends.append((u + past * u_dot, u_dot + past * u_ddot))
+    x, v = zip(*ends, strict=True)
     piece = scene.excitation.past(state.piece, reaches)
-    xs, vs = restart(scene, t, past, (state.x[0], x), (state.v[0], v), state.sigma, piece)
+    xs, vs = restart(scene, t, past, (state.x[0], *x), (state.v[0], *v), state.sigma, piece)
     return state._replace(t=t, event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1)
 
 
@@ -137,11 +214,11 @@ def _stays_down(
     """Whether the demand of a panel, with what shakes freely, stays below that which lifts; `raised` are the
     coefficients of K v̈_g, and `rounding` those that were left out of it."""
     if not raised:
-        return _size(demand) + c.demand * shaken < c.uplift
+        return _size(demand) + shaken < c.uplift
     # ±q − K v̈_g, (C10)
     raised = [*raised, *[jnp.zeros_like(shaken)] * (len(demand) - len(raised))]
     sides = ([d + s * r for d, r in zip(demand, raised, strict=True)] for s in (1.0, -1.0))
-    goes = jnp.maximum(*map(_size, sides)) + c.demand * shaken < c.uplift
+    goes = jnp.maximum(*map(_size, sides)) + shaken < c.uplift
     for coefficient in rounding:
         goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
     return goes

@@ -59,10 +59,10 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
         total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + _restrained_potential(c, sigma, x[0])
     else:
         total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
-    if c.elastic:
-        deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
-        top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
-        total = total + 0.5 * c.eta * (top + c.omega2 * deformation**2)
+    for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True):
+        deformation = u - c.two_R * (sigma * c.sin_alpha - s)
+        top = u_dot**2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
+        total = total + 0.5 * mode.eta * (top + mode.omega2 * deformation**2)
     return total
 
 
@@ -91,8 +91,11 @@ def power(
         ground = ground.horizontal
     if not c.elastic:
         return plus(-ground * heavy * beam_rate, lifted), jnp.zeros_like(beam_rate)
-    given = plus(-ground * (heavy * beam_rate + c.eta * v[1]), lifted)
-    return given, c.eta * c.damping * (v[1] - beam_rate) ** 2
+    rates, taken = heavy * beam_rate, []
+    for mode, u_dot in zip(c.modes, v[1:], strict=True):
+        rates = rates + mode.eta * u_dot
+        taken.append(mode.eta * mode.damping * (u_dot - beam_rate) ** 2)
+    return plus(-ground * rates, lifted), sum(taken[1:], taken[0])
 
 
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from typing import NamedTuple
 
 import equinox.internal as eqxi
@@ -14,7 +16,7 @@ from rockjax._types import Index, Value
 
 from .contact import cross_full_contact
 from .hops import chatters, many_hops
-from .state import Decision, LoopState, Plan, Scene, StepInfo
+from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
 MANY_STEPS = 50_000  # trials; who allows fewer has run out of them for no other reason
@@ -84,7 +86,7 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
-    state = cross_full_contact(scene, plan, state)
+    state = ready_for_tangents(cross_full_contact(scene, plan, state))
 
     def goes(state: LoopState) -> Array:
         return runs(state, max_steps)
@@ -162,11 +164,22 @@ def replay(
     Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to
     another, and a step rejected the second time only would leave states and cotangents at different times:
     hence the recording beforehand.
-    """
 
+    Checkpoints are on two levels, the root of `max_steps` apart, and of a step nothing is kept but the state
+    before it: with more levels, or with all that a step computes, the program takes twice as long to compile.
+    """
+    first = state
+
+    @functools.partial(jax.checkpoint, prevent_cse=False)
     def body(carry):
         state, nodes, k = carry
-        replayed = jax.tree.map(lambda y: y[k], decisions)
+        # Under `vmap` lanes at their end go on until the last is there. What they do is dropped, but zero
+        # times a derivative without a bound is no zero: they repeat their first step. One that never made a
+        # step has a decision of zeros; its length must not be zero.
+        goes_on = k < count
+        state = jax.tree.map(lambda now, at_first: jnp.where(goes_on, now, at_first), state, first)
+        replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)
+        replayed = replayed._replace(h=jnp.where(count > 0, replayed.h, scene.longest))
         state, info = step(scene, plan, state, replayed)
         if nodes is not None:
             nodes = _append(nodes, state, info.impact_time, info.accepted)
@@ -174,7 +187,8 @@ def replay(
 
     start = (state, None if capacity is None else _first_node(state, capacity), jnp.zeros((), jnp.int32))
     max_steps = decisions.h.shape[0]
+    base = math.isqrt(max_steps) + 2  # its square is more than max_steps
     state, nodes, _ = eqxi.while_loop(
-        lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded"
+        lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded", base=base
     )
     return state, nodes

@@ -86,7 +86,8 @@ def _follow(scene: Scene, plan: Plan, state: LoopState, pairs: Value) -> tuple[L
     start = _at_impact(scene, ground_at, state)
     rate = field(start)
     duration = constant(jnp.where(rate[0] > 0, rate[0], jnp.inf))  # of two hops
-    omega, root = jnp.sqrt(c.omega2), jnp.sqrt(jnp.sqrt(scene.rtol))
+    (one,) = c.modes
+    omega, root = jnp.sqrt(one.omega2), jnp.sqrt(jnp.sqrt(scene.rtol))
     record = constant(_record(plan, state, c.g))
     near = lambda values: jnp.any(constant(values) > record * (1 - NEAR_RECORD))
     coarse, fine = ARC / omega, jnp.minimum(FINE_ARC * root, ARC) / omega  # [s]
@@ -97,7 +98,7 @@ def _follow(scene: Scene, plan: Plan, state: LoopState, pairs: Value) -> tuple[L
     spare = jnp.minimum(0.5 * start[3], 0.9 * (start[3] - scene.rest))
     most = jnp.minimum(most, spare / jnp.maximum(-rate[3], 1e-300))
     count = jnp.floor(jnp.minimum(constant(most), pairs))
-    stiff = c.damping * c.uplifted_frequency**2 / c.omega2
+    stiff = one.damping * c.uplifted_frequency**2 / one.omega2
     fast = jnp.maximum(jnp.maximum(c.uplifted_frequency, c.p), stiff)
     short = (fast * duration < SHORT) & (omega * duration < SMOOTH * root) & jnp.all(jnp.isfinite(rate))
     low = _height(scene, ground_at, start) < LOW * state.peak
@@ -142,7 +143,7 @@ def _arrived(scene: Scene, plan: Plan, state: LoopState, end: Hop, crests: Pair,
         event_time=now,
         x=x,
         v=v,
-        deformation=larger(crests[0], present(state.deformation)) if plan.deformation else state.deformation,
+        deformation=(larger(crests[0], present(state.deformation)[0]),) if plan.deformation else None,
         shear=larger(crests[1] / scene.c.g, present(state.shear)) if plan.shear else state.shear,
         impacts=jnp.minimum(jnp.minimum(state.impacts, UNCOUNTED - hops) + hops, UNCOUNTED),
         slowest=jnp.minimum(state.slowest, speed / scene.c.restitution),
@@ -248,17 +249,18 @@ def _crest(scene: Scene, ground_at: GroundMotion, y: Hop) -> Pair:
     """
     c = scene.c
     _, u, u_dot, w = y
-    arm, kappa = c.two_R * c.cos_alpha, c.omega2 - c.damping**2
-    force = c.omega2 * u + c.damping * u_dot
-    deformation, shear = jnp.abs(u), jnp.abs(force) + arm * c.damping * w
+    ((_, _, _, omega2, damping),) = c.modes
+    arm, kappa = c.two_R * c.cos_alpha, omega2 - damping**2
+    force = omega2 * u + damping * u_dot
+    deformation, shear = jnp.abs(u), jnp.abs(force) + arm * damping * w
     for side in (1.0, -1.0):
         a = _restoring(scene, ground_at, y, side)
         a = jnp.where(a > 0, a, jnp.inf)
         deformation = larger(jnp.abs(u - side * arm * 0.5 * w**2 / a), deformation)
-        bends = jnp.abs(kappa) * w > c.damping * a
-        rate = jnp.where(bends, c.damping * a / jnp.where(bends, kappa, 1.0), 0.0)
+        bends = jnp.abs(kappa) * w > damping * a
+        rate = jnp.where(bends, damping * a / jnp.where(bends, kappa, 1.0), 0.0)
         rate = jnp.where(jnp.isfinite(rate), rate, 0.0)
-        middle = kappa * (w**2 - rate**2) / (2 * a) + c.damping * rate
+        middle = kappa * (w**2 - rate**2) / (2 * a) + damping * rate
         shear = larger(jnp.where(bends, jnp.abs(force - side * arm * middle), 0.0), shear)
     return jnp.stack([deformation, shear])
 
@@ -268,7 +270,7 @@ def _record(plan: Plan, state: LoopState, g: Value) -> Pair:
     never = jnp.full_like(state.t, jnp.inf)
     return jnp.stack(
         [
-            present(state.deformation) if plan.deformation else never,
+            present(state.deformation)[0] if plan.deformation else never,
             present(state.shear) * g if plan.shear else never,
         ]
     )

@@ -4,7 +4,7 @@
 with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
 
 States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is
-elastic, (θ, u_t) with an elastic superstructure. Which of the two is known before tracing.
+elastic, (θ, u_1, …, u_n) with an elastic superstructure of n modes. How many is known before tracing.
 
 Restrainers add what each of them says of an elongation and its rate; their equations are numbered (C1) … in
 docs/control.md. A podium without any never looks at them.
@@ -12,6 +12,7 @@ docs/control.md. A podium without any never looks at them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -122,6 +123,13 @@ def beam_acceleration(
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
 
+def beam_absolute(
+    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
+) -> Value:
+    """Absolute horizontal acceleration of the beam, a_b = ü_g + ü_b."""
+    return beam_acceleration(c, sigma, x[0], v[0], a[0]) + horizontal(ground)
+
+
 def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Vector:
     """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` =
     ü_g, or ü_g and v̈_g, (C8).
@@ -137,12 +145,21 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     if not c.elastic:
         rocks = -jnp.abs(sigma)
         return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
-    deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
-    rate = v[1] - c.two_R * v[0] * cos
-    spring = c.omega2 * deformation + c.damping * rate  # V_s/m_t, Eq. (7)
-    moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (c.coupling * spring - c.ground * ground)
+    sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
+    springs = [  # V_i/m_i, Eq. (7)
+        mode.omega2 * (u - sway) + mode.damping * (u_dot - sway_rate)
+        for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True)
+    ]
+    pull = weighted([mode.coupling for mode in c.modes], springs)
+    moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
     theta_ddot = jnp.abs(sigma) * plus(moment, -against) / plus(c.inertia + c.centrifugal * s**2, added)
-    return theta_ddot, -ground - spring
+    return theta_ddot, *(-ground - spring for spring in springs)
+
+
+def weighted(weights: Sequence[Value | float], values: Sequence[Value]) -> Value:
+    """Σ w_i y_i of at least one term."""
+    first, *others = (w * y for w, y in zip(weights, values, strict=True))
+    return sum(others, first)
 
 
 def plus(value: Value, more: Value | float) -> Value:
@@ -164,7 +181,9 @@ def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Ve
     ground = horizontal(ground)
     if not c.elastic:
         return ground
-    return ground - c.demand * (c.omega2 * x[1] + c.damping * v[1])
+    for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True):
+        ground = ground - mode.demand * (mode.omega2 * u + mode.damping * u_dot)
+    return ground
 
 
 def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
@@ -189,8 +208,37 @@ def impact(c: Coefficients, theta_dot: Value) -> Value:
 
 def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector) -> Value:
     """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration
-    over −g."""
+    over −g, of several modes the mean over their masses and what moves with the beam."""
     ground = horizontal(ground)
-    if c.elastic:
+    if not c.elastic:
+        return -beam_absolute(c, sigma, ground, x, v, a) / c.g
+    if c.shares is None:
         return -(a[1] + ground) / c.g
-    return -(beam_acceleration(c, sigma, x[0], v[0], a[0]) + ground) / c.g
+    force = weighted(c.shares, [each + ground for each in a[1:]])
+    if c.residual is not None:
+        carried = 1 - sum(c.shares)
+        force = force + carried * beam_absolute(c, sigma, ground, x, v, a)
+    return -force / c.g
+
+
+def story_weights(c: Coefficients) -> list[Vector]:
+    """Γ_i(φ_ji − φ_{j−1,i}) of each story j, for the modes i: the drift of a story is their sum with the
+    modal
+    deformations."""
+    floors = c.floors or ()
+    pairs = zip(floors[1:], floors[:-1], strict=True)
+    return [*floors[:1], *(tuple(a - b for a, b in zip(*pair, strict=True)) for pair in pairs)]
+
+
+def floor_accelerations(
+    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
+) -> list[Value]:
+    """Absolute horizontal accelerations of the floors, −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the modes
+    that are kept, F_i = −(ü_i + ü_g)."""
+    ground = horizontal(ground)
+    absolute = [each + ground for each in a[1:]]
+    found = [weighted(floor, absolute) for floor in c.floors or ()]
+    if c.residual is None:
+        return found
+    base = beam_absolute(c, sigma, ground, x, v, a)
+    return [each + (1 - sum(floor)) * base for each, floor in zip(found, c.floors or (), strict=True)]

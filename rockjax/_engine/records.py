@@ -3,17 +3,30 @@ margin."""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 
 from rockjax._types import Flag, Value, Vector
 
 from . import margin
-from .attempt import Attempt, StepOutcome
+from .attempt import Attempt, Largest, StepOutcome
+from .coefficients import Coefficients, Mode
 from .guard import Guard
-from .hermite import quintic
-from .maxima import WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
-from .model import acceleration, beam, beam_acceleration, shear
+from .hermite import Quintic, quintic
+from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
+from .model import (
+    acceleration,
+    beam,
+    beam_absolute,
+    beam_acceleration,
+    shear,
+    story_weights,
+    weighted,
+)
 from .ratio import safe_ratio
 from .state import LoopState, Plan, Scene, Turn, present
 
@@ -50,8 +63,8 @@ def turn_at_peak(
     z = guard.turn - jnp.clip(off, -1.0, 1.0)  # moves with the parameters
     theta = path.value(z)
     x, v = (sigma * theta,), (jnp.zeros_like(h),)
-    if plan.elastic:
-        sway = quintic(state.x[1], state.v[1], trial.a0[1], trial.end.x[1], trial.end.v[1], trial.end.a[1], h)
+    for k in range(1, len(state.x)):
+        sway = quintic(state.x[k], state.v[k], trial.a0[k], trial.end.x[k], trial.end.v[k], trial.end.a[k], h)
         x, v = (*x, sway.value(z)), (*v, safe_ratio(sway.slope(z), h, h > 0))
     slowing = -sigma * acceleration(scene.c, sigma, ground_at(state.t + z * h), x, v)[0]
     here = margin.at_turn(scene.c, scene.overturn_angle, theta, slowing)
@@ -71,43 +84,147 @@ def least_margin(
     return jnp.where(toppled, margin.at_fall(scene.c, scene.overturn_angle, v[0]), least)
 
 
+class Maxima(NamedTuple):
+    """Of the superstructure over a step; empty where they are not wanted."""
+
+    deformation: tuple[Maximum, ...]  # of each mode
+    shear: Maximum
+    drifts: tuple[Maximum, ...] = ()  # of each story
+    floors: tuple[Maximum, ...] = ()  # absolute accelerations
+
+    @property
+    def cut(self) -> Value:
+        """How far to shorten the step to land on one of them."""
+        cuts = [each.cut for each in (*self.deformation, self.shear, *self.drifts, *self.floors)]
+        return functools.reduce(jnp.minimum, cuts)
+
+    @property
+    def values(self) -> Largest:
+        of_each = lambda maxima: tuple(maximum.value for maximum in maxima)
+        return Largest(
+            of_each(self.deformation), self.shear.value, of_each(self.drifts), of_each(self.floors)
+        )
+
+
+class _Course(NamedTuple):
+    """A quantity over a step: its polynomial, and its value and rate at both ends."""
+
+    path: Quintic
+    first: tuple[Value, Value]
+    last: tuple[Value, Value]
+
+    def largest(self, h: Value, record: Value, past: tuple[Value, Value], inside=WELL_INSIDE) -> Maximum:
+        """Its largest size; the step begins and ends `past` its time stamps."""
+        return largest(self.path, h, record, (End(*self.first, past[0]), End(*self.last, past[1])), inside)
+
+
+def _sum(weights: Sequence[Value | float], courses: Sequence[_Course]) -> _Course:
+    """Of quantities over one step."""
+    leaves = zip(*(jax.tree.leaves(course) for course in courses), strict=True)
+    return jax.tree.unflatten(
+        jax.tree.structure(courses[0]), [weighted(weights, values) for values in leaves]
+    )
+
+
 def superstructure_maxima(
     scene: Scene, plan: Plan, state: LoopState, ground_at, trial: Attempt, before: Value, after: Value
-) -> tuple[Maximum, Maximum]:
-    """Largest deformation and shear of the superstructure over the step, where they are wanted.
+) -> Maxima:
+    """Largest of what is wanted of the superstructure over the step: deformations, shear, drifts, floor
+    accelerations.
 
     The step begins `before` and ends `after` its time stamps.
     """
-    c, h, sigma, a0, end = scene.c, trial.h, state.sigma, trial.a0, trial.end
-    none = Maximum(jnp.zeros_like(h), jnp.full_like(h, jnp.inf))
-    if plan.elastic and (plan.deformation or plan.shear):
-        jets: list[tuple[Value, Value, Value]] = []
-        for x, v, a in ((state.x, state.v, a0), (end.x, end.v, end.a)):
-            u_b, u_b_dot = beam(c, sigma, x[0], v[0])
-            jets.append((x[1] - u_b, v[1] - u_b_dot, a[1] - beam_acceleration(c, sigma, x[0], v[0], a[0])))
-        path = quintic(*jets[0], *jets[1], h)
-        deformation = force = none
-        if plan.deformation:
-            ends = (End(jets[0][0], jets[0][1], before), End(jets[1][0], jets[1][1], after))
-            deformation = largest(path, h, present(state.deformation), ends)
-        if plan.shear:
-            first, last = ((c.omega2 * d + c.damping * r, c.omega2 * r + c.damping * s) for d, r, s in jets)
-            ends = (End(*first, before), End(*last, after))
-            force = largest(spring(path, c.omega2, c.damping, h), h, present(state.shear) * c.g, ends)
-            force = force._replace(value=force.value / c.g)
-        # The shear takes a derivative of the polynomial: it is landed on whatever the order.
-        return deformation if plan.refine else deformation._replace(cut=none.cut), force
+    none = Maximum(jnp.zeros_like(trial.h), jnp.full_like(trial.h, jnp.inf))
+    if plan.elastic and (plan.deformation or plan.shear or plan.drifts or plan.floors):
+        return _elastic_maxima(scene, plan, state, ground_at, trial, (before, after), none)
     if not plan.elastic and plan.shear:
+        course = _by_slopes(shear, scene.c, state, ground_at, trial)
+        return Maxima((), course.largest(trial.h, present(state.shear), (before, after), WELL_INSIDE_CUBIC))
+    return Maxima((), none)
 
-        def along(t, x, v):
-            return shear(c, sigma, ground_at(t), x, v, acceleration(c, sigma, ground_at(t), x, v))
 
-        one = jnp.ones_like(h)
-        s0, rate0 = jax.jvp(along, (state.t, state.x, state.v), (one, state.v, a0))
-        s1, rate1 = jax.jvp(along, (state.t + h, end.x, end.v), (one, end.v, end.a))
-        ends = (End(s0, rate0, before), End(s1, rate1, after))
-        return none, largest(cubic(s0, rate0, s1, rate1, h), h, present(state.shear), ends, WELL_INSIDE_CUBIC)
-    return none, none
+def _by_slopes(quantity, c: Coefficients, state: LoopState, ground_at, trial: Attempt) -> _Course:
+    """A quantity that depends on accelerations, whose rates in time are found by differentiation."""
+    h, end = trial.h, trial.end
+
+    def along(t, x, v):
+        return quantity(c, state.sigma, ground_at(t), x, v, acceleration(c, state.sigma, ground_at(t), x, v))
+
+    one = jnp.ones_like(h)
+    first = jax.jvp(along, (state.t, state.x, state.v), (one, state.v, trial.a0))
+    last = jax.jvp(along, (state.t + h, end.x, end.v), (one, end.v, end.a))
+    return _Course(cubic(first[0], first[1], last[0], last[1], h), first, last)
+
+
+def _elastic_maxima(
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    ground_at,
+    trial: Attempt,
+    past: tuple[Value, Value],
+    none: Maximum,
+) -> Maxima:
+    c, h = scene.c, trial.h
+    jets = _deformations(c, state, trial)
+    moved = [
+        _Course(quintic(d0, r0, s0, d1, r1, s1, h), (d0, r0), (d1, r1)) for (d0, r0, s0), (d1, r1, s1) in jets
+    ]
+
+    def landed(found: Maximum) -> Maximum:
+        """Where the polynomial is as good as the step, the maximum need not be landed on."""
+        return found if plan.refine else found._replace(cut=none.cut)
+
+    deformation, drifts, floors, force = (), (), (), none
+    if plan.deformation:
+        pairs = zip(moved, present(state.deformation), strict=True)
+        deformation = tuple(landed(course.largest(h, record, past)) for course, record in pairs)
+    if plan.drifts:
+        pairs = zip(story_weights(c), present(state.drifts), strict=True)
+        drifts = tuple(landed(_sum(weights, moved).largest(h, record, past)) for weights, record in pairs)
+    if not (plan.shear or plan.floors):
+        return Maxima(deformation, force, drifts)
+    # These take a derivative of the polynomial: they are landed on whatever the order.
+    springs = [_spring(mode, course, jet, h) for mode, course, jet in zip(c.modes, moved, jets, strict=True)]
+    base, inside = None, WELL_INSIDE
+    if c.residual is not None:
+        base, inside = _by_slopes(beam_absolute, c, state, ground_at, trial), WELL_INSIDE_CUBIC
+
+    def carried(weights: Vector) -> _Course:
+        """Forces of springs, less what moves with the beam."""
+        of_springs = _sum(weights, springs)
+        return of_springs if base is None else _sum((1.0, sum(weights) - 1.0), (of_springs, base))
+
+    if plan.shear:
+        course = springs[0] if c.shares is None else carried(c.shares)
+        force = course.largest(h, present(state.shear) * c.g, past, inside)
+        force = force._replace(value=force.value / c.g)
+    if plan.floors:
+        pairs = zip(present(c.floors), present(state.floors), strict=True)
+        floors = tuple(carried(weights).largest(h, record, past, inside) for weights, record in pairs)
+    return Maxima(deformation, force, drifts, floors)
+
+
+Jet = tuple[Value, Value, Value]  # a quantity with its first two derivatives in time
+
+
+def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> list[tuple[Jet, Jet]]:
+    """The deformation of each mode at both ends of the step."""
+    of_ends = []
+    for x, v, a in ((state.x, state.v, trial.a0), (trial.end.x, trial.end.v, trial.end.a)):
+        u_b, u_b_dot = beam(c, state.sigma, x[0], v[0])
+        u_b_ddot = beam_acceleration(c, state.sigma, x[0], v[0], a[0])
+        modes = zip(x[1:], v[1:], a[1:], strict=True)
+        of_ends.append([(u - u_b, u_dot - u_b_dot, u_ddot - u_b_ddot) for u, u_dot, u_ddot in modes])
+    return list(zip(*of_ends, strict=True))
+
+
+def _spring(mode: Mode, course: _Course, jets: tuple[Jet, Jet], h: Value) -> _Course:
+    """Force of the spring and damper of a mode over its mass, Eq. (7)."""
+    first, last = (
+        (mode.omega2 * d + mode.damping * r, mode.omega2 * r + mode.damping * s) for d, r, s in jets
+    )
+    return _Course(spring(course.path, mode.omega2, mode.damping, h), first, last)
 
 
 def larger(new: Value, record: Value) -> Value:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -10,7 +12,8 @@ from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import State
-from rockjax._structures import Elastic, GivenRestitution, Podium
+from rockjax._structures import GivenRestitution, Podium, ShearBuilding
+from rockjax._structures.modes import as_many
 from rockjax._types import Value
 
 from . import margin
@@ -22,14 +25,16 @@ from .transitions import contact_mode, restart
 
 
 def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
-    elastic = isinstance(podium.superstructure, Elastic)
+    top = podium.superstructure
+    elastic = podium.vibrates
+    stories = top.stories if isinstance(top, ShearBuilding) else 0
     tab = tableau(options.solver)  # pyright: ignore[reportArgumentType]
     return Plan(
         elastic=elastic,
-        superstructure=podium.superstructure is not None,
+        superstructure=top is not None,
         rotation="peak_rotation" in options.outputs,
         deformation=elastic and "peak_deformation" in options.outputs,
-        shear=podium.superstructure is not None and "peak_shear" in options.outputs,
+        shear=top is not None and "peak_shear" in options.outputs,
         impacts="impacts" in options.outputs,
         margin="margin" in options.outputs,
         errors="errors" in options.outputs,
@@ -37,9 +42,14 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         refine=tab.order > 5,
         # Both laws take enough at every impact; what is given may take nothing.
         many_hops=elastic
+        and not (top is not None and top.several)
         and isinstance(podium.restitution, GivenRestitution)
         and not (podium.restrainers or history),
         tableau=tab,
+        several=top is not None and top.several,
+        stories=stories,
+        drifts=elastic and stories > 0 and "peak_drift" in options.outputs,
+        floors=elastic and stories > 0 and "peak_floor_acceleration" in options.outputs,
     )
 
 
@@ -53,8 +63,8 @@ LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of l
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     """End of the excitation plus 30/p, or 10 T_s where that is longer [s]."""
     after = 30 / podium.p
-    if isinstance(podium.superstructure, Elastic):
-        after = jnp.maximum(after, 10 * podium.superstructure.T_s)
+    for mode in podium.superstructure.oscillators if podium.superstructure is not None else ():
+        after = jnp.maximum(after, 10 * mode.T_s)
     return excitation.support[1] + after
 
 
@@ -102,6 +112,7 @@ def prepare(
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
     constant = jax.lax.stop_gradient
+    podium = podium.resolved()
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
@@ -132,7 +143,7 @@ def prepare(
     moves = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = (initial.theta,), (initial.theta_dot,)
     if plan.elastic:
-        x, v = (*x, initial.u_t), (*v, initial.u_t_dot)
+        x, v = (*x, *as_many(initial.u_t, len(c.modes))), (*v, *as_many(initial.u_t_dot, len(c.modes)))
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(moves, side, contact_mode(c, q)))
@@ -156,8 +167,7 @@ def prepare(
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
         peak=jnp.minimum(jnp.abs(initial.theta), scene.overturn_angle),
         peak_time=start,
-        deformation=jnp.zeros_like(t) if plan.deformation else None,
-        shear=jnp.zeros_like(t) if plan.shear else None,
+        **_no_records(plan, c, t),
         margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else None,
         turn=Turn(inf, inf) if plan.turns else None,
         uplifted=sigma != 0,
@@ -174,3 +184,14 @@ def prepare(
         weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
         state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
     return scene, state
+
+
+def _no_records(plan: Plan, c: Coefficients, t: Value) -> dict[str, Any]:
+    """Of the superstructure before anything has happened; None where they are not wanted."""
+    zeros = lambda count: tuple(jnp.zeros_like(t) for _ in range(count))
+    return {
+        "deformation": zeros(len(c.modes)) if plan.deformation else None,
+        "shear": jnp.zeros_like(t) if plan.shear else None,
+        "drifts": zeros(plan.stories) if plan.drifts else None,
+        "floors": zeros(plan.stories) if plan.floors else None,
+    }

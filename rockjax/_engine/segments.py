@@ -27,7 +27,15 @@ from rockjax._types import Flag, Index, Value, Vector
 from .attempt import units
 from .contact import advance_to_uplift
 from .flat import Nodes, blank_nodes, closed, runs
-from .model import acceleration, beam, shear, uplift_demand
+from .model import (
+    acceleration,
+    beam,
+    floor_accelerations,
+    shear,
+    story_weights,
+    uplift_demand,
+    weighted,
+)
 from .settled import certificate
 from .state import LoopState, Plan, Scene, present
 from .transitions import transition
@@ -312,12 +320,21 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
     peak_time = jnp.where(end.toppled, end.t, peak_time)
     raises = mode.rocking & (peak > state.peak)
     deformation, force = state.deformation, state.shear
+    bent = lambda x, v: [u - beam(c, sigma, x[0], v[0])[0] for u in x[1:]]
+    shaken = lambda quantity: lambda t, x, v: quantity(c, sigma, mode.ground_at(t), x, v, mode.rates(t, x, v))
+    raised = lambda along, record: jnp.maximum(record, path.largest(along, record)[0])
+    drifts, floors = state.drifts, state.floors
     if plan.deformation:
-        value, _ = path.largest(lambda t, x, v: x[1] - beam(c, sigma, x[0], v[0])[0], present(deformation))
-        deformation = jnp.maximum(present(deformation), value)
+        of_mode = [lambda t, x, v, k=k: bent(x, v)[k] for k in range(len(c.modes))]
+        deformation = tuple(map(raised, of_mode, present(deformation)))
     if plan.shear:
-        along = lambda t, x, v: shear(c, sigma, mode.ground_at(t), x, v, mode.rates(t, x, v))
-        force = jnp.maximum(present(force), path.largest(along, present(force))[0])
+        force = raised(shaken(shear), present(force))
+    if plan.drifts:
+        of_story = [lambda t, x, v, w=w: weighted(w, bent(x, v)) for w in story_weights(c)]
+        drifts = tuple(map(raised, of_story, present(drifts)))
+    if plan.floors:
+        of_floor = [shaken(lambda *y, k=k: floor_accelerations(*y)[k]) for k in range(plan.stories)]
+        floors = tuple(map(raised, of_floor, present(floors)))
     starts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
     return state._replace(
@@ -332,6 +349,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         peak_time=jnp.where(raises, peak_time, state.peak_time),
         deformation=deformation,
         shear=force,
+        drifts=drifts,
+        floors=floors,
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import PairLookahead
-from rockjax._types import Flag, Index, Value
+from rockjax._types import Flag, Index, Value, Vector
 
 from .coefficients import Coefficients
 from .energy import energy, energy_after, potential, vertical_impulse
-from .model import horizontal, restraint_at_most
+from .model import horizontal, restraint_at_most, story_weights
 from .state import LoopState, Plan, Scene, present
 
 
@@ -47,33 +47,109 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
         stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
     if not plan.elastic:  # at rest it goes to its next uplift at once, and knows by itself that there is none
         if plan.shear:
-            # |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤ sin α inside the well.
-            steepest = _steepest(c, well)
-            weight = c.gravity if isinstance(vertical, float) else c.gravity * (1 + vertical / c.g)
-            angular = (weight * steepest + c.ground * to_come) / c.inertia + 2 * most / c.spin
-            if c.restrainers:
-                angular += restraint_at_most(c, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
+            angular = _angular_at_most(c, well, most, to_come, vertical)
             stays_under &= to_come + c.two_R * angular < present(state.shear) * c.g
         return stays_under & (not plan.impacts)
     # At rest on both edges only the top mass takes energy from the ground: C² = η/2.
     contact = jnp.where(
         sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf
     )
-    demand = to_come + c.demand / jnp.sqrt(jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)) * jnp.sqrt(
-        2 * jnp.where(sigma == 0, contact, 0.0) * (c.omega2 + c.damping**2)
-    )
+    demand = to_come + _demand_of_springs(c, jnp.where(sigma == 0, contact, 0.0))
     if not isinstance(vertical, float):
         demand = demand + c.tilt * vertical
     rests = (sigma == 0) & (demand < c.uplift)
     stands = rests | (stays_under & (not plan.impacts))
     most = jnp.where(rests, contact, most)
     if plan.deformation:
-        stands &= 0.5 * c.eta * c.omega2 * present(state.deformation) ** 2 > most
-    if plan.shear:
+        for mode, record in zip(c.modes, present(state.deformation), strict=True):
+            stands &= 0.5 * mode.eta * mode.omega2 * record**2 > most
+    if plan.drifts:
+        for weights, record in zip(story_weights(c), present(state.drifts), strict=True):
+            soft = sum(
+                y**2 / (_some(mode.eta) * mode.omega2) for y, mode in zip(weights, c.modes, strict=True)
+            )
+            stands &= record**2 > 2 * most * soft
+    if plan.shear and c.shares is None:
         # max of ω²d + 2ζω(u̇_t − u̇_b) at given energy, by Cauchy–Schwarz; at rest u̇_b = 0.
-        eta = jnp.maximum(c.eta, jnp.finfo(t.dtype).tiny)
-        beam = jnp.where(rests, 0.0, (c.damping * c.two_R) ** 2 / c.spin)
-        stands &= present(state.shear) * c.g > jnp.sqrt(2 * most * ((c.omega2 + c.damping**2) / eta + beam))
+        ((_, _, _, omega2, damping),) = c.modes
+        beam = jnp.where(rests, 0.0, (damping * c.two_R) ** 2 / c.spin)
+        stands &= present(state.shear) * c.g > jnp.sqrt(
+            2 * most * ((omega2 + damping**2) / _some(c.eta) + beam)
+        )
+    elif plan.shear or plan.floors:
+        stands &= _carried_stands(scene, plan, state, most, rests, well, to_come, vertical)
+    return stands
+
+
+def _some(mass: Value) -> Value:
+    """A mass to divide by."""
+    return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)
+
+
+def _demand_of_springs(c: Coefficients, contact: Value) -> Value:
+    """The most that springs add to the demand q in full contact, at given energy."""
+    if len(c.modes) == 1:
+        ((_, _, demand, omega2, damping),) = c.modes
+        return demand / jnp.sqrt(_some(c.eta)) * jnp.sqrt(2 * contact * (omega2 + damping**2))
+    each = (mode.demand**2 / _some(mode.eta) * (mode.omega2 + mode.damping**2) for mode in c.modes)
+    return jnp.sqrt(2 * contact * sum(each))
+
+
+def _angular_at_most(
+    c: Coefficients,
+    well: Value,
+    most: Value,
+    to_come: Value,
+    vertical: Value | float,
+    springs: Value | None = None,
+) -> Value:
+    """The most that |θ̈| + θ̇² can be inside the well, (C20): |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤
+    sin α there; `springs` is the most of Ση_iF_i."""
+    steepest = _steepest(c, well)
+    weight = c.gravity if isinstance(vertical, float) else c.gravity * (1 + vertical / c.g)
+    angular = (weight * steepest + c.ground * to_come) / c.inertia + 2 * most / c.spin
+    if c.restrainers:
+        angular += restraint_at_most(c, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
+    if springs is not None:
+        angular += (0.5 * c.centrifugal * 2 * most / c.spin + 3 * springs / c.two_R) / c.inertia
+    return angular
+
+
+def _carried_stands(
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    most: Value,
+    rests: Flag,
+    well: Value,
+    to_come: Value,
+    vertical: Value | float,
+) -> Flag:
+    """Whether the shear of several modes, and accelerations of floors, stay under their records: forces of
+    springs, and of what moves with the beam."""
+    c = scene.c
+
+    def of_springs(weights: Vector) -> Value:
+        """The most of Σ w_i F_i at given energy, by Cauchy–Schwarz; at rest u̇_b = 0."""
+        pairs = list(zip(weights, c.modes, strict=True))
+        own = sum(y**2 / _some(mode.eta) * (mode.omega2 + mode.damping**2) for y, mode in pairs)
+        beam = sum(y * mode.damping for y, mode in pairs) ** 2 * c.two_R**2 / c.spin
+        return jnp.sqrt(2 * most * (own + jnp.where(rests, 0.0, beam)))
+
+    base = 0.0
+    if c.residual is not None:
+        etas = tuple(mode.eta for mode in c.modes)
+        angular = _angular_at_most(c, well, most, to_come, vertical, of_springs(etas))
+        base = to_come + jnp.where(rests, 0.0, c.two_R * angular)
+    stands = jnp.ones((), bool)
+    if plan.shear:
+        shares = (jnp.ones_like(c.eta),) if c.shares is None else c.shares
+        rest = 0.0 if c.residual is None else (1 - sum(shares)) * base
+        stands &= of_springs(shares) + rest < present(state.shear) * c.g
+    if plan.floors:
+        for weights, record in zip(present(c.floors), present(state.floors), strict=True):
+            rest = 0.0 if c.residual is None else jnp.abs(1 - sum(weights)) * base
+            stands &= of_springs(weights) + rest < record
     return stands
 
 

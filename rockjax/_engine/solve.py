@@ -27,7 +27,7 @@ from rockjax._structures import Podium
 from .derivatives import differentiable, known, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import plan_for, prepare
-from .state import LoopState, Plan, Scene
+from .state import LoopState, Plan, Scene, present
 
 
 def solve(
@@ -43,6 +43,7 @@ def solve(
     `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted
     or not, the programs are those that are kept between processes.
     """
+    podium = podium.split()
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(known, leaves)):
@@ -131,12 +132,14 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         "peak_rotation_time": state.peak_time if plan.rotation else nan,
         "overturn_time": state.overturn_time,
         "uplift_time": state.uplift_time,
-        "peak_deformation": state.deformation if plan.deformation else (nan if plan.elastic else absent),
+        "peak_deformation": _deformation(plan, state, nan if plan.elastic else absent),
         "peak_shear": state.shear if plan.shear else (nan if plan.superstructure else absent),
         "margin": state.margin if plan.margin else nan,
         "smallest_impact_speed": state.slowest_before_peak,
         "end_time": state.t,
     }
+    if plan.stories:
+        floats |= _of_stories(scene, plan, state)
     if plan.errors:
         # What is too much at the overturning angle, over the inertia.
         floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
@@ -150,6 +153,23 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         "rejected": state.rejected,
     }
     return floats, integers
+
+
+def _deformation(plan: Plan, state: LoopState, absent: Array) -> Array:
+    """Of each mode, of one superstructure that has no others its own."""
+    found = present(state.deformation) if plan.deformation else (absent,) * (len(state.x) - 1 or 1)
+    return jnp.stack(found) if plan.several else found[0]
+
+
+def _of_stories(scene: Scene, plan: Plan, state: LoopState) -> dict[str, Array]:
+    """Largest drifts and floor accelerations; of a building that is rigid none, and those of the beam."""
+    nan = jnp.full_like(state.t, jnp.nan)
+    drifts = present(state.drifts) if plan.drifts else (nan,) * plan.stories
+    floors = present(state.floors) if plan.floors else (nan,) * plan.stories
+    if not plan.elastic:
+        drifts = (jnp.zeros_like(nan),) * plan.stories
+        floors = ((present(state.shear) if plan.shear else nan) * scene.c.g,) * plan.stories
+    return {"peak_drift": jnp.stack(drifts), "peak_floor_acceleration": jnp.stack(floors)}
 
 
 def _with_nodes(answer, nodes: Nodes | None):

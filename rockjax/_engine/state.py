@@ -5,6 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, NamedTuple, TypeVar
 
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._types import Flag, Index, Value, Vector
 
@@ -30,6 +34,10 @@ class Plan:
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     many_hops: bool  # hops may be followed in large numbers
     tableau: Tableau
+    several: bool  # displacements and deformations have an axis of modes
+    stories: int
+    drifts: bool  # of the stories …
+    floors: bool  # … and accelerations of the floors
     turns: bool = False  # what is known of the turning point of each step is kept as well
 
 
@@ -73,7 +81,7 @@ class LoopState(NamedTuple):
     code: Index  # results.RUNNING, or how the scene ended
     peak: Value  # max|θ| so far
     peak_time: Value
-    deformation: Value | None  # None where not wanted
+    deformation: Vector | None  # of each mode; None where not wanted
     shear: Value | None  # likewise
     margin: Value | None  # likewise
     turn: Turn | None  # of the last trial; None where not wanted
@@ -86,11 +94,42 @@ class LoopState(NamedTuple):
     slowest_before_peak: Value  # … and up to the peak
     steps: Index
     rejected: Index
+    drifts: Vector | None = None  # of each story, None where not wanted
+    floors: Vector | None = None  # likewise: absolute accelerations of the floors
 
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
 # for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
-MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "turn")
+MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors", "turn")
+
+
+# What has a tangent besides, once a step has been taken.
+_TOLD = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
+
+
+@jax.custom_jvp
+def _given(numbers):
+    return numbers
+
+
+def _given_jvp(primals, tangents):
+    """Where some have tangents all have them, and rows of them where those are rows."""
+    absent = lambda y: isinstance(y, SymbolicZero)
+    one = next(y for y in jax.tree.leaves(tangents[0], is_leaf=absent) if not absent(y))
+    zero = jax.lax.select(False, one, jnp.zeros_like(one))
+    return primals[0], jax.tree.map(lambda y: zero if absent(y) else y, tangents[0], is_leaf=absent)
+
+
+_given.defjvp(_given_jvp, symbolic_zeros=True)
+
+
+def ready_for_tangents(state: LoopState) -> LoopState:
+    """The same; where part of it has tangents, so has all that will have them in the loop.
+
+    JAX differentiates the body of a loop again whenever it finds another number that moves, and batches it
+    again: three times instead of once.
+    """
+    return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_TOLD)}))
 
 
 def moving(state: LoopState) -> dict[str, Any]:

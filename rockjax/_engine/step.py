@@ -12,6 +12,7 @@ it and back (`restart`), which is exact in forward and reverse mode.
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -128,8 +129,8 @@ def _classify(
     # A demand that turns close under the threshold is looked at where it turns.
     doubtful = ~rocking & guard.turned & ~guard.breaks_before_turn & (jnp.abs(guard.top) > NEARLY * c.uplift)
     turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
-    deformation, force = superstructure_maxima(scene, plan, state, ground_at, trial, before, after)
-    turning = jnp.minimum(turning, jnp.minimum(deformation.cut, force.cut))
+    maxima = superstructure_maxima(scene, plan, state, ground_at, trial, before, after)
+    turning = jnp.minimum(turning, maxima.cut)
     turning = jnp.where(h > tiny, turning, jnp.inf)
     # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to be asked.)
     halve = jnp.where(guard.turns_twice & (h > tiny) & (plan.tableau.order > 2), 0.5, jnp.inf)
@@ -140,7 +141,7 @@ def _classify(
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
     return jax.lax.optimization_barrier(
-        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, deformation.value, force.value, turn)
+        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, turn)
     )
 
 
@@ -192,10 +193,7 @@ def _advance(
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, highest, state.peak),
         peak_time=jnp.where(raises, highest_time, state.peak_time),
-        deformation=larger(outcome.deformation, present(state.deformation))
-        if plan.deformation
-        else state.deformation,
-        shear=larger(outcome.force, present(state.shear)) if plan.shear else state.shear,
+        **_records(plan, state, outcome),
         margin=least_margin(scene, state, outcome, x, v, toppled, stamp) if plan.margin else state.margin,
         turn=outcome.turn if plan.turns else None,
         uplifted=state.uplifted | starts,
@@ -217,6 +215,18 @@ def _advance(
     advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
     decision = Decision(h, trial.reaches, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
+
+
+def _records(plan: Plan, state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
+    """The largest of everything of the superstructure so far."""
+    found = outcome.superstructure
+    each = lambda new, old: tuple(map(larger, new, present(old)))
+    return {
+        "deformation": each(found.deformation, state.deformation) if plan.deformation else state.deformation,
+        "shear": larger(found.shear, present(state.shear)) if plan.shear else state.shear,
+        "drifts": each(found.drifts, state.drifts) if plan.drifts else state.drifts,
+        "floors": each(found.floors, state.floors) if plan.floors else state.floors,
+    }
 
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:

@@ -93,7 +93,12 @@ def _known(podium: Podium, name: str) -> Parameter:
 def _kept(holder: Any, place: str) -> Any:
     """What is kept in a place. Raises `AttributeError` where the place is not there."""
     for step in place.split(".") if place else ():
-        holder = holder[_member(holder, step)] if isinstance(holder, tuple) else getattr(holder, step)
+        if isinstance(holder, tuple):
+            holder = holder[_member(holder, step)]
+        elif step in getattr(holder, "rows", ()):
+            raise AttributeError(f"{step} is a row of numbers")
+        else:
+            holder = getattr(holder, step)
     return holder
 
 

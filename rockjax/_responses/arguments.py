@@ -15,6 +15,7 @@ from rockjax._options import Options
 from rockjax._plausibility import doubt
 from rockjax._results import State
 from rockjax._structures import STANDARD_GRAVITY, Podium
+from rockjax._structures.modes import as_many, parts, with_fields
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
@@ -26,14 +27,30 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
 
 
 def check_single(owner: str, podium: Podium) -> None:
-    if any(np.ndim(y) for y in jax.tree.leaves(podium)):
+    if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
 
 
-def as_start(owner: str, initial) -> State:
-    """The initial state as arrays."""
+def as_start(owner: str, initial, podium: Podium) -> State:
+    """The initial state as arrays, a number for every scene in each.
+
+    Displacements and velocities of several modes are rows over them, split; one number is that of all, as
+    where all floors move by it.
+    """
     of_kind(owner, "initial", initial, State, "a rockjax.State")
-    return jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+    initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+    top = podium.superstructure
+    if top is None or not top.several:
+        return initial
+    count = top.count
+    rows = {name: parts(as_many(getattr(initial, name), count)) for name in ("u_t", "u_t_dot")}
+    for name, values in rows.items():
+        if len(values) != count:
+            raise ValueError(
+                f"{owner}: initial.{name} must be one number or one for each of the {count} modes along its "
+                f"last axis, got {len(values)}"
+            )
+    return with_fields(initial, rows)
 
 
 def as_end(owner: str, t_end) -> Array | None:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 import jax
+import numpy as np
 
 from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
@@ -20,7 +21,15 @@ from rockjax._parameters.table import attribute, of_motion
 from rockjax._programs.program import KeptProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
-from rockjax._structures import Elastic, GivenRestitution, Podium, Rigid, g_tan_alpha
+from rockjax._structures import (
+    SUPERSTRUCTURES,
+    AbstractSuperstructure,
+    Elastic,
+    GivenRestitution,
+    Podium,
+    Rigid,
+    g_tan_alpha,
+)
 
 
 @KeptProgram
@@ -55,12 +64,24 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
     kept = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
     return {
         **{attribute(parameter): float(variants.read(podium, parameter.name)) for parameter in kept},
-        "superstructure": "none" if top is None else type(top).__name__.lower(),
+        **_described(top),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
         **({"restrainers": _as_text(podium.restrainers)} if podium.restrainers else {}),
         **derived,
     }
+
+
+def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
+    """The kind of a superstructure, and its numbers where there are rows of them."""
+    about: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
+    if top is None or not top.rows:
+        return about
+    numbers = {field.name: getattr(top, field.name) for field in dataclasses.fields(top)}
+    plain = {
+        name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in numbers.items()
+    }
+    return about | {"superstructure_numbers": json.dumps(plain)}
 
 
 def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
@@ -88,6 +109,11 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
         "elastic": lambda: Elastic(attributes["eta"], attributes["T_s_s"], attributes["zeta"]),
+    }
+    kinds |= {
+        name.lower(): lambda kind=kind: kind(**json.loads(attributes["superstructure_numbers"]))
+        for name, kind in SUPERSTRUCTURES.items()
+        if kind.rows
     }
     return Podium(
         alpha=attributes["alpha_rad"],

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._options import LEAST_ATOL, Options
+from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
 # The true error is below this times the estimate, but for one scene in a hundred (docs/stress.md).
@@ -45,7 +45,8 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio,
 
     def apart(name):
         difference = abs(a[name] - b[name])
-        return xp.where(unknown & ~xp.isnan(a[name]), xp.inf, difference)
+        lost = unknown[(..., *[None] * (difference.ndim - unknown.ndim))]
+        return xp.where(lost & ~xp.isnan(a[name]), xp.inf, difference)
 
     rotation = apart("peak_rotation")
     falls = flags["overturned"]
@@ -54,4 +55,6 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio,
         falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio
     )
     undecided = unknown | (falls != others["overturned"]) | close
-    return Errors(rotation, apart("peak_deformation"), apart("peak_shear"), undecided)
+    peaks = apart("peak_deformation"), apart("peak_shear")
+    of_stories = {name: apart(name) for name in OF_STORIES if name in a}
+    return Errors(rotation, *peaks, undecided, **of_stories)

@@ -15,7 +15,14 @@ from rockjax._checks import concrete
 from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
 from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import acceleration, beam
+from rockjax._engine.model import (
+    acceleration,
+    beam,
+    floor_accelerations,
+    shear,
+    story_weights,
+    weighted,
+)
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -71,13 +78,41 @@ class _Sample(NamedTuple):
 
 def state(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     del sigma, ground
-    zero = 0.0 * x[0]  # NaN where there is no state
-    return x[0], v[0], x[1] if c.elastic else zero, v[1] if c.elastic else zero
+    return x[0], v[0], _of_modes(c, x[1:], x), _of_modes(c, v[1:], x)
 
 
 def deformation(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     del ground
-    return x[1] - beam(c, sigma, x[0], v[0])[0] if c.elastic else 0.0 * x[0]
+    return _of_modes(c, _deformations(c, sigma, x, v), x)
+
+
+def drift(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    """Of each story."""
+    del ground
+    deformations = _deformations(c, sigma, x, v)
+    return jnp.stack([weighted(weights, deformations) for weights in story_weights(c)])
+
+
+def floor_acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    """Absolute, of each floor."""
+    a = acceleration(c, sigma, ground, x, v)
+    return jnp.stack(floor_accelerations(c, sigma, ground, x, v, a))
+
+
+def base_shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
+    """Over the weight of the superstructure."""
+    return shear(c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v))
+
+
+def _deformations(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> list[Value]:
+    return [u - beam(c, sigma, x[0], v[0])[0] for u in x[1:]]
+
+
+def _of_modes(c: Coefficients, values, x: Vector) -> Value:
+    """What belongs to modes, along an axis where there are several."""
+    if not c.elastic:
+        return 0.0 * x[0]  # NaN where there is no state
+    return jnp.stack(values) if len(values) > 1 else values[0]
 
 
 def mechanical_energy(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
@@ -93,7 +128,15 @@ def mode(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
 def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     """All of them in one program."""
     theta, theta_dot, u_t, u_t_dot = state(c, sigma, ground, x, v)
-    return {
+    of_stories = (
+        {
+            "drift": drift(c, sigma, ground, x, v),
+            "floor_acceleration": floor_acceleration(c, sigma, ground, x, v),
+        }
+        if c.floors is not None
+        else {}
+    )
+    return of_stories | {
         "theta": theta,
         "theta_dot": theta_dot,
         "u_t": u_t,
@@ -217,4 +260,8 @@ def balance(scene: Solved, t, left):
     samples = jax.vmap(lambda here: _samples(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
     inside = (t >= nodes.t[0]) & (t <= end)
     parts = samples, mechanical[size:], given, lost[before], *taken
-    return *jax.tree.map(lambda y: jnp.where(inside, y, jnp.nan), parts), leaving[0]
+
+    def known(y):
+        return jnp.where(inside.reshape(-1, *(1,) * (y.ndim - 1)), y, jnp.nan)
+
+    return *jax.tree.map(known, parts), leaving[0]

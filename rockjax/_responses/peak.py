@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -15,10 +16,10 @@ from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
 from rockjax import _tables
-from rockjax._checks import concrete
+from rockjax._checks import concrete, from_host
 from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
-from rockjax._options import OUTPUTS, Options
+from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
 
 from .datasets import describe_versions
@@ -26,6 +27,10 @@ from .sensitivities import SENSITIVE, Sensitivities, slope_name
 
 if TYPE_CHECKING:
     import xarray
+
+# Answers with an axis of their own, and what it is of; numbered from 1 at the bottom.
+MODES, STORIES = "vibration_mode", "story"
+OWN_AXES = {"peak_deformation": MODES} | dict.fromkeys(OF_STORIES, STORIES)
 
 # field of `Peak`: (unit, description, output it belongs to)
 VARIABLES = {
@@ -39,6 +44,12 @@ VARIABLES = {
     "impacts": ("1", "impacts until rest, overturning or t_end, NaN where not counted to the end", None),
     "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
     "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
+    "peak_drift": ("m", "peak drift of the stories", "peak_drift"),
+    "peak_floor_acceleration": (
+        "m s-2",
+        "peak absolute horizontal acceleration of the floors",
+        "peak_floor_acceleration",
+    ),
     "margin": ("1", "overturning margin", "margin"),
     "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
 }
@@ -54,8 +65,11 @@ class AbstractPeak(eqx.Module):
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that,
       because what was wanted stood (ask for the output `"impacts"`, or for a history)
-    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none
-    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–]; 0 where there is none
+    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; of several modes each,
+      along a last axis
+    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none
+    - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
+      horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories
     - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the
       well, 1 where the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
@@ -79,6 +93,10 @@ class AbstractPeak(eqx.Module):
     errors: Errors | None
     result: RESULTS
     stats: Stats
+    peak_drift: Float[Array, "*batch stories"] | None = dataclasses.field(default=None, kw_only=True)
+    peak_floor_acceleration: Float[Array, "*batch stories"] | None = dataclasses.field(
+        default=None, kw_only=True
+    )
 
     def __repr__(self):
         return _text(self)
@@ -130,6 +148,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
         "peak_shear",
         "margin",
         "smallest_impact_speed",
+        *(name for name in OF_STORIES if name in floats),
     )
     flags = ("exceeded_alpha", "overturned", "uplifted")
     return {
@@ -160,7 +179,7 @@ def _impacts(floats, integers, options: Options, history: bool):
     stands &= count < UNCOUNTED
     numpy = jnp if traced else np
     found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
-    return jnp.asarray(found) if of_jax else found
+    return from_host(found) if of_jax and not traced else found
 
 
 def raise_without_answer(code: Array) -> None:
@@ -185,13 +204,15 @@ def peak_variables(
     """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask
     for."""
     for name, (unit, description, output) in VARIABLES.items():
-        if output is None or output in outputs:
-            yield name, np.asarray(getattr(peaks, name)), {"units": unit, "long_name": description}
+        values = getattr(peaks, name)
+        if values is not None and (output is None or output in outputs):
+            yield name, np.asarray(values), {"units": unit, "long_name": description}
     if peaks.errors is not None:
-        for name in ("peak_rotation", "peak_deformation", "peak_shear"):
+        for name in PEAKS:
             unit, description, output = VARIABLES[name]
-            if output in outputs:
-                error = np.asarray(getattr(peaks.errors, name))
+            error = getattr(peaks.errors, name)
+            if error is not None and output in outputs:
+                error = np.asarray(error)
                 yield (
                     f"{name}_error",
                     error,
@@ -215,15 +236,24 @@ def peak_variables(
 def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
     """The variables of a dataset of peaks; where there are sensitivities, these along `parameter`."""
     data: dict[str, Any] = {
-        name: (dims, values, attrs) for name, values, attrs in peak_variables(peaks, outputs)
+        name: ((*dims, *own_axis(name, values.ndim - len(dims))), values, attrs)
+        for name, values, attrs in peak_variables(peaks, outputs)
     }
     for name in SENSITIVE:
         values = getattr(peaks.sensitivities, name, None)
         if values is not None and name in outputs:
             unit, description, _ = VARIABLES[name]
             about = {"units": unit, "long_name": f"y ∂/∂y of the {description}, for each parameter y"}
-            data[slope_name(name)] = (*dims, "parameter"), np.asarray(values), about
+            values = np.asarray(values)
+            own = own_axis(name, values.ndim - len(dims) - 1)
+            data[slope_name(name)] = (*dims, *own, "parameter"), values, about
     return data
+
+
+def own_axis(name: str, dimensions: int) -> tuple[str, ...]:
+    """The dim of the modes or stories that an answer, or what is estimated of it, has besides those of the
+    scenes."""
+    return (OWN_AXES[name.removesuffix("_error")],) if dimensions else ()
 
 
 def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
@@ -271,8 +301,16 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     )
     uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
     rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
-    rows.append(("deformation", f"{float(peak.peak_deformation):.6g} m"))
+    rows.append(("deformation", f"{_numbers(peak.peak_deformation)} m"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
+    if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
+        rows.append(("drifts", f"{_numbers(peak.peak_drift)} m"))
+        rows.append(("floors", f"{_numbers(peak.peak_floor_acceleration)} m/s²"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
     at = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
     return f"{kind}: {results.NAMES[int(codes)]}{at}", rows
+
+
+def _numbers(values) -> str:
+    """A number, or a few of them."""
+    return ", ".join(f"{float(y):.6g}" for y in np.ravel(np.asarray(values)))

@@ -17,12 +17,12 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import RESULTS, State
-from rockjax._structures import Elastic, Podium
+from rockjax._structures import Podium
 
 from . import history
 from .datasets import describe_excitation, describe_options, describe_podium
 from .history import Energies
-from .peak import AbstractPeak, peak_variables
+from .peak import MODES, STORIES, AbstractPeak, own_axis, peak_variables
 
 if TYPE_CHECKING:
     import xarray
@@ -34,6 +34,8 @@ _SERIES = {
     "u_t": ("m", "displacement of the top mass relative to the ground u_t"),
     "u_t_dot": ("m s-1", "velocity of the top mass relative to the ground"),
     "deformation": ("m", "deformation of the superstructure u_t − u_b"),
+    "drift": ("m", "drift of the stories"),
+    "floor_acceleration": ("m s-2", "absolute horizontal acceleration of the floors"),
     "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
     "vertical_acceleration": ("m s-2", "vertical ground acceleration v̈_g, upwards"),
     "restoring_moment": ("1", "restoring moment over its value at uplift"),
@@ -79,17 +81,49 @@ class Response(AbstractPeak):
         """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene
         rests before."""
         start, end = float(self.times[0]), float(self.stats.end_time)
-        if not isinstance(self.podium.superstructure, Elastic) and bool(self.result == RESULTS.settled):
+        if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
         """State at times t [s]."""
-        return State(*self._map(t, history.state, left))
+        theta, theta_dot, *of_modes = self._map(t, history.state, left)
+        return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one."""
-        return self._map(t, history.deformation)
+        """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one, u_i − u_b along a last
+        axis of several modes."""
+        return self._over_modes(self._map(t, history.deformation))
+
+    def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
+        """Drift of each story of a building [m], the lowest first, (C11).
+
+        Raises `ValueError` without stories.
+        """
+        self._check_stories("drift")
+        return self._map(t, history.drift)
+
+    def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
+        """Absolute horizontal acceleration of each floor of a building [m/s²], the lowest first.
+
+        Raises `ValueError` without stories.
+        """
+        self._check_stories("floor_acceleration")
+        return self._map(t, history.floor_acceleration)
+
+    def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
+        """Shear between the beam and the superstructure over the weight of the latter, Eq. (7) [–]."""
+        return self._map(t, history.base_shear)
+
+    def _check_stories(self, name: str) -> None:
+        top = self.podium.superstructure
+        if top is None or not top.elastic or top.floors is None:
+            raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
+
+    def _over_modes(self, values: Array) -> Array:
+        """With an axis of modes, where there is only one of a superstructure that may have more."""
+        top = self.podium.superstructure
+        return values[..., None] if top is not None and top.several and top.count == 1 else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
@@ -154,7 +188,7 @@ class Response(AbstractPeak):
         t = as_float(t)
         times, flags = history.filled(t.ravel(), jnp.full(t.size, left))
         values = history.along(self._scene(), times, flags, quantity)
-        return jax.tree.map(lambda y: y[: t.size].reshape(t.shape), values)
+        return jax.tree.map(lambda y: y[: t.size].reshape(*t.shape, *y.shape[1:]), values)
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """All samples and energies at times t (n,), or before them where `left` (n,)."""
@@ -162,6 +196,7 @@ class Response(AbstractPeak):
         times, flags = history.filled(t, left)
         samples, *parts, initial = history.balance(self._scene(), times, flags)
         samples, parts = jax.tree.map(lambda y: y[:size], (samples, parts))
+        samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
         if not self.podium.restrainers:
             parts.append(0.0 * parts[-1])  # NaN where there is no state
         return samples, Energies(*parts, initial=initial)
@@ -169,10 +204,11 @@ class Response(AbstractPeak):
     def _scene(self) -> history.Solved:
         # The segments engine may have any solver; its nodes are bridged by an explicit one.
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
-        at_rest = (self.result == RESULTS.settled) & (not isinstance(self.podium.superstructure, Elastic))
+        at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
         rtol = self.options.rtol if self.podium.restrainers else None
-        return self.podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
+        podium = self.podium.split()
+        return podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
 
 
 def _dataset(
@@ -199,7 +235,7 @@ def _dataset(
         values["vertical_acceleration"] = response.excitation.vertical(t)
     data = xarray.Dataset(
         {
-            name: ("time", np.asarray(values[name]), {"units": unit, "long_name": description})
+            name: (_dims(name, np.ndim(values[name])), np.asarray(values[name]), _about(unit, description))
             for name, (unit, description) in _SERIES.items()
             if name in values
         },
@@ -214,7 +250,20 @@ def _dataset(
     unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}
     data["initial_energy"] = ((), np.asarray(energies.initial), unit)
     for name, scalar, attrs in peak_variables(response, response.options.outputs):
-        data[name] = ((), scalar, attrs)
+        data[name] = (own_axis(name, scalar.ndim), scalar, attrs)
+    for axis in {MODES, STORIES} & set(map(str, data.dims)):
+        data.coords[axis] = np.arange(1, data.sizes[axis] + 1)
     data.attrs = {"title": "Response history", "kind": "response", **describe_excitation(response.excitation)}
     data.attrs |= describe_podium(response.podium) | describe_options(response.options)
     return data
+
+
+def _dims(name: str, dimensions: int) -> tuple[str, ...]:
+    """Of a series: modes or stories come after time."""
+    if dimensions == 1:
+        return ("time",)
+    return "time", STORIES if name in ("drift", "floor_acceleration") else MODES
+
+
+def _about(unit: str, description: str) -> dict[str, str]:
+    return {"units": unit, "long_name": description}

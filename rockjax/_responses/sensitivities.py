@@ -16,25 +16,29 @@ from jaxtyping import Array, Float
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
+from rockjax._options import PEAKS
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
 
-SENSITIVE = ("peak_rotation", "peak_deformation", "peak_shear", "margin")  # answers that have sensitivities
+SENSITIVE = (*PEAKS, "margin")  # answers that have sensitivities
 
 
 class Sensitivities(eqx.Module):
     """Derivatives of peaks with respect to the logarithms ln y of some parameters y, the others held.
 
     - `parameters`: their names; they are along the last axis of what follows
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–]: y ∂(…)/∂y, None for those
-      that are not wanted; zero where a parameter is zero
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `peak_drift` [m],
+      `peak_floor_acceleration` [m/s²], `margin` [–]: y ∂(…)/∂y, None for those that are not wanted or not
+      there; zero where a parameter is zero. Axes of modes and stories come before that of the parameters
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
     peak_rotation: Float[Array, "*batch parameters"] | None
     peak_deformation: Float[Array, "*batch parameters"] | None
     peak_shear: Float[Array, "*batch parameters"] | None
+    peak_drift: Float[Array, "*batch stories parameters"] | None
+    peak_floor_acceleration: Float[Array, "*batch stories parameters"] | None
     margin: Float[Array, "*batch parameters"] | None
 
 
@@ -42,8 +46,8 @@ def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> 
     """Those of wanted peaks from the answers of lanes, None where no parameters are named."""
     if not names:
         return None
-    wanted = (floats[slope_name(peak)] if peak in outputs else None for peak in SENSITIVE)
-    return Sensitivities(names, *wanted)
+    wanted = {peak: floats.get(slope_name(peak)) if peak in outputs else None for peak in SENSITIVE}
+    return Sensitivities(names, **wanted)
 
 
 def slope_name(answer: str) -> str:

@@ -9,7 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from rockjax import _results as results
-from rockjax._checks import concrete, require
+from rockjax._checks import concrete, from_host, require
 from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
 from rockjax._excitations.ground import check_weight
@@ -99,8 +99,8 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
     # Known numbers: every operation of JAX on its own, for every length, would be a program to compile.
-    nodes = jax.tree.map(lambda y: jnp.asarray(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
-    return nodes, jnp.asarray(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
+    nodes = jax.tree.map(lambda y: from_host(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
+    return nodes, from_host(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
 def _solved(podium, excitation, initial, t_end, options, history):
@@ -123,16 +123,17 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     """The arguments as arrays, checked where they are concrete."""
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
-    initial, t_end = as_start(owner, initial), as_end(owner, t_end)
-    for name, tree in (("podium", podium), ("initial", initial), ("t_end", t_end)):
+    initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)
+    for name, tree in (("podium", podium.split()), ("initial", initial), ("t_end", t_end)):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:
             raise ValueError(
                 f"{owner}: {name} must hold single numbers, got arrays of shape {shapes}; "
                 f"for batches use rockjax.peak_responses or jax.vmap"
             )
-    for name, value in zip(("theta", "theta_dot", "u_t", "u_t_dot"), jax.tree.leaves(initial), strict=True):
-        require(owner, f"initial.{name}", value, np.isfinite, "finite")
+    for name in ("theta", "theta_dot", "u_t", "u_t_dot"):
+        for value in jax.tree.leaves(getattr(initial, name)):
+            require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
     check_weight(owner, excitation, podium.g)
     doubt_amplitude(owner, podium, excitation)

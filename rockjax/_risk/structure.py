@@ -18,7 +18,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._responses.simulate import REST
-from rockjax._structures import Elastic, Podium
+from rockjax._structures import Podium
 
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
@@ -61,7 +61,7 @@ def limit_of(owner: str, limit: Any, podium: Podium) -> Limit:
         kind = LIMITS[name]
         if kind.superstructure and podium.superstructure is None:
             raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
-        if kind.elastic and not isinstance(podium.superstructure, Elastic):
+        if kind.elastic and not podium.vibrates:
             raise ValueError(
                 f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid"
             )

@@ -1,8 +1,27 @@
 """Structures: the column, the podium, what stands on it, and how it takes an impact."""
 
+from .building import ShearBuilding
 from .column import STANDARD_GRAVITY, column_of, g_tan_alpha
+from .modes import Modes
 from .podium import Podium
 from .restitution import GivenRestitution
-from .superstructures import Elastic, Rigid
+from .superstructures import AbstractSuperstructure, Elastic, Rigid
 
-__all__ = ["STANDARD_GRAVITY", "Elastic", "GivenRestitution", "Podium", "Rigid", "column_of", "g_tan_alpha"]
+# Superstructures by name: a new one is a line here.
+SUPERSTRUCTURES: dict[str, type[AbstractSuperstructure]] = {
+    kind.__name__: kind for kind in (Elastic, Rigid, Modes, ShearBuilding)
+}
+
+__all__ = [
+    "STANDARD_GRAVITY",
+    "SUPERSTRUCTURES",
+    "AbstractSuperstructure",
+    "Elastic",
+    "GivenRestitution",
+    "Modes",
+    "Podium",
+    "Rigid",
+    "ShearBuilding",
+    "column_of",
+    "g_tan_alpha",
+]

@@ -29,7 +29,7 @@ from rockjax._types import Number
 
 from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
 from .restitution import Restitution, as_restitution
-from .superstructures import Elastic, Rigid
+from .superstructures import AbstractSuperstructure, Elastic, Rigid, total, uplifted_squares
 
 
 class Podium(eqx.Module):
@@ -38,7 +38,8 @@ class Podium(eqx.Module):
     - `alpha`: column slenderness α = atan(B/H), 0 < α < π/2 [rad], Eq. (1)
     - `R`: half diagonal of a column, > 0 [m]
     - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 is Housner's solitary block
-    - `superstructure`: `None`, [`rockjax.Rigid`][] or [`rockjax.Elastic`][]
+    - `superstructure`: `None`, [`rockjax.Rigid`][], [`rockjax.Elastic`][], [`rockjax.Modes`][] or
+      [`rockjax.ShearBuilding`][]
     - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
     - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor
       in [0, 1]
@@ -53,7 +54,7 @@ class Podium(eqx.Module):
     alpha: Number = eqx.field(converter=as_number("Podium: alpha"))
     R: Number = eqx.field(converter=as_number("Podium: R"))
     gamma: Number = eqx.field(converter=as_number("Podium: gamma"), default=0.0)
-    superstructure: Elastic | Rigid | None = None
+    superstructure: AbstractSuperstructure | None = None
     lam: Number = eqx.field(converter=as_number("Podium: lam"), default=1 / 3)
     restitution: Restitution = eqx.field(converter=as_restitution, default="paper")
     g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
@@ -63,10 +64,10 @@ class Podium(eqx.Module):
         require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
         positive("Podium", R=self.R, g=self.g)
         not_negative("Podium", gamma=self.gamma, lam=self.lam)
-        if not isinstance(self.superstructure, None | Elastic | Rigid):
+        if not isinstance(self.superstructure, None | AbstractSuperstructure):
             raise ValueError(
-                f"Podium: superstructure must be None, Elastic(...) or Rigid(...), got "
-                f"{self.superstructure!r}"
+                "Podium: superstructure must be None, Elastic(...), Rigid(...), Modes(...) or "
+                f"ShearBuilding(...), got {self.superstructure!r}"
             )
         check_restrainers(self.restrainers)
 
@@ -148,7 +149,21 @@ class Podium(eqx.Module):
     @property
     def eta(self) -> Number:
         """Mass ratio of the superstructure η, 0 where there is none [–]."""
-        return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.eta
+        return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.mass_ratio
+
+    @property
+    def vibrates(self) -> bool:
+        """Whether something of the superstructure is elastic, known before tracing."""
+        return self.superstructure is not None and self.superstructure.elastic
+
+    @property
+    def apart(self) -> tuple[Number, Number]:
+        """Mass ratios of what moves with the beam, and of what does not."""
+        top = self.superstructure
+        if top is None or not top.elastic:
+            return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
+        moving, carried = total(tuple(mode.eta for mode in top.oscillators)), top.carried
+        return (self.gamma if carried is None else self.gamma + carried), moving
 
     @property
     def uplift_ground_acceleration(self) -> Number:
@@ -177,8 +192,9 @@ class Podium(eqx.Module):
         rigid superstructure. For the ground acceleration see `uplift_ground_acceleration`.
         """
         threshold = self.uplift_ground_acceleration
-        if isinstance(self.superstructure, Elastic):
-            threshold = threshold * (1 + 2 * self.gamma + 2 * self.eta) / (1 + 2 * self.gamma)
+        if self.vibrates:
+            gamma, eta = self.apart
+            threshold = threshold * (1 + 2 * gamma + 2 * eta) / (1 + 2 * gamma)
         return threshold
 
     @property
@@ -188,9 +204,7 @@ class Podium(eqx.Module):
 
         The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
         """
-        gamma, eta = self.gamma, self.eta
-        if isinstance(self.superstructure, Rigid):
-            gamma, eta = gamma + eta, jnp.zeros_like(eta)
+        gamma, eta = self.apart
         return self.restitution.factor(
             jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers)
         )
@@ -219,16 +233,41 @@ class Podium(eqx.Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons and inerters the larger root of (C15). Raises `ValueError` without an elastic
-        superstructure: nothing oscillates.
+        With tendons and inerters the larger root of (C15), of several modes the largest. Raises `ValueError`
+        without an elastic superstructure: nothing oscillates.
         """
-        if not isinstance(self.superstructure, Elastic):
-            raise ValueError("Podium.uplifted_frequency: only an Elastic superstructure oscillates")
+        top = self._vibrating("uplifted_frequency")
+        if not isinstance(top, Elastic):
+            return self.uplifted_frequencies[..., -1]
         heavy = self.lam + 1 + 4 * self.gamma
         if self.restrainers:
-            return self._restrained_frequency(heavy, self.superstructure)
+            return self._restrained_frequency(heavy, top)
         ratio = (heavy + 4 * self.eta) / (heavy + 4 * self.eta * jnp.sin(self.alpha) ** 2)
-        return jnp.sqrt(ratio) * self.superstructure.omega_s
+        return jnp.sqrt(ratio) * top.omega_s
+
+    @property
+    def uplifted_frequencies(self) -> Number:
+        """All n+1 circular frequencies on lifted columns, ascending along a last axis [rad/s], (C15): of
+        rocking against the stiffness of tendons, 0 without any, and of the n modes.
+
+        Linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
+        """
+        modes = self._vibrating("uplifted_frequencies").oscillators
+        gamma, eta = self.apart
+        sin2 = jnp.sin(self.alpha) ** 2
+        mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
+        inertia = 3 * gamma + 0.75 * (1 + self.lam) + 3 * (eta + (0.0 if mu is None else mu)) * sin2
+        against = jnp.zeros_like(sin2) if kappa is None else 4 * self.p**2 * kappa * sin2
+        squares = uplifted_squares(modes, inertia, against, jnp.cos(self.alpha))
+        if kappa is None:  # but for rounding
+            squares = squares.at[..., 0].set(0.0)
+        return jnp.sqrt(squares)
+
+    def _vibrating(self, name: str) -> AbstractSuperstructure:
+        top = self.superstructure
+        if top is None or not top.elastic:
+            raise ValueError(f"Podium.{name}: only something elastic oscillates, such as Elastic(...)")
+        return top
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
         """The larger root of (C15), heavy = 1+λ+4γ."""
@@ -246,9 +285,9 @@ class Podium(eqx.Module):
         Restrainers become those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)). Raises
         `ValueError` for an elastic superstructure, which no block can stand for.
         """
-        if isinstance(self.superstructure, Elastic):
+        if self.vibrates:
             raise ValueError(
-                "Podium.equivalent_block: a frame with an Elastic superstructure has no equivalent block"
+                "Podium.equivalent_block: a frame with an elastic superstructure has no equivalent block"
             )
         gamma = self.gamma + self.eta
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
@@ -261,6 +300,20 @@ class Podium(eqx.Module):
             g=self.g,
             restrainers=devices,
         )
+
+    def split(self) -> Podium:
+        """The same, with a number for every podium of a batch in each leaf: arrays over modes or stories
+        become tuples."""
+        top = self.superstructure
+        return self if top is None or top.split() is top else self._with_top(top.split())
+
+    def resolved(self) -> Podium:
+        """What the engine takes: a superstructure worked out to oscillators."""
+        top = self.superstructure
+        return self if top is None or top.resolved() is top else self._with_top(top.resolved())
+
+    def _with_top(self, top: AbstractSuperstructure) -> Podium:
+        return eqx.tree_at(lambda podium: podium.superstructure, self, top)
 
     def replace(self, **changes) -> Podium:
         """A variant with some fields changed, as `dataclasses.replace`."""

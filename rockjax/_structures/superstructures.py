@@ -1,17 +1,82 @@
-"""What stands on the podium: rigid or elastic."""
+"""What stands on the podium: what all superstructures have in common, and the two simplest.
+
+To the engine a superstructure is some oscillators beside each other on the beam, and a mass that moves with
+it.
+"""
 
 from __future__ import annotations
 
+import abc
 import math
+from typing import ClassVar, Self
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from rockjax._checks import as_number, not_negative, require
 from rockjax._repr import card, readable
 from rockjax._types import Number
 
+from .eigen import eigh
 
-class Elastic(eqx.Module):
+
+class AbstractSuperstructure(eqx.Module):
+    """A superstructure. To add a kind, say which oscillators it is, and what of it moves with the beam."""
+
+    rows: ClassVar[tuple[str, ...]] = ()  # fields with a number for each mode or story along the last axis
+
+    @property
+    @abc.abstractmethod
+    def oscillators(self) -> tuple[Elastic, ...]:
+        """What vibrates, each of a number for every podium of a batch; how many is known before tracing."""
+
+    @property
+    @abc.abstractmethod
+    def carried(self) -> Number | None:
+        """Mass ratio of what moves with the beam [–]; None where there is nothing, known before tracing."""
+
+    @property
+    @abc.abstractmethod
+    def mass_ratio(self) -> Number:
+        """Mass ratio of all of it, m_t/(N m_c) [–]."""
+
+    @property
+    def elastic(self) -> bool:
+        """Whether something vibrates, known before tracing."""
+        return True
+
+    @property
+    def count(self) -> int:
+        """The number of oscillators."""
+        return len(self.oscillators)
+
+    @property
+    def several(self) -> bool:
+        """Whether displacements and deformations have an axis of modes, known before tracing."""
+        return False
+
+    @property
+    def floors(self) -> tuple[tuple[Number, ...], ...] | None:
+        """Γ_i φ_ji of the floors j and the modes i, (C11); None where there are no floors."""
+        return None
+
+    def split(self) -> Self:
+        """The same, with a number for every podium of a batch in each leaf: arrays over modes or stories
+        become tuples."""
+        return self
+
+    def resolved(self) -> AbstractSuperstructure:
+        """What the engine takes: worked out to oscillators."""
+        return self
+
+    def __repr__(self):
+        return readable(self)
+
+    def _repr_html_(self):
+        return card(self)
+
+
+class Elastic(AbstractSuperstructure):
     """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
 
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it is driven but does not act back.
@@ -38,14 +103,20 @@ class Elastic(eqx.Module):
         """Fixed-base circular frequency ω_s = 2π/T_s [rad/s]."""
         return 2 * math.pi / self.T_s
 
-    def __repr__(self):
-        return readable(self)
+    @property
+    def oscillators(self) -> tuple[Elastic, ...]:
+        return (self,)
 
-    def _repr_html_(self):
-        return card(self)
+    @property
+    def carried(self) -> None:
+        return None
+
+    @property
+    def mass_ratio(self) -> Number:
+        return self.eta
 
 
-class Rigid(eqx.Module):
+class Rigid(AbstractSuperstructure):
     """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
 
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
@@ -56,8 +127,80 @@ class Rigid(eqx.Module):
     def __check_init__(self):
         not_negative("Rigid", eta=self.eta)
 
-    def __repr__(self):
-        return readable(self)
+    @property
+    def oscillators(self) -> tuple[Elastic, ...]:
+        return ()
 
-    def _repr_html_(self):
-        return card(self)
+    @property
+    def carried(self) -> Number:
+        return self.eta
+
+    @property
+    def mass_ratio(self) -> Number:
+        return self.eta
+
+    @property
+    def elastic(self) -> bool:
+        return False
+
+
+class Oscillators(AbstractSuperstructure):
+    """Several oscillators, as the engine takes them; see [`rockjax.Modes`][]."""
+
+    each: tuple[Elastic, ...]
+    residual: Number | None = None
+    shapes: tuple[tuple[Number, ...], ...] | None = None
+
+    @property
+    def oscillators(self) -> tuple[Elastic, ...]:
+        return self.each
+
+    @property
+    def carried(self) -> Number | None:
+        return self.residual
+
+    @property
+    def mass_ratio(self) -> Number:
+        moving = total(tuple(mode.eta for mode in self.each))
+        return moving if self.residual is None else moving + self.residual
+
+    @property
+    def several(self) -> bool:
+        return True
+
+    @property
+    def floors(self) -> tuple[tuple[Number, ...], ...] | None:
+        return self.shapes
+
+    def __check_init__(self):
+        if not self.each:
+            raise ValueError("Oscillators: there must be at least one; without any use Rigid(eta)")
+
+
+def total(terms: tuple[Number, ...]) -> Number:
+    """The sum of at least one term, without a zero before it."""
+    return sum(terms[1:], terms[0])
+
+
+def uplifted_squares(
+    oscillators: tuple[Elastic, ...], inertia: Number, stiffness: Number, cos_alpha: Number
+) -> Number:
+    """The squares x of the n+1 circular frequencies on lifted columns, ascending along the last axis
+    [rad²/s²].
+
+    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0 with Λ = `inertia` and k = `stiffness`: the
+    eigenvalues of a symmetric matrix that is bordered by one row, of the rotation and of the oscillators over
+    the roots of their masses.
+    """
+    squares = jnp.stack([mode.omega_s**2 for mode in oscillators], axis=-1)
+    masses = 3 * jnp.stack([mode.eta for mode in oscillators], axis=-1)
+    inertia, stiffness, cos_alpha = (jnp.asarray(y)[..., None] for y in (inertia, stiffness, cos_alpha))
+    corner = (stiffness + cos_alpha**2 * jnp.sum(masses * squares, axis=-1, keepdims=True)) / inertia
+    border = -cos_alpha * jnp.sqrt(masses / inertia) * squares
+    size = len(oscillators) + 1
+    matrix = jnp.zeros((*jnp.broadcast_shapes(corner.shape[:-1], border.shape[:-1]), size, size))
+    matrix = matrix.at[..., 0, 0].set(corner[..., 0])
+    matrix = matrix.at[..., 0, 1:].set(border).at[..., 1:, 0].set(border)
+    places = jnp.arange(1, size)
+    matrix = matrix.at[..., places, places].set(squares)
+    return jnp.maximum(eigh(matrix)[0], 0.0)

@@ -77,8 +77,8 @@ def study_of(
     check_range("sweep", structures, excitations, None, options)
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
-    initial, t_end = as_start("sweep", initial), as_end("sweep", t_end)
-    numbers = Numbers.of("sweep", structures, excitations, initial, t_end)
+    initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
+    numbers = Numbers.of("sweep", structures.split(), excitations, initial, t_end)
     dims, labels = _axes(coords, numbers.shape)
     names = of_scenes("sweep", structures, excitations, sensitivities)
     return SweepSpec(numbers, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]

@@ -323,3 +323,20 @@ def test_second_derivatives_are_refused():
         jax.grad(lambda a: rj.peak_response(PODIUMS["rigid"], rj.Ricker(a, 1.0), options=o).peak_rotation)(
             3.0
         )
+
+
+@pytest.mark.slow
+def test_a_short_scene_beside_a_long_one_has_its_gradient_by_samples():
+    """Lanes that have ended go on beside the others: what they do must not reach the gradient."""
+    o = options(1e-4, "bosh3", max_steps=800, outputs=("peak_shear",))
+
+    def shear(samples):
+        return rj.peak_response(PODIUMS["elastic"], rj.Record(samples, 0.1), options=o).peak_shear
+
+    samples = shaking(24, 0.1).acceleration
+    several = jnp.stack([samples, 0.1 * samples, 0.0 * samples, 2.0 * samples])
+    gradients = jax.jit(jax.vmap(jax.grad(shear)))(several)
+    assert np.all(np.isfinite(gradients))
+    one = jax.jit(jax.grad(shear))
+    for k in (0, 3):
+        np.testing.assert_allclose(gradients[k], one(several[k]), rtol=1e-8, atol=1e-12)

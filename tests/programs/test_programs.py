@@ -424,3 +424,15 @@ def test_what_comes_from_the_cache_of_jax_is_not_kept(tmp_path):
     # Another folder of programs, as after a change of the source: JAX's own cache has them.
     assert run("two") == [first[0], "0"]
     assert run("two") == [first[0], "0"]
+
+
+def test_importing_leaves_settings_of_jax_open():
+    """What runs where is decided when JAX's backend starts: until then its platform can be chosen."""
+    asked = (
+        "import jax, rockjax\n"
+        "from jax.extend import backend\n"
+        "jax.config.update('jax_num_cpu_devices', 3)\n"  # an error once it has started
+        "print(len(backend.backends()['cpu'].devices()))"
+    )
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["3"]

@@ -1,0 +1,199 @@
+"""A building of several stories, whose floors move horizontally against each other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import numpy as np
+
+from rockjax._checks import array_module, as_float, not_negative, positive, whole
+from rockjax._types import Array, Number
+
+from .eigen import eigh
+from .modes import Modes, Row, as_many, joined, parts, row, with_fields
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, total
+
+
+class ModalAnalysis(NamedTuple):
+    """Modes of a building, the lowest first along the last axis; all of them, kept or not."""
+
+    omega: Array  # ω_i [rad/s]
+    eta: Array  # η_i = Γ_i² M_i
+    shapes: Array  # Γ_i φ_ji, floors j from the bottom along the axis before
+
+
+def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
+    """K φ_i = ω_i² M φ_i of a chain of masses and springs from the beam upwards, (C11).
+
+    The periods of such a chain are distinct, so that modes have derivatives.
+    """
+    xp: Any = array_module(masses, stiffnesses)
+    masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
+    above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)
+    size, root = masses.shape[-1], xp.sqrt(masses)
+    diagonal = ((stiffnesses + above) / masses)[..., None] * np.eye(size)
+    link = (-above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
+    _, vectors = eigh(diagonal + link + xp.swapaxes(link, -1, -2))
+    shapes = vectors / root[..., None]  # of modes with M_i = 1
+    # From the energies of the stories, a sum without differences: the lowest are as exact as the highest.
+    drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
+    squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
+    shares = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
+    return ModalAnalysis(xp.sqrt(squares), shares**2, shares[..., None, :] * shapes)
+
+
+class ShearBuilding(AbstractSuperstructure):
+    """A building of n stories as a superstructure: rigid floors, and stories between them that shear.
+
+    - `masses`: mass ratios of the floors m_j/(N m_c), > 0 [–], from the bottom along the last axis
+    - `stiffnesses`: of the stories below them k_j/(N m_c), > 0 [1/s²]
+    - `damping`: damping ratios of the modes, ≥ 0 [–]; one number is that of all modes
+    - `modes`: how many modes are kept, the lowest first; what the others have of the mass moves with the
+      beam. By default all
+    - `heights`: of the stories [m], > 0, for drifts over height and for pictures; None where they are not
+      known
+
+    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories then hold what belongs to stories and
+    floors: drifts, floor accelerations. Raises `ValueError` for lengths that are not equal and for concrete
+    numbers outside these ranges.
+    """
+
+    rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")
+
+    masses: Row
+    stiffnesses: Row
+    damping: Row
+    heights: Row | None
+    kept: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        masses: Any,
+        stiffnesses: Any,
+        damping: Any = 0.05,
+        modes: int | None = None,
+        *,
+        heights: Any = None,
+        kept: int | None = None,
+    ):
+        owner = "ShearBuilding"
+        self.masses = row(owner, "masses", masses, "story")
+        self.stiffnesses = row(owner, "stiffnesses", stiffnesses, "story")
+        self.damping = as_float(damping, f"{owner}: damping")
+        self.heights = None if heights is None else row(owner, "heights", heights, "story")
+        count = self.masses.shape[-1]
+        wanted = modes if modes is not None else count if kept is None else kept
+        self.kept = whole(owner, "modes", wanted, 0)
+        if self.kept > count:
+            raise ValueError(f"{owner}: modes must be in 0 … {count}, the number of stories, got {wanted}")
+
+    def __check_init__(self):
+        owner, count = "ShearBuilding", self.stories
+        rows = {"stiffnesses": self.stiffnesses} | ({} if self.heights is None else {"heights": self.heights})
+        for name, values in rows.items():
+            if len(parts(values)) != count:
+                raise ValueError(
+                    f"{owner}: {name} must be as long as masses, which has {count} stories, got "
+                    f"{len(parts(values))}"
+                )
+        if as_many(self.damping, 1) is self.damping and len(parts(self.damping)) != self.kept:
+            raise ValueError(
+                f"{owner}: damping must be one number or one for each of the {self.kept} modes that are "
+                f"kept, got {len(parts(self.damping))}"
+            )
+        positive(owner, masses=self.masses, **rows)
+        not_negative(owner, damping=self.damping)
+
+    @classmethod
+    def uniform(cls, stories: int, eta, T, damping: Any = 0.05, modes=None, *, height=None) -> Self:
+        """A building whose stories are all alike.
+
+        - `stories`: their number n ≥ 1; `eta`: mass ratio of all of them, m_t/(N m_c) [–]
+        - `T`: the longest fixed-base period [s]; `damping`, `modes` as above
+        - `height`: of each story [m]
+        """
+        count = whole("ShearBuilding.uniform", "stories", stories, 1)
+        positive("ShearBuilding.uniform", eta=eta, T=T)
+        eta, T = as_float(eta, "ShearBuilding.uniform: eta"), as_float(T, "ShearBuilding.uniform: T")
+        lowest = 2 * math.sin(math.pi / (4 * count + 2))  # ω_1 √(m/k)
+        mass = eta / count
+        each = np.ones(count)
+        heights = None if height is None else as_float(height)[..., None] * each
+        stiffness = mass * (2 * math.pi / (lowest * T)) ** 2
+        return cls(mass[..., None] * each, stiffness[..., None] * each, damping, modes, heights=heights)
+
+    @property
+    def stories(self) -> int:
+        """The number of stories."""
+        return len(parts(self.masses))
+
+    @property
+    def modes(self) -> Modes:
+        """The modes that are kept, with the mass ratio of the others as the residual."""
+        found, kept = self._analysis(), self.kept
+        residual = found.eta[..., kept:].sum(axis=-1) if kept < self.stories else 0.0
+        return Modes(found.eta[..., :kept], 2 * math.pi / found.omega[..., :kept], self.damping, residual)
+
+    @property
+    def frequencies(self) -> Array:
+        """Fixed-base circular frequencies ω_i of the modes that are kept [rad/s]."""
+        return self._analysis().omega[..., : self.kept]
+
+    @property
+    def shapes(self) -> Array:
+        """Γ_i φ_ji of the floors j and, along the last axis, the modes i that are kept [–], (C11): a floor
+        moves by Σ Γ_i φ_ji (u_i − u_b) against the beam."""
+        return self._analysis().shapes[..., : self.kept]
+
+    def _analysis(self) -> ModalAnalysis:
+        return modal_analysis(joined(self.masses), joined(self.stiffnesses))
+
+    @property
+    def count(self) -> int:
+        return self.kept
+
+    @property
+    def oscillators(self) -> tuple[Elastic, ...]:
+        return self.resolved().oscillators
+
+    @property
+    def carried(self) -> Number | None:
+        return self.resolved().carried
+
+    @property
+    def mass_ratio(self) -> Number:
+        return total(parts(self.masses))
+
+    @property
+    def elastic(self) -> bool:
+        return self.kept > 0
+
+    @property
+    def several(self) -> bool:
+        return self.kept > 0
+
+    @property
+    def floors(self) -> tuple[tuple[Number, ...], ...]:
+        return _floors(self.shapes)
+
+    def split(self) -> Self:
+        values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}
+        values["damping"] = parts(as_many(self.damping, self.kept))
+        values["heights"] = None  # for pictures only
+        return with_fields(self, values)
+
+    def resolved(self) -> AbstractSuperstructure:
+        if not self.kept:
+            return Rigid(self.mass_ratio)
+        found, kept = self._analysis(), self.kept
+        residual = None if kept == self.stories else found.eta[..., kept:].sum(axis=-1)
+        numbers = parts(found.eta[..., :kept]), parts(2 * math.pi / found.omega[..., :kept])
+        zeta = parts(as_many(self.damping, kept))
+        each = tuple(Elastic(*mode) for mode in zip(*numbers, zeta, strict=True))
+        return Oscillators(each, residual, _floors(found.shapes[..., :kept]))
+
+
+def _floors(shapes: Array) -> tuple[tuple[Number, ...], ...]:
+    return tuple(parts(shapes[..., j, :]) for j in range(shapes.shape[-2]))

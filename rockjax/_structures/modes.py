@@ -1,0 +1,160 @@
+"""A superstructure of several modes: oscillators beside each other on the beam."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Self, cast
+
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._checks import as_float, concrete, not_negative, require
+from rockjax._types import Array, Number
+
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators, total
+
+ROUNDING = 1e-9  # of the total: modal masses may exceed it by so much
+
+# Numbers along the last axis of an array; of a superstructure that is split, in a tuple.
+Row = Array
+
+
+def row(owner: str, name: str, values, what: str) -> Array:
+    """Numbers along a last axis, checked."""
+    found = as_float(values, f"{owner}: {name}")
+    if found.ndim == 0 or found.shape[-1] == 0:
+        raise ValueError(
+            f"{owner}: {name} must be an array with a number for each {what} along its last axis, got "
+            f"{'one number' if found.ndim == 0 else 'none'}"
+        )
+    return found
+
+
+def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
+    """The members of a row, each a number for every podium of a batch."""
+    if isinstance(values, tuple):
+        return values
+    known = concrete(values)
+    if known is not None:  # of JAX every operation on its own is a program to compile
+        values = cast(Array, known.astype(values.dtype))
+    return tuple(values[..., k] for k in range(values.shape[-1]))
+
+
+def joined(values: Row | tuple[Number, ...]) -> Array:
+    """A row as an array, its members along the last axis."""
+    return jnp.stack(jnp.broadcast_arrays(*values), axis=-1) if isinstance(values, tuple) else values
+
+
+def as_many(values: Any, count: int) -> Any:
+    """One number for all, or a row of so many, as a row."""
+    return (values,) * count if not isinstance(values, tuple) and jnp.ndim(values) == 0 else values
+
+
+def is_plain_zero(value) -> bool:
+    """Whether it is known, before tracing, that there is nothing."""
+    known = concrete(value)
+    return known is not None and not np.any(known)
+
+
+class Modes(AbstractSuperstructure):
+    """A superstructure of n modes: oscillators beside each other on the beam, (C9).
+
+    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis. A mode of 0 is driven but does not
+      act back
+    - `T`: fixed-base periods T_i, > 0 [s]; equal ones are allowed
+    - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one number is that of all modes
+    - `residual`: mass ratio η_r of what is not in the modes and moves with the beam, ≥ 0 [–]
+
+    One mode is [`rockjax.Elastic`][], none is `Rigid(residual)`. Displacements and deformations have a last
+    axis of modes: of a [`rockjax.State`][], of `peak_deformation`. Raises `ValueError` for lengths that are
+    not equal and for concrete numbers outside these ranges.
+    """
+
+    rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")
+
+    eta: Row
+    T: Row
+    zeta: Row
+    residual: Number  # None where there is none, of modes that are split
+
+    def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
+        self.eta = row("Modes", "eta", eta, "mode")
+        self.T = row("Modes", "T", T, "mode")
+        self.zeta = as_float(zeta, "Modes: zeta")
+        self.residual = as_float(residual, "Modes: residual")
+
+    def __check_init__(self):
+        count = len(parts(self.eta))
+        for name in ("T", "zeta"):
+            values = getattr(self, name)
+            if jnp.ndim(values) and values.shape[-1] != count:
+                raise ValueError(
+                    f"Modes: {name} must be as long as eta, which has {count} modes, got {values.shape[-1]}"
+                )
+        not_negative("Modes", eta=self.eta, zeta=self.zeta, residual=self.residual)
+        require("Modes", "T", self.T, lambda v: v > 0, "finite and > 0")
+
+    @classmethod
+    def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
+        """Modes of a superstructure whose mass ratio m_t/(N m_c) in all is known; what is not in the modes
+        is the residual.
+
+        Raises `ValueError` for modes that have more mass than there is.
+        """
+        eta, whole = (
+            row("Modes.of_total", "eta", eta, "mode"),
+            as_float(mass_ratio, "Modes.of_total: mass_ratio"),
+        )
+        rest = whole - jnp.sum(eta, axis=-1)
+        enough = "such that the modal masses are at most the total mass ratio"
+        known, size = concrete(rest), concrete(whole)
+        if known is not None and size is not None and np.any(known < -ROUNDING * np.abs(size)):
+            raise ValueError(
+                f"Modes.of_total: mass_ratio must be {enough}, got {float(np.min(size)):g} and modes of "
+                f"{float(np.max(np.sum(np.asarray(eta), axis=-1))):g} in all"
+            )
+        return cls(eta, T, zeta, residual=jnp.maximum(rest, 0.0))
+
+    @property
+    def modes(self) -> Modes:
+        return self
+
+    @property
+    def count(self) -> int:
+        """The number n of modes."""
+        return len(parts(self.eta))
+
+    @property
+    def oscillators(self) -> tuple[Elastic, ...]:
+        zeta = parts(as_many(self.zeta, self.count))
+        return tuple(Elastic(*each) for each in zip(parts(self.eta), parts(self.T), zeta, strict=True))
+
+    @property
+    def carried(self) -> Number | None:
+        return None if self.residual is None or is_plain_zero(self.residual) else self.residual
+
+    @property
+    def mass_ratio(self) -> Number:
+        moving = total(parts(self.eta))
+        return moving if self.carried is None else moving + self.carried
+
+    @property
+    def several(self) -> bool:
+        return True
+
+    def split(self) -> Self:
+        zeta = parts(as_many(self.zeta, self.count))
+        values = {"eta": parts(self.eta), "T": parts(self.T), "zeta": zeta, "residual": self.carried}
+        return with_fields(self, values)
+
+    def resolved(self) -> AbstractSuperstructure:
+        if self.count == 1 and self.carried is None:
+            return self.oscillators[0]
+        return Oscillators(self.oscillators, self.carried)
+
+
+def with_fields(superstructure, values):
+    """The same with other fields, which are not converted or checked again."""
+    same = object.__new__(type(superstructure))
+    for name, value in (vars(superstructure) | values).items():
+        object.__setattr__(same, name, value)
+    return same
