@@ -16,7 +16,7 @@ from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
-from .state import Decision, LoopState, Plan, Scene
+from .state import Decision, LoopState, Plan, Scene, Turn
 
 # Times the resolution of time: what the end of the scene follows so closely is not told from it.
 AT_ONCE = 100
@@ -59,7 +59,7 @@ class StepOutcome(NamedTuple):
     false_uplift: Flag  # a lift that the next step does not confirm is none: back to full contact
     peaks: Flag  # |θ| has a maximum at the guard's turning point
     superstructure: Largest
-    margin: Value  # of that maximum
+    turn: Turn  # that maximum
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:

@@ -20,7 +20,7 @@ from . import margin
 from .coefficients import Coefficients, coefficients
 from .model import uplift_demand
 from .runge_kutta import tableau
-from .state import LoopState, Plan, Scene
+from .state import LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
 
@@ -180,6 +180,7 @@ def prepare(
         peak_time=start,
         **_no_records(plan, c, t),
         margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else None,
+        turn=Turn(inf, inf) if plan.turns else None,
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
