@@ -8,6 +8,7 @@ from ._answer import Design, table
 from ._chart import design_chart, plot_chart
 from ._design import design
 from ._explore import Explorer, explore
+from ._failure import FailureProbability
 from ._fit import Fit, fit
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._pictures import before_after, convergence
@@ -34,6 +35,7 @@ __all__ = [
     "Design",
     "Dimensions",
     "Explorer",
+    "FailureProbability",
     "Fit",
     "MedianCapacity",
     "NoOverturning",

@@ -4,6 +4,7 @@ prices."""
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
 from html import escape
 from typing import NamedTuple
 
@@ -52,6 +53,7 @@ class Design(eqx.Module):
     - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per
       relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not
       satisfied
+    - `probabilities`: target → what an independent sample says, of targets on a probability of failure
     - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
     - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
     """
@@ -71,6 +73,7 @@ class Design(eqx.Module):
     bounds: dict[str, tuple[float, float]]
     units: dict[str, str]
     minimised: str
+    probabilities: dict[str, rj.FailureProbability] = eqx.field(static=True, default_factory=dict)
 
     @property
     def failing(self) -> dict[str, float]:
@@ -134,6 +137,9 @@ def _remarks(design: Design) -> list[str]:
         remarks.append(
             f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}"
         )
+    for name, found in design.probabilities.items():
+        low, high = found.interval
+        remarks.append(f"{name}: P = {found.probability:.3g} (95 %: {low:.3g} to {high:.3g}), sampled anew")
     cost = design.stats
     remarks.append(
         f"{cost.iterations} iterations, "
@@ -167,7 +173,11 @@ class Found(NamedTuple):
 
 
 def answer_of(
-    given: Structure, varied: Variables, objective: AbstractObjective | None, found: Found
+    given: Structure,
+    varied: Variables,
+    objective: AbstractObjective | None,
+    found: Found,
+    sampled: Callable[[np.ndarray], Mapping[int, rj.FailureProbability]],
 ) -> Design:
     """The best of the starts, and the account of all."""
     pairs = zip(found.ends, found.evaluations, strict=True)
@@ -197,6 +207,7 @@ def answer_of(
         bounds=bounds,
         units=dict(zip(varied.names, varied.units, strict=True)),
         minimised="distance from the start" if objective is None else objective.describe(),
+        probabilities={list(found.sizes)[k]: p for k, p in sampled(end.x).items()},
     )
 
 

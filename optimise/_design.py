@@ -14,16 +14,21 @@ from rockjax.internal import bar as bar_of
 from rockjax.internal import of_kind, shown, single, whole
 
 from ._answer import Design, Effort, Found, answer_of
-from ._descent import End, Evaluation, Iterate, Rules, descend, prepared
+from ._descent import End, Evaluation, Iterate, Rules, descend, prepared, rank
 from ._evaluator import Evaluator, problem_of, side_by_side
 from ._methods import Method, method_of
 from ._objectives import AbstractObjective, OfPodium
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
+from ._sampling import SampledTargets
 from ._sqp import descend_by_sqp
 from ._targets import AbstractTarget
 from ._variables import Structure, Variables, variables
 
 REFINEMENTS = 3  # rounds that pull a design inside which only the accurate simulation finds outside
+SAMPLED_TOLERANCE = 1e-4  # finer ones mean nothing where a probability is sampled
+CORRECTIONS = 3  # of a search, by independent samples
+CHECKS = 4  # ends at which independent samples are taken in a round, and
+SAMPLED = 0.2  # so far outside an end may be by them, to be pulled inside
 VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
 
 
@@ -56,7 +61,8 @@ def design(
       first needs far fewer evaluations
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
-    - `tolerance`: of the optimality conditions in scaled variables, and of margins [–]
+    - `tolerance`: of the optimality conditions in scaled variables, and of margins; at least 1e-4 where a
+      target is sampled [–]
     - `max_iterations`: of every start; None gives 60 to `"sqp"` and 1000 to a gradient transformation
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
@@ -81,16 +87,20 @@ def design(
         minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
     )
     options = options.replace(throw=False)
-    problem = problem_of(varied, objective, targets)
+    sampled = SampledTargets(varied, targets)
+    tolerance = max(tolerance, SAMPLED_TOLERANCE) if sampled.targets else tolerance
+    problem = problem_of(
+        varied, objective, tuple(t for k, t in enumerate(targets) if k not in sampled.targets)
+    )
     points = _points(varied, starts, seed)
     # At most: the first evaluation, one an iteration, and those that verify.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
-        evaluate = Evaluator(problem, options, points, tolerance, bar)
+        evaluate = Evaluator(problem, sampled, options, points, tolerance, bar)
         search = _Search(chosen, evaluate, points, tolerance, max_iterations)
         stopped = search.run(options)
     effort = evaluate.effort(search.iterations, time.perf_counter() - began)
     sizes = _names(targets, evaluate.sizes)
-    answer = answer_of(podium, varied, objective, search.found(sizes, effort))
+    answer = answer_of(podium, varied, objective, search.found(sizes, effort), sampled.probabilities)
     if stopped:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
     return answer
@@ -125,6 +135,7 @@ class _Search:
         try:
             descents = {k: descend(once, self.points[k], rules, self.history, k) for k in starts}
             side_by_side(descents, evaluate, self.points, first, self.ended)
+            self.correct(rules)
             evaluate.verifies(accurate)
             self.verify()
         except KeyboardInterrupt:
@@ -141,9 +152,10 @@ class _Search:
         By sequential quadratic programming, whatever found them: so close to the end it takes a step or two.
         """
         tolerance = self.tolerance
-        self.evaluations = self.evaluate(self.places)
+        self.evaluations = self.checked()
+        nearly = SAMPLED if self.evaluate.sampled.targets else 1e3 * tolerance
         for _ in range(REFINEMENTS):
-            missing = {k: _missing(self.ended[k], e, tolerance) for k, e in enumerate(self.evaluations)}
+            missing = {k: _missing(self.ended[k], e, nearly) for k, e in enumerate(self.evaluations)}
             # Aim further inside by what is missing.
             again = {
                 k: descend(
@@ -159,7 +171,33 @@ class _Search:
             if not again:
                 break
             side_by_side(again, self.evaluate, self.places, self.evaluations, self.ended)
-            self.evaluations = self.evaluate(self.places)
+            self.evaluations = self.checked()
+
+    def checked(self) -> list[Evaluation]:
+        """What holds at the ends, once there are independent samples at the best of them."""
+        for _ in range(CHECKS):
+            found = self.evaluate(self.places)
+            if not self.evaluate.sampled.targets:
+                return found
+            new, _ = self.evaluate.sampled.check(self.places[_best(found)])
+            if not new:
+                return found
+        return self.evaluate(self.places)
+
+    def correct(self, rules: Rules) -> None:
+        """Go on from the ends where an independent sample says something else than the one gone by so far."""
+        for _ in range(CORRECTIONS if self.evaluate.sampled.targets else 0):
+            best = _best(self.evaluate(self.places))
+            _, differs = self.evaluate.sampled.check(self.places[best])
+            if not differs:
+                return
+            places, first = self.places, self.evaluate(self.places)
+            again = {
+                k: descend(self.method.descend, x, rules, [], k)
+                for k, x in enumerate(places)
+                if self.ended[k].result != NOT_FINITE
+            }
+            side_by_side(again, self.evaluate, places, first, self.ended)
 
     def so_far(self, k: int, rules: Rules) -> End:
         """The best point that a start has seen; nobody knows its multipliers."""
@@ -208,6 +246,10 @@ def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([np.asarray(varied.start())[None], sample])
 
 
+def _best(found: list[Evaluation]) -> int:
+    return min(range(len(found)), key=lambda k: rank(found[k]) if found[k].finite else (np.inf, np.inf))
+
+
 def _scale(first: list[Evaluation]) -> float:
     """So large are changes of the objective across the box, by its slopes at the starts."""
     slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
@@ -229,8 +271,8 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
     return names
 
 
-def _missing(end: End, found: Evaluation, tolerance: float) -> float:
+def _missing(end: End, found: Evaluation, nearly: float) -> float:
     """What a design lacks that its own simulation called satisfied, 0 for all others."""
     if end.result in (INFEASIBLE, NOT_FINITE) or not found.finite or found.violation == 0:
         return 0.0
-    return found.violation if found.violation <= 1e3 * tolerance else 0.0
+    return found.violation if found.violation <= nearly else 0.0

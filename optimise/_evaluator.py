@@ -20,6 +20,7 @@ from rockjax.internal import KeptProgram, TracedFunction
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
 from ._objectives import AbstractObjective, OfPodium
+from ._sampling import SampledTargets
 from ._suite import Suite, same
 from ._targets import AbstractResponses, AbstractTarget
 from ._variables import Variables
@@ -166,7 +167,16 @@ class Evaluator:
     objective.
     """
 
-    def __init__(self, problem: DesignProblem, options: rj.Options, points: np.ndarray, inside: float, bar):
+    def __init__(
+        self,
+        problem: DesignProblem,
+        sampled: SampledTargets,
+        options: rj.Options,
+        points: np.ndarray,
+        inside: float,
+        bar,
+    ):
+        self.sampled = sampled
         self.width, self.inside, self.bar = len(points), inside, bar
         self.options, self.certain = traced(options), problem
         self.problem = dataclasses.replace(
@@ -179,6 +189,7 @@ class Evaluator:
         """Evaluations at points (width, n), of which `count` are asked for."""
         slopes, values = _evaluated(self.problem, self.options, jnp.asarray(points))
         (f, margins), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
+        margins, slopes = self._with_sampled(points, margins, slopes)
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
         none = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
@@ -191,16 +202,27 @@ class Evaluator:
         self.bar.update(1)
         return found
 
+    def _with_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
+        """Margins and slopes of all targets in their order, from those of the traced ones."""
+        rows = [self.sampled.at(x) for x in points]
+        margins, slopes = list(margins), list(slopes)
+        for k in self.sampled.targets:
+            margins.insert(k, np.array([[row[k].margin] for row in rows]))
+            slopes.insert(k, np.stack([row[k].slope[None] for row in rows]))
+        return margins, slopes
+
     def verifies(self, options: rj.Options) -> None:
         """From now on with these options, and with targets as certain as they are meant."""
         self.options, self.problem = traced(options), self.certain
+        self.sampled.verifies()
 
     def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
         _, there = seen
         return rank(there._replace(c=there.c - self.inside)) if there.finite else (np.inf, np.inf)
 
     def effort(self, iterations: int, seconds: float) -> Effort:
-        return Effort(self.evaluations, self.evaluations * self.problem.scenes, iterations, seconds)
+        scenes = self.evaluations * self.problem.scenes + self.sampled.scenes
+        return Effort(self.evaluations, scenes, iterations, seconds)
 
 
 def side_by_side(

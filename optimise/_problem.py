@@ -27,6 +27,9 @@ kind = "median-capacity"         # at_least, motions, max_scale, width
 kind = "annual-frequency"        # at_most, hazard: a file as in [risk], motions, max_intensity, width
 [[targets]]
 kind = "overturning-probability" # at_most, motions, intensity, smoothing
+[[targets]]
+kind = "failure-probability"     # at_most, motion = {n, dt, S_0, omega_g, zeta_g, omega_f, zeta_f, envelope =
+                                 # {t_1, t_2, c}}, cov, rays, seed
 """
 
 from __future__ import annotations
@@ -52,6 +55,7 @@ from rockjax.internal import (
 from ._annual import AnnualFrequency
 from ._answer import Design, aligned
 from ._design import design
+from ._failure import FailureProbability
 from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
 from ._targets import (
     AbstractTarget,
@@ -84,7 +88,15 @@ TARGET: dict[str, Kind] = {
     "hazard": TEXT,
     "ratio": TRUTH,
     "name": TEXT,
+    "cov": POSITIVE,
+    "rays": whole_number(8),
+    "seed": whole_number(0),
 }
+GAUSSIAN: dict[str, Kind] = {
+    "n": whole_number(2),
+    **dict.fromkeys(("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f"), POSITIVE),
+}
+ENVELOPE: dict[str, Kind] = dict.fromkeys(("t_1", "t_2", "c"), POSITIVE)
 WORST: dict[str, type] = {
     "peak-rotation": WorstRotation,
     "peak-shear": WorstShear,
@@ -235,6 +247,11 @@ class _Reader(Reader):
                 ("at_most", "motions"),
                 ("intensity", "smoothing"),
             ),
+            "failure-probability": (
+                FailureProbability,
+                ("at_most", "motion"),
+                ("cov", "rays", "seed"),
+            ),
         }
         if not isinstance(entry, dict) or "kind" not in entry:
             self.fail(key, "kind is missing")
@@ -246,15 +263,28 @@ class _Reader(Reader):
         numbers = {
             name: value
             for name, value in entry.items()
-            if name not in ("kind", "motions", "pulse", "T_p", "frequency_ratio")
+            if name not in ("kind", "motion", "motions", "pulse", "T_p", "frequency_ratio")
         }
         with self.at(key):
             if kind is OverturningAcceleration:
                 pulse, T_p = self.pulse(entry["pulse"], f"{key}.pulse"), self.periods(entry, key, podium)
                 at_least = numbers.pop("at_least")
                 return OverturningAcceleration(at_least, pulse, T_p, **numbers)
+            if kind is FailureProbability:
+                at_most, motion = numbers.pop("at_most"), self.gaussian(entry["motion"], f"{key}.motion")
+                return FailureProbability(at_most, motion, **numbers)
             if "hazard" in numbers:
                 numbers["hazard"] = rj.Hazard.from_file(self.folder / numbers["hazard"]).in_si()
             first = {name: numbers.pop(name) for name in needed if name in numbers}
             make: Any = kind
             return make(*first.values(), self.chosen(entry, key, motions), **numbers)
+
+    def gaussian(self, value, key: str) -> rj.GaussianMotion:
+        """A random ground motion in a table of its numbers."""
+        entry = self.table(value, key, ("n", "dt", "S_0"), (*list(GAUSSIAN)[3:], "envelope"))
+        numbers = self.entries({k: y for k, y in entry.items() if k != "envelope"}, key, GAUSSIAN)
+        if "envelope" in entry:
+            envelope = self.table(entry["envelope"], f"{key}.envelope", (), tuple(ENVELOPE))
+            numbers["envelope"] = rj.Envelope(**self.entries(envelope, f"{key}.envelope", ENVELOPE))
+        with self.at(key):
+            return rj.GaussianMotion(**numbers)

@@ -20,6 +20,9 @@ from ._repr import card, readable
 from ._responses.datasets import describe_options
 from ._responses.peak import AbstractPeak
 from ._restrainers.damper import as_exponent
+from ._risk.rays import Rays, factor_of, probability_at, rays_at
+from ._risk.rocking import limit_state
+from ._risk.structure import limit_of
 from ._studies.lognormal import fit_capacities
 from ._tables import html, lines, written
 
@@ -37,6 +40,7 @@ __all__ = [
     "KeptProgram",
     "Kind",
     "Parameter",
+    "Rays",
     "Reader",
     "TracedFunction",
     "about",
@@ -52,17 +56,22 @@ __all__ = [
     "clash",
     "concrete",
     "describe_options",
+    "factor_of",
     "find",
     "fit_capacities",
     "has",
     "has_margin",
     "html",
+    "limit_of",
+    "limit_state",
     "lines",
     "load_table",
     "measured_as",
     "of_kind",
     "of_motion",
     "parameters_of",
+    "probability_at",
+    "rays_at",
     "read",
     "readable",
     "require",

@@ -77,6 +77,7 @@ GOOD = {
         "hazard": rj.Hazard([0.5, 8.0], [1e-2, 1e-4]),
         "suite": [MOTION, MOTION],
     },
+    optimise.FailureProbability: {"at_most": 1e-3, "motion": rj.GaussianMotion(11, 0.1, 0.01)},
     optimise.MedianCapacity: {"at_least": 1.0, "suite": [pulse(), pulse()]},
     optimise.OverturningProbability: {"at_most": 0.1, "suite": [pulse()]},
     optimise.WorstRotation: {"excitations": pulse()},

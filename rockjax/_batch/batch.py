@@ -32,6 +32,7 @@ from rockjax._threads import Pool
 from .chunk import LaneLayout
 from .executors import AbstractExecutor, executor
 from .lanes import Done
+from .reach import SCALE
 from .scenes import SceneBatch, broadcast
 
 LANES = 64  # fit the first-level cache, and still fill the vector unit
@@ -97,7 +98,10 @@ def peak_responses(
 
 def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
     """A `RuntimeWarning` that counts the scenes without an answer."""
-    codes = np.asarray(results.code_of(peaks.result))
+    _warn_of_codes(np.asarray(results.code_of(peaks.result)), stacklevel + 1)
+
+
+def _warn_of_codes(codes: np.ndarray, stacklevel: int) -> None:
     failed = codes[codes > results.OVERTURNED]
     if failed.size:
         kinds = {results.NAMES[k] for k in np.unique(failed)}
@@ -157,6 +161,21 @@ def responses(
     return Peak(**peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
 
 
+def responses_with_reach(
+    podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Floats and integers of a batch of shape (n,) as of `peak_responses`, and the `reach` of each scene."""
+    check_range("peak_responses", podiums, excitations, None, options)
+    scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
+    require_memory("peak_responses", scenes.total, BYTES + BYTES_OF_SLOPES)
+    stop = threading.Event()
+    floats, integers, _ = run_batch(scenes, options, progress, stop, None, (SCALE,), reach=True)
+    if stop.is_set():
+        raise Interrupted("stopped while scenes were looked at", None)
+    _warn_of_codes(integers["code"], stacklevel=3)
+    return floats, integers
+
+
 class Tally(NamedTuple):
     """What the lanes did, for those who measure: trials of scenes, and trials that the lanes had time for."""
 
@@ -171,11 +190,12 @@ def run_batch(
     stop: threading.Event | None = None,
     who: AbstractExecutor | None = None,
     sensitivities: tuple[str, ...] = (),
+    reach: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Floats and integers of every scene, and how busy the lanes were.
 
     The floats hold the derivatives with respect to the logarithms of the parameters `sensitivities`, along a
-    last axis.
+    last axis. With `reach`, for which these are the scale alone, they hold the `reach` as well.
 
     Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code
     INTERRUPTED. Without it Ctrl-C raises.
@@ -184,7 +204,7 @@ def run_batch(
     # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
     # program.
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
-    lane_layout = layout(scenes, who, sensitivities)
+    lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
     floats: dict[str, np.ndarray] = {}
     integers: dict[str, np.ndarray] = {}

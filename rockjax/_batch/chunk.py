@@ -7,6 +7,7 @@ same rules as the derivatives of a single scene.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,12 @@ class LaneLayout(NamedTuple):
     # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
     refill: bool
     sensitivities: tuple[str, ...] = ()  # parameters with respect to whose logarithms derivatives are wanted
+    reach: bool = False  # how far the scale may change is wanted, too; the only parameter is the scale then
+
+    def plan(self, leaves, options: Options) -> Plan:
+        """What is decided before tracing, from the leaves of a chunk."""
+        podium = jax.tree.unflatten(self.structure, leaves)[0]
+        return dataclasses.replace(plan_for(podium, options, history=False), turns=self.reach)
 
 
 class Slopes(NamedTuple):
@@ -132,13 +139,14 @@ class Chunk(NamedTuple):
             return floats, None, rest
         beside = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         beside = slopes.parts, self.slopes.common, beside
-        return pushed(every, (parts, self.common, lane), beside, loops=loops)
+        single = slopes.lane["event_time"].shape[0] == 1  # nothing to share, and a sixth less to compile
+        return pushed(every, (parts, self.common, lane), beside, loops=loops or single)
 
 
 def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
     """The scenes of a chunk, at their starts."""
     structure, names = layout.structure, layout.sensitivities
-    plan = plan_for(jax.tree.unflatten(structure, leaves)[0], options, history=False)
+    plan = layout.plan(leaves, options)
     _, settle = automaton(plan, options)
 
     def ready(factors, *leaves) -> tuple[Scene, LoopState]:

@@ -17,7 +17,6 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._engine.flat import closed, runs
 from rockjax._engine.hops import chatters, many_hops
-from rockjax._engine.scene import plan_for
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
@@ -26,6 +25,7 @@ from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
 from .chunk import Chunk, LaneLayout, Slopes, automaton, crossed, makes_trials, prepared
+from .reach import least_reach
 
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
 
@@ -37,6 +37,7 @@ class Lanes(NamedTuple):
     parts: list[Any]  # of `Scene`: what differs between scenes
     held: jax.Array  # which scene of the batch each lane holds, −1 where none
     slopes: Slopes | None = None  # where sensitivities are wanted
+    reach: jax.Array | None = None  # where it is wanted, that of each scene so far
 
 
 class Done(NamedTuple):
@@ -71,7 +72,7 @@ def advance(
     The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
     """
     lanes, size, refill = layout.lanes, layout.size, layout.refill
-    plan = plan_for(jax.tree.unflatten(layout.structure, leaves)[0], options, history=False)
+    plan = layout.plan(leaves, options)
     chunk = crossed(prepared(leaves, layout, options), plan, lanes, count)
     moves, settle = automaton(plan, options)
     patience = max(1, round(PATIENCE * lanes))
@@ -86,14 +87,17 @@ def advance(
 
         _, rows, lane = chunk.in_lanes(after, state.parts, state.lane, state.slopes)
         slopes = None if state.slopes is None else state.slopes._replace(lane=rows)
-        return state._replace(lane=lane, slopes=slopes)
+        reach = state.reach
+        if reach is not None and rows is not None:
+            reach = least_reach(reach, lane, rows)
+        return state._replace(lane=lane, slopes=slopes, reach=reach)
 
     index_type = held.held.dtype
     if not refill:
         index = jnp.arange(lanes, dtype=index_type)
         number = jnp.where(index < count, first + stride * index, -1)
         lane, slopes = chunk.starts(lanes)
-        held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes)
+        held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes, _unlimited(layout))
 
     def exchange(loop: _Loop) -> _Loop:
         done = loop.done
@@ -140,6 +144,11 @@ def advance(
     return _turned(loop.lanes), loop.done
 
 
+def _unlimited(layout: LaneLayout) -> jax.Array | None:
+    """The reach of lanes that have not passed a turning point."""
+    return jnp.full(layout.lanes, jnp.inf) if layout.reach else None
+
+
 def _turned(state: Lanes) -> Lanes:
     """Rows of slopes inside lanes or lanes inside rows: the latter only in the loop, where a row fills a
     vector."""
@@ -153,6 +162,8 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> tuple[dict[str, jax.Arr
     )
     if slopes is None:
         return floats, integers
+    if state.reach is not None:
+        floats = floats | {"reach": state.reach}
     rows_last = lambda y: jnp.moveaxis(y, 0, -1)
     return floats | {
         slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
@@ -174,7 +185,8 @@ def _loaded(chunk: Chunk, state: Lanes, loads: Flag, place: jax.Array, refill: b
 
     lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
     parts = over(load, chunk.parts, state.parts) if refill else state.parts
-    state = state._replace(lane=lane, parts=parts)
+    reach = None if state.reach is None else jnp.where(loads, jnp.inf, state.reach)
+    state = state._replace(lane=lane, parts=parts, reach=reach)
     if state.slopes is None or chunk.slopes is None:
         return state
     rows = jax.tree.map(load_rows, chunk.slopes.lane, moving(chunk.lane_differs), state.slopes.lane)
@@ -247,7 +259,8 @@ def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout)
         chunk = prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
         parts = [y[: layout.lanes] for y in chunk.parts]
         lane, slopes = chunk.starts(layout.lanes)
-        return _turned(Lanes(lane, parts, jnp.zeros(layout.lanes, jnp.result_type(int)), slopes))
+        number = jnp.zeros(layout.lanes, jnp.result_type(int))
+        return _turned(Lanes(lane, parts, number, slopes, _unlimited(layout)))
 
     numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
     return jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)

@@ -80,7 +80,9 @@ def _by_tracing(
     place = np.arange(line.size) - np.searchsorted(line, line)
     wrong = (ends[0] != ends[1]) != (np.bincount(line, minlength=x.size) % 2 == 1)
     wrong[line[overturns != (ends[0][line] == (place % 2 == 0))]] = True
-    verdict, impacts = margins(plane, x[line], y * np.where(overturns, 1 + PAST, 1 - PAST), options, progress)
+    verdict, impacts, _ = margins(
+        plane, x[line], y * np.where(overturns, 1 + PAST, 1 - PAST), options, progress
+    )
     wrong[line[verdict > 0]] = True
     again = np.flatnonzero(wrong)
     keep = ~wrong[line]

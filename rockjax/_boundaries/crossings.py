@@ -3,20 +3,23 @@ change down."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
+import jax
 import numpy as np
+from jax.core import Tracer
 
 from rockjax import _results as results
-from rockjax._batch.batch import LANES, peak_responses
+from rockjax._batch.batch import LANES, peak_responses, responses_with_reach
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
 
-from .first import CLOSE, DIPS, WIDTH, divisions
+from .first import CLOSE, WIDTH, divisions
+from .looked import Known, Look, around_dips, dip
+from .steps import SPACING, certain, gaps
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
@@ -27,14 +30,10 @@ REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
 SHARE = 8  # scenes to divide a bracket, more where lanes would be idle
-SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
-ROUND = 2048  # scenes of all lines that go up side by side …
-LEAST = 64  # … of one line at least
-QUARTERS = np.array([0.25, 0.5, 0.75])  # of an interval beside a dip …
-ZOOMS = 4  # … so many times
+
+ZOOMS = 4  # closer looks around the lowest dips
 NARROW = 24  # divisions of a bracket at most
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
-GRAZING = 1e-3  # a margin as low as this is worked out at the full accuracy
 
 
 class Crossings(NamedTuple):
@@ -64,51 +63,6 @@ class Scan(NamedTuple):
     scenes: int
 
 
-class _Known(NamedTuple):
-    """Scenes looked at, sorted by line and y."""
-
-    line: np.ndarray
-    y: np.ndarray
-    margin: np.ndarray  # NaN where a scene has ended without an answer
-    impacts: np.ndarray
-    sharp: np.ndarray  # at the full accuracy
-
-    def and_also(self, more: _Known) -> _Known:
-        both = [np.concatenate(pair) for pair in zip(self, more, strict=True)]
-        order = np.lexsort((both[1], both[0]))
-        return _Known(*(y[order] for y in both))
-
-    def answered(self) -> _Known:
-        return _Known(*(y[~np.isnan(self.margin)] for y in self))
-
-    def changes(self) -> np.ndarray:
-        """Where the next one of the same line has another verdict."""
-        over = self.margin <= 0
-        return np.flatnonzero((over[:-1] != over[1:]) & (self.line[:-1] == self.line[1:]))
-
-    def first_changes(self) -> np.ndarray:
-        at = self.changes()
-        return at[np.unique(self.line[at], return_index=True)[1]]
-
-    def below(self) -> list[slice]:
-        """Of every line: from the last place where the columns never lift up to the first that overturns.
-
-        Columns at rest feel the motion in proportion: below a scale that does not lift them none does.
-        """
-        parts = []
-        for start, end in itertools.pairwise([0, *(np.flatnonzero(np.diff(self.line)) + 1), self.line.size]):
-            margin = self.margin[start:end]
-            over = np.flatnonzero(margin <= 0)
-            stop = over[0] + 1 if over.size else end - start
-            still = np.flatnonzero(margin[:stop] == 1)
-            parts.append(slice(start + (still[-1] if still.size else 0), start + stop))
-        return parts
-
-
-# (line, y, at the full accuracy?) → what is known there
-Look = Callable[[np.ndarray, np.ndarray, bool], _Known]
-
-
 def scan(
     plane: Plane,
     x,
@@ -132,19 +86,20 @@ def scan(
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     loose = looking(options, NARROWEST if width is None else width, np)
+    reaches = width is not None and _in_proportion(plane, x[:1], y_range[1], options)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> _Known:
+        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
             nonlocal scenes
             scenes += line.size
             # What fills up a small batch is at rest and costs nothing, while small batches are a program of
             # their own.
             rest = 0 if width is None else max(0, 2 * LANES + 1 - line.size)
             x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
-            margin, impacts = margins(plane, x_all, y_all, options if sharp else loose, counter)
-            margin, impacts = margin[: line.size], impacts[: line.size]
-            return _Known(line, y, margin, impacts, np.full(line.size, sharp))
+            seen = margins(plane, x_all, y_all, options if sharp else loose, counter, reaches)
+            margin, impacts, reach = (of_each[: line.size] for of_each in seen)
+            return Known(line, y, margin, impacts, reach, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
@@ -152,10 +107,10 @@ def scan(
         if look_closer == "everywhere":
             known = _refined(known, look, FINEST * size)
         spacing = np.inf if width is None else SPACING * width * size
-        known = _certain(known, look, spacing, look_closer == "first")
+        known = certain(known, look, spacing, look_closer == "first")
         for _ in range(ZOOMS):
-            known = known.and_also(look(*_around_dips(known), False))
-        known = _certain(known, look, spacing, look_closer == "first")
+            known = known.and_also(look(*around_dips(known), False))
+        known = certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:
             raise RuntimeError(
@@ -164,22 +119,49 @@ def scan(
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
         changes = answered.first_changes() if look_closer == "first" else answered.changes()
         crossings = _narrowed(answered, changes, look, max(CLOSE, NOISE * float(options.rtol)))
-    return Scan(crossings, starts, _dip(answered), _gaps(answered, y_range[1]), scenes)
+    return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
 
 
-def margins(plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False):
+def margins(
+    plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False, reaches: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Overturning margins (or what stands for them, see `signed_margin`), NaN without an answer, and impacts
-    of scenes (x, y), on all cores."""
+    of scenes (x, y), on all cores; where wanted also how far y may change, else 0."""
     if x.size == 0:
-        return np.zeros(0), np.zeros(0, int)
+        return np.zeros(0), np.zeros(0, int), np.zeros(0)
     podiums, motions = plane(x, y)
     margin = has_margin(options, podiums)
-    peaks = peak_responses(podiums, motions, options=margin_options(options, margin), progress=progress)
-    floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
-    value = signed_margin(floats, np.asarray(peaks.overturned), float(options.overturn_ratio), margin, np)
-    value = np.where(np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, value)
+    wanted = margin_options(options, margin)
+    if reaches:
+        floats, integers = responses_with_reach(podiums, motions, wanted, progress)
+        overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
+        with np.errstate(invalid="ignore"):
+            reach = np.where(np.isnan(floats["reach"]), 0.0, floats["reach"]) * np.abs(y)
+    else:
+        peaks = peak_responses(podiums, motions, options=wanted, progress=progress)
+        floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
+        overturned, impacts = np.asarray(peaks.overturned), np.asarray(peaks.impacts)
+        codes, reach = np.asarray(results.code_of(peaks.result)), np.zeros(x.shape)
+    value = signed_margin(floats, overturned, float(options.overturn_ratio), margin, np)
+    failed = codes > results.OVERTURNED
+    value, reach = np.where(failed, np.nan, value), np.where(failed, 0.0, np.nan_to_num(reach, posinf=np.inf))
     # Copies: what is solved again more sharply is put in their place.
-    return tuple(np.array(np.broadcast_to(y, x.shape)) for y in (value, np.asarray(peaks.impacts)))
+    value, impacts, reach = (np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, reach))
+    return value, impacts, reach
+
+
+def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
+    """Whether there is a margin and y does nothing but scale the motion: only then reaches tell about y."""
+    one, other = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
+    if not has_margin(options, one[0]):
+        return False
+    same = (one[0], one[1]), (other[0], other[1].scaled(np.full(1, 2.0)))
+    leaves, forms = zip(*map(jax.tree.flatten, same), strict=True)
+    if forms[0] != forms[1]:
+        return False
+    # Under a transformation JAX traces what a motion makes anew of known numbers: counts, which stay.
+    pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
+    return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
@@ -203,7 +185,7 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray)
     return np.where(together & (h > 0), bend * h**2 / np.maximum(spare, 1e-300), 0.0)
 
 
-def _refined(known: _Known, look: Look, finest: float) -> _Known:
+def _refined(known: Known, look: Look, finest: float) -> Known:
     """And places inside every interval between neighbours in which the margin may do what they do not
     show."""
     part = np.arange(1, PARTS) / PARTS
@@ -218,96 +200,7 @@ def _refined(known: _Known, look: Look, finest: float) -> _Known:
     return known
 
 
-def _certain(known: _Known, look: Look, spacing: float, first_only: bool) -> _Known:
-    """Until below the first change no step is wider than `spacing`, and the changes stand at the full
-    accuracy."""
-    while True:
-        line, y = _missing(known, spacing)
-        if line.size:
-            known = known.and_also(look(line, y, False))
-            continue
-        at = _unsure(known, first_only)
-        if at.size == 0:
-            return known
-        again = look(known.line[at], known.y[at], True)
-        for old, new in zip(known, again, strict=True):
-            old[at] = new
-
-
-def _missing(known: _Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """The next places of each line that are to be looked at, from below."""
-    parts = known.below()
-    wide = [part for part in parts if np.any(np.diff(known.y[part]) > spacing)]
-    lines, places = [], []
-    for part in wide:
-        y = known.y[part]
-        more: list[np.ndarray] = []
-        share = max(LEAST, ROUND // len(wide))
-        for k in np.flatnonzero(np.diff(y) > spacing):
-            steps = int(np.ceil((y[k + 1] - y[k]) / spacing))
-            more.append(y[k] + (y[k + 1] - y[k]) * np.arange(1, min(steps, share + 1)) / steps)
-            share -= more[-1].size
-            if share <= 0:
-                break
-        places.append(np.concatenate(more))
-        lines.append(np.full(places[-1].size, known.line[part.start]))
-    if not wide:
-        return np.zeros(0, int), np.zeros(0)
-    return np.concatenate(lines), np.concatenate(places)
-
-
-def _unsure(known: _Known, first_only: bool) -> np.ndarray:
-    """What a change or a low dip rests on, and is known at the looser accuracy only."""
-    changes = known.first_changes() if first_only else known.changes()
-    at = np.union1d(changes, changes + 1)
-    low = [part.start + np.flatnonzero(known.margin[part] < GRAZING) for part in known.below()]
-    at = np.union1d(at, np.concatenate(low)).astype(int)
-    return at[~known.sharp[at]]
-
-
-def _lowest(known: _Known) -> np.ndarray:
-    """The middles of the dips among the survivors below the first change of each line."""
-    here, margin = np.zeros(0, int), known.margin
-    for part in known.below():
-        k = np.arange(part.start + 1, part.stop - 1)
-        survives = (margin[k - 1] > 0) & (margin[k] > 0) & (margin[k + 1] > 0)
-        here = np.append(here, k[survives & (margin[k] <= margin[k - 1]) & (margin[k] < margin[k + 1])])
-    return here
-
-
-def _around_dips(known: _Known) -> tuple[np.ndarray, np.ndarray]:
-    """Places on both sides of the dips of each line that may be the lowest."""
-    here, margin = _lowest(known), known.margin
-    # Straight lines on either side, prolonged, would meet there.
-    depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
-    may_be = depth < _dip(known)[known.line[here]]
-    here, depth = here[may_be], depth[may_be]
-    order = np.lexsort((depth, known.line[here]))
-    line = known.line[here[order]]
-    here = here[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
-    left = np.concatenate([here - 1, here])
-    start, size = known.y[left, None], (known.y[left + 1] - known.y[left])[:, None]
-    return np.repeat(known.line[left], QUARTERS.size), (start + size * QUARTERS).ravel()
-
-
-def _dip(known: _Known) -> np.ndarray:
-    here = _lowest(known)
-    lowest = np.ones(known.line[-1] + 1)
-    np.minimum.at(lowest, known.line[here], known.margin[here])
-    return lowest
-
-
-def _gaps(known: _Known, top: float) -> np.ndarray:
-    """The widest step between neighbours below the first change of each line."""
-    widest = []
-    for part in known.below():
-        y = known.y[part]
-        end = top if known.margin[part.stop - 1] > 0 else y[-1]
-        widest.append(np.max(np.diff(np.append(y, end))))
-    return np.array(widest)
-
-
-def _narrowed(known: _Known, at: np.ndarray, look: Look, close: float) -> Crossings:
+def _narrowed(known: Known, at: np.ndarray, look: Look, close: float) -> Crossings:
     over = known.margin <= 0
     line, overturns = known.line[at], ~over[at]
     safe, fallen = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)

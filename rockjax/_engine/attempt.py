@@ -16,7 +16,7 @@ from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
-from .state import Decision, LoopState, Plan, Scene
+from .state import Decision, LoopState, Plan, Scene, Turn
 
 # Times the resolution of time: what the end of the scene follows so closely is not told from it.
 AT_ONCE = 100
@@ -59,7 +59,7 @@ class StepOutcome(NamedTuple):
     false_uplift: Flag  # a lift that the next step does not confirm is none: back to full contact
     peaks: Flag  # |θ| has a maximum at the guard's turning point
     superstructure: Largest
-    margin: Value  # of that maximum
+    turn: Turn  # that maximum
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
@@ -103,7 +103,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
 def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: Value) -> tuple[Value, Flag]:
     """The length of the trial, and whether it reaches the stop."""
     room = stop - state.t
-    h = jnp.where(state.h > 0.999 * room, room, jnp.where(state.h > 0.5 * room, 0.5 * room, state.h))
+    fits = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.whole * room))
+    h = jnp.where(fits, room, jnp.where(state.h > 0.5 * room, scene.split * room, state.h))
     # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈|.
     speed = jax.lax.stop_gradient(state.v[0])
     returns = fresh & (speed * angular < 0)

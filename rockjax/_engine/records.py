@@ -28,7 +28,7 @@ from .model import (
     weighted,
 )
 from .ratio import safe_ratio
-from .state import LoopState, Plan, Scene, present
+from .state import LoopState, Plan, Scene, Turn, present
 
 
 def step_peak(
@@ -54,10 +54,10 @@ def step_peak(
     return jnp.where(at_turn, peak, end_angle), time
 
 
-def margin_of_peak(
+def turn_at_peak(
     scene: Scene, plan: Plan, state: LoopState, ground_at, trial: Attempt, guard: Guard, peaks: Flag
-) -> Value:
-    """The overturning margin of a maximum of |θ| at the guard's turning point."""
+) -> Turn:
+    """A maximum of |θ| at the guard's turning point."""
     h, sigma, path = trial.h, state.sigma, guard.path
     off = safe_ratio(path.slope(guard.turn), path.curvature(guard.turn), peaks)
     z = guard.turn - jnp.clip(off, -1.0, 1.0)  # moves with the parameters
@@ -67,7 +67,8 @@ def margin_of_peak(
         sway = quintic(state.x[k], state.v[k], trial.a0[k], trial.end.x[k], trial.end.v[k], trial.end.a[k], h)
         x, v = (*x, sway.value(z)), (*v, safe_ratio(sway.slope(z), h, h > 0))
     slowing = -sigma * acceleration(scene.c, sigma, ground_at(state.t + z * h), x, v)[0]
-    return jnp.where(peaks, margin.at_turn(scene.c, scene.overturn_angle, theta, slowing), jnp.inf)
+    here = margin.at_turn(scene.c, scene.overturn_angle, theta, slowing)
+    return Turn(*(jnp.where(peaks, y, jnp.inf) for y in (here, slowing)))
 
 
 def least_margin(
@@ -75,7 +76,7 @@ def least_margin(
 ) -> Value:
     """The overturning margin so far, after an accepted step to the state (x, v)."""
     before = present(state.margin)
-    least = jnp.where(outcome.peaks & (outcome.margin < before), outcome.margin, before)
+    least = jnp.where(outcome.peaks & (outcome.turn.margin < before), outcome.turn.margin, before)
     # Out of time on the way up: what is left from there.
     rises = (stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
     here = margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))

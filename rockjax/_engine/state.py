@@ -38,6 +38,14 @@ class Plan:
     stories: int
     drifts: bool  # of the stories …
     floors: bool  # … and accelerations of the floors
+    turns: bool = False  # what is known of the turning point of each step is kept as well
+
+
+class Turn(NamedTuple):
+    """A turning point |θ| = θ_m that a step has passed, inf where it has passed none."""
+
+    margin: Value  # the overturning margin of that point alone
+    slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
 
 
 class Scene(NamedTuple):
@@ -51,6 +59,8 @@ class Scene(NamedTuple):
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     landing: Value  # part of a step within which it lands on an event
+    split: Value  # part of what is left up to a breakpoint that is the first of two steps …
+    whole: Value  # … where the controller's step is no longer than this times it
     rtol: Value
     atol: Value
     longest: Value  # longest step [s] …
@@ -76,6 +86,7 @@ class LoopState(NamedTuple):
     deformation: Vector | None  # of each mode; None where not wanted
     shear: Value | None  # likewise
     margin: Value | None  # likewise
+    turn: Turn | None  # of the last trial; None where not wanted
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
@@ -91,7 +102,7 @@ class LoopState(NamedTuple):
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
 # for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
-MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors")
+MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors", "turn")
 
 
 # What has a tangent besides, once a step has been taken.

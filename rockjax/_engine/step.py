@@ -34,9 +34,9 @@ from .contact import advance_to_uplift
 from .guard import Guard, watch
 from .maxima import NEAR_RECORD, WELL_INSIDE
 from .ratio import safe_ratio
-from .records import larger, least_margin, margin_of_peak, step_peak, superstructure_maxima
+from .records import larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
 from .settled import certificate
-from .state import Decision, LoopState, Plan, Scene, StepInfo, present
+from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn, present
 from .transitions import past_breakpoint, restart, transition
 
 NEARLY = 0.95  # of the uplift demand
@@ -120,14 +120,11 @@ def _classify(
     well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     peaks = rocking & guard.rising & guard.turned
     record = guard.top > state.peak * (1 - NEAR_RECORD)
-    margin_at_turn = (
-        margin_of_peak(scene, plan, state, ground_at, trial, guard, peaks)
-        if plan.margin
-        else jnp.ones_like(h)
-    )
+    turn = Turn(jnp.ones_like(h), jnp.ones_like(h))
     if plan.margin:
+        turn = turn_at_peak(scene, plan, state, ground_at, trial, guard, peaks)
         least = present(state.margin)
-        record |= constant(margin_at_turn) < least + NEAR_RECORD * (1 - least)
+        record |= constant(turn.margin) < least + NEAR_RECORD * (1 - least)
     wanted = plan.refine & peaks & record
     # A demand that turns close under the threshold is looked at where it turns.
     doubtful = ~rocking & guard.turned & ~guard.breaks_before_turn & (jnp.abs(guard.top) > NEARLY * c.uplift)
@@ -144,7 +141,7 @@ def _classify(
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
     return jax.lax.optimization_barrier(
-        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, margin_at_turn)
+        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, turn)
     )
 
 
@@ -198,6 +195,7 @@ def _advance(
         peak_time=jnp.where(raises, highest_time, state.peak_time),
         **_records(plan, state, outcome),
         margin=least_margin(scene, state, outcome, x, v, toppled, stamp) if plan.margin else state.margin,
+        turn=outcome.turn if plan.turns else None,
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
@@ -236,6 +234,7 @@ def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) 
     shrunk = trial.h * jnp.where(trial.finite, factor(plan, trial.error), SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),
+        turn=Turn(*(jnp.full_like(state.t, jnp.inf) for _ in Turn._fields)) if plan.turns else None,
         cut=jnp.where(trial.accurate, trial.h * outcome.cut, jnp.inf),
         code=jnp.where(~trial.finite & ~(trial.h > trial.tiny), results.NOT_FINITE, state.code),
         rejected=state.rejected + 1,

@@ -68,10 +68,10 @@ def design_points(
     """
     owner = "design_points"
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
-    limit_state = _limit_state(owner, podium, motion, limit)
-    found = find_design_points(owner, limit_state, starting(limit_state, starts, seed))
-    _, slope, named = limit_state.with_sensitivities(found.u)
-    impacts = limit_state.impacts(found.u)
+    of_podium = limit_state(owner, podium, motion, limit)
+    found = find_design_points(owner, of_podium, starting(of_podium, starts, seed))
+    _, slope, named = of_podium.with_sensitivities(found.u)
+    impacts = of_podium.impacts(found.u)
     length = np.linalg.norm(slope, axis=1)
     return [
         DesignPoint(
@@ -119,12 +119,13 @@ def failure_probability(
     """
     owner = "failure_probability"
     check_arguments(owner, method, cov, seed, starts, max_scenes)
-    limit_state = _limit_state(owner, podium, motion, limit)
-    directions = starting(limit_state, starts, seed)
-    return probability_of(owner, limit_state, directions, method, cov, seed, max_scenes, progress)
+    of_podium = limit_state(owner, podium, motion, limit)
+    directions = starting(of_podium, starts, seed)
+    return probability_of(owner, of_podium, directions, method, cov, seed, max_scenes, progress)
 
 
-def _limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> OfStructure:
+def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> OfStructure:
+    """The limit state that is meant. Raises `ValueError` for arguments that make no sense."""
     if not isinstance(podium, Podium):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium, got {type(podium).__name__}")
     if not isinstance(motion, GaussianMotion):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -51,17 +52,16 @@ LIMITS = {
 }
 
 
-def limit_of(owner: str, limit: Any, podium: Podium) -> Limit:
-    """The limit state that is meant. Raises `ValueError` for others, and for those that this podium has
-    not."""
-    if limit == "overturning":
+def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
+    """The limit state that is meant. Raises `ValueError` for others, and for those that a podium has not."""
+    if isinstance(limit, str) and limit == "overturning":
         return Limit("margin", 1.0)
-    if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in LIMITS:
+    if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
         name, value = limit
         kind = LIMITS[name]
-        if kind.superstructure and podium.superstructure is None:
+        if podium is not None and kind.superstructure and podium.superstructure is None:
             raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
-        if kind.elastic and not podium.vibrates:
+        if podium is not None and kind.elastic and not podium.vibrates:
             raise ValueError(
                 f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid"
             )
@@ -94,10 +94,38 @@ class OfStructure(AbstractLimitState):
             np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value)
         )
 
-    def _peaks(self, u: np.ndarray):
+    def _peaks(self, u: np.ndarray, names: Sequence[str] = ()):
         whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
         records = _records(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
-        return peak_responses(self.podium, records, options=self.options)
+        return peak_responses(self.podium, records, options=self.options, sensitivities=names)
+
+    def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named parameters
+        of the podium (m, names)."""
+        # Without a pulse |u| is the size of the motion, one parameter more of the same batch.
+        along = () if self.motion.pulse is not None else ("scale",)
+        if len(u) == 0:
+            return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
+        self.scenes += len(u)
+        parts = [self._log_slopes(u[k : k + TABLE], (*names, *along)) for k in range(0, len(u), TABLE)]
+        value, slopes = (np.concatenate(ys) for ys in zip(*parts, strict=True))
+        if along:
+            return value, slopes[:, -1], slopes[:, :-1]
+        _, slope = self.gradients(u)
+        return value, np.sum(slope * u, axis=1), slopes
+
+    def _log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        peaks = self._peaks(u, names)
+        slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
+        value = np.asarray(getattr(peaks, self.limit.output))
+        return (
+            (value, slopes)
+            if self.limit.output == "margin"
+            else (
+                1 - value / self.limit.value,
+                -slopes / self.limit.value,
+            )
+        )
 
     def _gradients(self, u):
         value, slope, _ = self.with_sensitivities(u)

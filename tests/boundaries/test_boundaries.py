@@ -38,6 +38,10 @@ class Motion(NamedTuple):
             value = xp.where((y >= lo) & (y < hi) & ~sharp, -0.2, value)
         return value
 
+    def reach(self, y):
+        """Nothing is known of what comes next."""
+        return np.zeros_like(y)
+
     def padded(self) -> "Motion":
         """With three stretches of every kind: one compiled program serves all of them."""
         fill = lambda part: jnp.array([*part, *[(2.0, 2.0)] * (3 - len(part))])
@@ -50,14 +54,16 @@ class Motion(NamedTuple):
 
 def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
     """By the batch, a line for each motion."""
+    lines = np.arange(len(motions))
 
-    def margins(plane, x, y, options, progress):
+    def margins(plane, x, y, options, progress, reaches):
         sharp = np.full(y.shape, options.rtol == OPTIONS.rtol)
         value = np.select([x == k for k in range(len(motions))], [m.margin(y, sharp) for m in motions])
-        return value, np.full(y.shape, 3)
+        return value, np.full(y.shape, 3), np.select([x == k for k in lines], [m.reach(y) for m in motions])
 
     monkeypatch.setattr(crossings, "margins", margins)
-    lines, nothing = np.arange(len(motions)), cast(crossings.Plane, None)
+    monkeypatch.setattr(crossings, "_in_proportion", lambda *_: True)
+    nothing = cast(crossings.Plane, None)
     return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
 
 
@@ -99,6 +105,38 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
         assert float(found.scale) == pytest.approx(motion.first(), rel=1e-9)
         assert float(found.certain) <= WIDTH
         assert int(found.impacts) == 3
+
+
+class Smooth(Motion):
+    """Margins that their derivatives tell of: two waves, of which the shorter one is some widths long."""
+
+    def margin(self, y, sharp, xp=np):
+        return xp.where(y <= self.lifts, 1.0, self.least(y)[0])
+
+    def reach(self, y):
+        value, slope = self.least(y)
+        return np.maximum(value, 0.0) / np.maximum(np.abs(slope), 1e-9)
+
+    def least(self, y):
+        """Below `dip` at 0.4321 and about 0.7, with its slope."""
+        long, short = 0.5 + 0.3 * np.cos(9 * y), 12 * WIDTH
+        z = (y - 0.4321) / short
+        bump = (0.65 - self.dip) * np.exp(-(z**2))
+        return long - bump, -2.7 * np.sin(9 * y) + 2 * z * bump / short
+
+
+def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch):
+    """Some six widths wide, at depths that let them open: they are found with a tenth of the places."""
+    motions = [Smooth(dip=dip) for dip in np.linspace(0.2, 0.9, 12)]
+    found = scanned(motions, monkeypatch)
+    first, _ = found.crossings.table(len(motions))
+    y = np.linspace(0.1, 1.0, 200_001)
+    for k, motion in enumerate(motions):
+        over = y[motion.margin(y, True) <= 0]
+        expected = over[0] if over.size else math.nan
+        assert first[k, 0] == pytest.approx(expected, abs=1e-5, nan_ok=True)
+    assert np.all(found.certain <= WIDTH)
+    assert found.scenes < len(motions) * 0.15 / WIDTH
 
 
 def test_nothing_below_the_uplift_is_looked_at(monkeypatch):

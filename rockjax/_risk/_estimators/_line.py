@@ -18,15 +18,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from rockjax._risk.lines import crossings
+
 from ._base import AbstractEstimator, Estimate, Slopes, lognormal_interval
 
 NEAR, FINE, COARSE = 2.5, 0.3, 0.8  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
 REACH = 7.5  # of the lines, at both ends: Φ(−7.5) is 3e-14
-NARROW, PARTS = 3, 8  # rounds of divisions of an interval with a crossing
+SCENES = 40  # of a line, or so
+BATCH = 128  # lines in memory at once
 JUMP = 1e-3  # of |∂G/∂c| times σ: G that far from zero at a crossing has jumped there
 
 
-class _Crossings(NamedTuple):
+class _Found(NamedTuple):
     """Where lines cross the surface of failure.
 
     - `u`: points, (k, d); `density`: φ(c), (k,); `G`: there, on the failing side, (k,)
@@ -40,37 +43,66 @@ class _Crossings(NamedTuple):
     line: np.ndarray
 
 
+class _Lines(NamedTuple):
+    """Lines u + cα of a design point each that reach its part of space, from `low` on.
+
+    - `u`: (m, d), normal to α; `part`, `line`: which design point's, and which of its lines, (m,)
+    """
+
+    u: np.ndarray
+    low: np.ndarray
+    part: np.ndarray
+    line: np.ndarray
+
+
 class Line(AbstractEstimator):
     def __init__(self, limit, found, rng):
         super().__init__(limit, found, rng)
         self.directions = found.u / found.beta[:, None]
-        self.lines: list[list[float]] = [[] for _ in found.beta]
-        self.crossings: list[_Crossings] = []
+        self.lines: list[np.ndarray] = [np.zeros(0) for _ in found.beta]
+        self.found_on_lines: list[_Found] = []
 
     def round(self, size: int) -> None:
         share = norm.cdf(-self.found.beta)
         share = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
-        count = max(size // 40, 4)
-        for i, part in enumerate(share):
-            for _ in range(max(2, round(count * part))):
-                self.lines[i].append(self._line(i))
+        count = max(size // SCENES, 4)
+        lines = self._drawn(np.maximum(2, np.round(count * share)).astype(int))
+        for start in range(0, lines.part.size, BATCH):
+            self._follow(_Lines(*(y[start : start + BATCH] for y in lines)))
 
-    def _line(self, i: int) -> float:
-        alpha, beta = self.directions[i], self.found.beta
-        u = self.rng.standard_normal(self.limit.dimension)
-        u -= (u @ alpha) * alpha
-        low = -REACH
+    def _follow(self, lines: _Lines) -> None:
+        """Add what lines contribute, and their crossings."""
+        beta, direction = self.found.beta[lines.part], self.directions[lines.part]
+        pairs = zip(lines.low, beta, strict=True)
+        places = [self._places(low, max(REACH, b + NEAR), float(b)) for low, b in pairs]
+        met = crossings(self.limit, lines.u, direction, places)
+        # Failing stretches end at crossings; what is beyond the ends of a whole line goes on.
+        below = np.where(lines.low <= -REACH, 1.0, norm.sf(lines.low))
+        probability = np.where(met.fails_first, below, 0.0)
+        np.add.at(probability, met.line, np.where(met.enters, 1.0, -1.0) * norm.sf(met.place))
+        for i, of in enumerate(self.lines):
+            mine = lines.part == i
+            of[lines.line[mine]] = probability[mine]
+        u = lines.u[met.line] + met.place[:, None] * direction[met.line]
+        where = lines.part[met.line], lines.line[met.line]
+        self.found_on_lines.append(_Found(u, norm.pdf(met.place), met.G, *where))
+
+    def _drawn(self, counts: np.ndarray) -> _Lines:
+        """So many new lines of every design point; those that miss its part are none, but count."""
+        part = np.repeat(np.arange(counts.size), counts)
+        line = np.concatenate([np.arange(n) + self.lines[i].size for i, n in enumerate(counts)])
+        for i, n in enumerate(counts):
+            self.lines[i] = np.concatenate([self.lines[i], np.zeros(n)])
+        alpha, beta = self.directions[part], self.found.beta
+        u = self.rng.standard_normal((part.size, self.limit.dimension))
+        u -= np.sum(u * alpha, axis=1, keepdims=True) * alpha
         # α_i·(u + cα_i) − β_i ≥ α_j·(u + cα_i) − β_j
-        for j, other in enumerate(self.directions):
-            if j != i:
-                low = max(low, (other @ u - beta[j] + beta[i]) / max(1 - float(other @ alpha), 1e-12))
-        high = max(REACH, beta[i] + NEAR)
-        if low >= high:
-            return 0.0
-        probability, c, G = self._failing(u, alpha, self._places(low, high, float(beta[i])))
-        where = np.full(c.size, i), np.full(c.size, len(self.lines[i]))
-        self.crossings.append(_Crossings(u + c[:, None] * alpha, norm.pdf(c), G, *where))
-        return probability
+        along = np.maximum(1 - alpha @ self.directions.T, 1e-12)
+        bound = (u @ self.directions.T - beta + beta[part, None]) / along
+        bound[np.arange(part.size), part] = -REACH
+        low = np.maximum(bound.max(axis=1), -REACH)
+        kept = low < np.maximum(REACH, beta[part] + NEAR)
+        return _Lines(u[kept], low[kept], part[kept], line[kept])
 
     @staticmethod
     def _places(low: float, high: float, beta: float) -> np.ndarray:
@@ -81,43 +113,8 @@ class Line(AbstractEstimator):
                 parts.append(np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1)))
         return np.unique(np.concatenate(parts))
 
-    def _failing(
-        self, u: np.ndarray, alpha: np.ndarray, c: np.ndarray
-    ) -> tuple[float, np.ndarray, np.ndarray]:
-        """The normal probability of the failing stretches of a line; its crossings, and G at them."""
-        value = self._look(u, alpha, c)
-        for _ in range(NARROW):
-            over = value <= 0
-            at = np.flatnonzero(over[1:] != over[:-1])
-            if at.size == 0:
-                break
-            drop = value[at] - value[at + 1]
-            root = np.clip(value[at] / np.where(drop == 0, 1.0, drop), 0, 1)
-            part = np.concatenate(
-                [np.tile(np.arange(1, PARTS) / PARTS, (at.size, 1)), root[:, None] + np.array([-1e-3, 1e-3])],
-                axis=1,
-            )
-            new = (c[at, None] + (c[at + 1] - c[at])[:, None] * np.clip(part, 0, 1)).ravel()
-            both = np.concatenate([c, new]), np.concatenate([value, self._look(u, alpha, new)])
-            order = np.argsort(both[0], kind="stable")
-            c, value = both[0][order], both[1][order]
-        over = value <= 0
-        # Stretches between places count with both ends failing, half where one does; what is beyond the last
-        # goes on.
-        mass = norm.sf(c[:-1]) - norm.sf(c[1:])
-        inside = float(mass @ (0.5 * (over[1:].astype(float) + over[:-1])))
-        beyond = (float(norm.sf(c[-1])) if over[-1] else 0.0) + (
-            float(norm.cdf(c[0])) if over[0] and c[0] <= -REACH else 0.0
-        )
-        at = np.flatnonzero(over[1:] != over[:-1])
-        at = np.where(over[at], at, at + 1)
-        return inside + beyond, c[at], value[at]
-
-    def _look(self, u: np.ndarray, alpha: np.ndarray, c: np.ndarray) -> np.ndarray:
-        return self.limit.values(u[None] + c[:, None] * alpha[None])
-
     def estimate(self) -> Estimate:
-        y = [np.array(line) for line in self.lines]
+        y = self.lines
         p = float(sum(part.mean() for part in y))
         variance = float(sum(part.var(ddof=1) / part.size for part in y))
         error, count = math.sqrt(variance), sum(part.size for part in y)
@@ -125,7 +122,7 @@ class Line(AbstractEstimator):
         return Estimate(p, error, lognormal_interval(p, error, count), effective)
 
     def slopes(self) -> Slopes | None:
-        all_of = _Crossings(*(np.concatenate(ys) for ys in zip(*self.crossings, strict=True)))
+        all_of = _Found(*(np.concatenate(ys) for ys in zip(*self.found_on_lines, strict=True)))
         known = self.limit.with_sensitivities(all_of.u) if all_of.G.size else None
         if known is None:
             return None

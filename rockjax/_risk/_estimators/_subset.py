@@ -27,6 +27,7 @@ class Subset(AbstractEstimator):
         super().__init__(limit, found, rng)
         self.runs: list[float] = []
         self.variances: list[float] = []  # relative, of each run
+        self.failing: list[np.ndarray] = []  # samples that fail, of each run
 
     def round(self, size: int) -> None:
         before = self.limit.scenes
@@ -48,10 +49,12 @@ class Subset(AbstractEstimator):
             variance += _relative_variance(below, chains)
             probability *= share
             if level == 0.0:
+                self.failing.append(u[below])
                 return probability, variance
             seeds = np.flatnonzero(below)[: round(SHARE * SAMPLES)]
             chains = seeds.size
             u, g, rho = self._chains(u[seeds], g[seeds], level, rho)
+        self.failing.append(np.zeros((0, self.limit.dimension)))
         return 0.0, math.inf
 
     def _chains(self, u, g, level: float, rho: float):

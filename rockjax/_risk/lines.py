@@ -1,0 +1,122 @@
+"""Where straight lines through standard normal space cross the surface of failure; all lines are one batch.
+
+A line is looked at in places of its own, and where neighbours differ between survival and failure the
+interval is divided further. So windows of survival wider than the distance of two places are seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .limit_state import AbstractLimitState
+
+
+class Division(NamedTuple):
+    """How intervals with a crossing are divided: `rounds` at most, into even `parts` and `close` around the
+    straight line's root [of the interval], until they are `enough` smaller."""
+
+    rounds: int = 3
+    parts: int = 8
+    close: float = 1e-3
+    enough: float = 0.0
+
+
+class Crossings(NamedTuple):
+    """Crossings of lines with the surface of failure, along each line in ascending order.
+
+    - `line`: which line, (k,); `place`: c on it, on the failing side, (k,); `G`: there, (k,)
+    - `other`: the last place that was looked at on the other side, (k,)
+    - `enters`: whether failure begins there, (k,)
+    - `fails_first`, `fails_last`: whether the lines fail at their first and last place, (m,)
+    """
+
+    line: np.ndarray
+    place: np.ndarray
+    other: np.ndarray
+    G: np.ndarray
+    enters: np.ndarray
+    fails_first: np.ndarray
+    fails_last: np.ndarray
+
+
+class _Intervals(NamedTuple):
+    """Intervals (k,) between places `a` < `b` of lines, with G at both."""
+
+    line: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    at_a: np.ndarray
+    at_b: np.ndarray
+
+    def changing(self) -> _Intervals:
+        """Those at whose ends it is not the same."""
+        rows = (self.at_a <= 0) != (self.at_b <= 0)
+        return self.chosen(rows)
+
+    def chosen(self, rows: np.ndarray) -> _Intervals:
+        return _Intervals(*(y[rows] for y in self))
+
+    def divided(self, how: Division) -> np.ndarray:
+        """Places inside, (k, places): even ones for certainty, two around the straight line's root."""
+        drop = self.at_a - self.at_b
+        root = np.clip(self.at_a / np.where(drop == 0, 1.0, drop), 0, 1)
+        even = np.tile(np.arange(1, how.parts) / how.parts, (self.a.size, 1))
+        close = np.clip(root[:, None] + np.array([-how.close, how.close]), 0, 1)
+        part = np.sort(np.concatenate([even, close], axis=1), axis=1)
+        return self.a[:, None] + (self.b - self.a)[:, None] * part
+
+
+def crossings(
+    limit: AbstractLimitState,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    places: Sequence[np.ndarray],
+    how: Division = Division(),
+) -> Crossings:
+    """Of the lines origin + c·direction, (m, d) each, looked at in ascending `places` c of each line."""
+    sizes = np.array([len(c) for c in places])
+    line, c = np.repeat(np.arange(len(places)), sizes), np.concatenate([*places, np.zeros(0)])
+    value = limit.values(origin[line] + c[:, None] * direction[line])
+    ends = np.cumsum(sizes)
+    first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
+    return Crossings(*narrowed(limit, origin, direction, line, c, value, how), first, last)
+
+
+def narrowed(
+    limit: AbstractLimitState,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    line: np.ndarray,
+    c: np.ndarray,
+    value: np.ndarray,
+    how: Division = Division(),
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`line`, `place`, `other`, `G` and `enters` of the crossings between places c of lines at which G is
+    known; both ascend, c on each line."""
+    same = line[1:] == line[:-1]
+    parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
+    now = _Intervals(*(y[same] for y in parts)).changing()
+    narrow = how.enough * (now.b - now.a).min(initial=1e300)
+    done = [now.chosen(np.zeros(now.line.size, bool))]
+    for _ in range(how.rounds):
+        if now.line.size == 0:
+            break
+        inside = now.divided(how)
+        of = np.repeat(now.line, inside.shape[1])
+        found = limit.values(origin[of] + inside.reshape(-1, 1) * direction[of]).reshape(inside.shape)
+        place = np.concatenate([now.a[:, None], inside, now.b[:, None]], axis=1)
+        known = np.concatenate([now.at_a[:, None], found, now.at_b[:, None]], axis=1)
+        of = np.repeat(now.line, inside.shape[1] + 1)
+        ends = (place[:, :-1], place[:, 1:], known[:, :-1], known[:, 1:])
+        now = _Intervals(of, *(y.ravel() for y in ends)).changing()
+        wide = now.b - now.a > narrow
+        done.append(now.chosen(~wide))
+        now = now.chosen(wide)
+    now = _Intervals(*(np.concatenate(ys) for ys in zip(*done, now, strict=True)))
+    now = now.chosen(np.lexsort((now.a, now.line)))
+    enters = now.at_b <= 0
+    place, other = np.where(enters, now.b, now.a), np.where(enters, now.a, now.b)
+    return now.line, place, other, np.where(enters, now.at_b, now.at_a), enters

@@ -1,0 +1,150 @@
+"""Targets on a probability of failure: rays through failing samples, and designs that keep one."""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+import optimise
+import rockjax as rj
+from optimise._sampling import SampledTargets
+from optimise._variables import variables
+from rockjax._risk.limit_state import OfFunction
+from rockjax._risk.rays import factor_of, probability_at, rays_at
+
+MOTION = rj.GaussianMotion(61, 0.06, 0.02)
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+
+
+class Bowl(OfFunction):
+    """Fails from a distance b on: at z ≥ b + w²/5, with w a half of (u₀ − u₁)², of five numbers."""
+
+    bend = 0.2
+
+    def __init__(self, b):
+        self.b = b
+        super().__init__(lambda u: b + self.bend * self.across(u) ** 2 - self.along(u), 5)
+
+    @staticmethod
+    def along(u):
+        return jnp.sum(u[2:]) / jnp.sqrt(3.0)
+
+    @staticmethod
+    def across(u):
+        return (u[0] - u[1]) / jnp.sqrt(2.0)
+
+    def log_slopes(self, u, names):
+        value, slope = self.gradients(u)
+        return value, np.sum(slope * u, axis=1), np.full((len(u), 1), self.b)
+
+    @classmethod
+    def probability(cls, b, factor):
+        """P of factor times u."""
+        return quad(
+            lambda w: norm.pdf(w) * norm.sf((b + cls.bend * (factor * w) ** 2) / factor), -9, 9, epsrel=1e-10
+        )[0]
+
+
+@pytest.fixture(scope="module")
+def rays():
+    return rays_at(Bowl(2.0), 1e-3, 400, 0.05, 0)
+
+
+def test_rays_carry_a_probability_to_other_limit_states(rays):
+    assert rays.factor != 1
+    for b, factor in ((2.0, rays.factor), (2.2, rays.factor), (2.0, 1.1 * rays.factor)):
+        expected = Bowl.probability(b, factor)
+        assert probability_at(Bowl(b), rays, factor) == pytest.approx(expected, rel=0.2)
+
+
+def test_the_factor_that_makes_a_probability_and_its_derivative(rays):
+    cut = factor_of(Bowl(2.0), rays, 1e-3, ("b",), 1.0)
+    exact = [brentq(lambda k, b=b: Bowl.probability(b, k) - 1e-3, 0.3, 1.5) for b in (2.0, 2.001)]
+    assert cut.factor == pytest.approx(exact[0], rel=0.01)
+    assert cut.sensitivities[0] == pytest.approx(math.log(exact[1] / exact[0]) / math.log(1.0005), rel=0.05)
+    # Of the same rays the derivative is exact.
+    up, down = (factor_of(Bowl(2.0 * f), rays, 1e-3, ("b",), 1.0).factor for f in (1 + 1e-4, 1 - 1e-4))
+    assert cut.sensitivities[0] == pytest.approx(math.log(up / down) / 2e-4, rel=1e-5)
+    assert cut.jumps == 0
+    assert cut.effective > 200
+
+
+def test_a_structure_that_is_far_too_strong_has_the_last_factor(rays):
+    cut = factor_of(Bowl(2000.0), rays, 1e-3, ("b",), 1.0)
+    assert cut.factor == 100
+    assert not cut.sensitivities.any()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: optimise.FailureProbability(0.0, MOTION), "at_most must be"),
+        (lambda: optimise.FailureProbability(0.5, MOTION), r"in \[1e-9, 0.3\]"),
+        (lambda: optimise.FailureProbability(1e-3, rj.Ricker(1.0, 1.0)), "motion must be a rockjax.Gaussian"),
+        (lambda: optimise.FailureProbability(1e-3, MOTION, cov=2.0), "cov must be"),
+        (lambda: optimise.FailureProbability(1e-3, MOTION, rays=3), "rays must be"),
+        (
+            lambda: optimise.design(
+                BLOCK,
+                {"alpha": (0.1, 0.4)},
+                None,
+                optimise.FailureProbability(1e-3, MOTION, limit=("shear", 1)),
+            ),
+            "is of a superstructure",
+        ),
+    ],
+)
+def test_targets_that_make_no_sense_are_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_a_file_says_the_same(tmp_path):
+    path = tmp_path / "column.toml"
+    path.write_text(
+        '[structure]\nalpha = 0.2\nR = 1.0\n[vary]\nalpha = [0.15, 0.4]\n[minimise]\nquantity = "alpha"\n'
+        '[[targets]]\nkind = "failure-probability"\nat_most = 0.02\ncov = 0.3\nrays = 16\n'
+        "motion = {n = 61, dt = 0.06, S_0 = 0.02, envelope = {t_1 = 1.0, t_2 = 2.0, c = 1.0}}\n"
+    )
+    asked = optimise.load(path)
+    (target,) = asked.targets
+    envelope = rj.Envelope(t_1=1.0, t_2=2.0, c=1.0)
+    expected = optimise.FailureProbability(
+        0.02, rj.GaussianMotion(61, 0.06, 0.02, envelope=envelope), cov=0.3, rays=16
+    )
+    assert eqx.tree_equal(target, expected)
+    path.write_text(path.read_text().replace("n = 61", "n = 1"))
+    with pytest.raises(ValueError, match=r"column.toml: targets\[0\].motion.n: must be"):
+        optimise.load(path)
+
+
+@pytest.mark.slow
+def test_margins_have_derivatives_by_the_variables():
+    """Also by a number that is zero, and by one that moves several numbers of the podium. Windows that open
+    and close on rays make the margin rough by 1e-3 or so."""
+    target = optimise.FailureProbability(0.05, MOTION, cov=0.4, rays=16)
+    box = variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)})
+    sampled = SampledTargets(box, (target,))
+    x, h = np.array(box.start()), 0.03
+    row = sampled.at(x)[0]
+    for k in range(2):
+        there = x.copy()
+        there[k] += h
+        assert row.slope[k] == pytest.approx((sampled.at(there)[0].margin - row.margin) / h, rel=0.3)
+
+
+@pytest.mark.slow
+def test_a_design_keeps_a_probability_and_an_independent_sample_says_so():
+    target = optimise.FailureProbability(0.05, MOTION, cov=0.3, rays=16)
+    answer = optimise.design(BLOCK, {"alpha": (0.12, 0.4)}, lambda podium: podium.alpha, target)
+    assert answer.satisfied
+    (found,) = answer.probabilities.values()
+    assert found.probability <= 0.05
+    assert found.probability > 0.01  # and is not far inside
+    assert target.probability(answer.podium, seed=99).interval[0] <= 0.05
+    assert "sampled anew" in repr(answer)
