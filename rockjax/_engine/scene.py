@@ -119,9 +119,8 @@ def prepare(
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = options.stride * _longest_step(c, plan)
     # A closer look lets columns rest some impacts later: what the rest velocity takes away shows in it.
-    closer = options.stride < 1
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
-    rest = rest * c.p * c.alpha * jnp.where(closer, later, 1.0)
+    rest = rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
     excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
