@@ -17,9 +17,10 @@ import jax
 import numpy as np
 
 import rockjax as rj
+from rockjax._sweep.store import Store
 
 Answers = dict[str, np.ndarray]
-CHUNK = 4096  # scenes: as much as a stop costs at most
+CHUNK = 16384  # scenes: as much as a stop costs at most; with fewer, all wait more often for the slowest
 SCALES = 256  # of a scan below a boundary
 HIGHEST = 10.0  # scale that is looked at
 PART = 8  # boundaries that are found together
@@ -37,6 +38,11 @@ class Kept:
         data = rj.sweep(*scenes, store=self.folder / f"{name}.zarr", chunk=CHUNK, progress=False, **more)
         assert not isinstance(data, rj.SweepPlan)
         return {str(key): np.asarray(values) for key, values in data.data_vars.items()}
+
+    def whole(self, name: str) -> bool:
+        """Whether all scenes of this name are solved."""
+        found = Store.open(self.folder / f"{name}.zarr")
+        return found is not None and bool(np.isfinite(found.rows()[:, 0]).all())
 
     def remember(self, name: str, work: Callable[[], Any]) -> Any:
         """What `work` returns, worked out unless it is kept; anything that JSON can hold."""

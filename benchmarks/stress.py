@@ -3,7 +3,7 @@ K]`.
 
 With a store every batch is a sweep of its own in that folder: stopped at any moment, the same command goes
 on, and with everything solved it makes the report anew. Boundaries on records come with it
-(`benchmarks/campaign.py`).
+(`benchmarks/campaign.py`). With `--so-far` nothing is solved: a report of the batches that are whole.
 
 Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every
 scene is solved three times: as asked for with its error estimate (a second solve), and at a far tighter
@@ -383,7 +383,9 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
     found.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
 
 
-def run(number: int, group: Group, per_group: int, seed: int, kept: Kept | None = None) -> Findings:
+def run(
+    number: int, group: Group, per_group: int, seed: int, kept: Kept | None = None, so_far: bool = False
+) -> Findings:
     found = Findings()
     began = time.perf_counter()
     possible = [rtol for rtol in TOLERANCES if rtol >= OTHERS.get(group.method, 0.0) * 0.99]
@@ -396,6 +398,8 @@ def run(number: int, group: Group, per_group: int, seed: int, kept: Kept | None 
     for rtol in tolerances:
         of = batch(group, rtol, n, seed)
         name = f"{group.name.replace(', ', '-').replace(' ', '-')}-{rtol:g}"
+        if so_far and kept is not None and not (kept.whole(f"{name}-asked") and kept.whole(f"{name}-truth")):
+            continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
             peak = of.answers(of.options, kept, f"{name}-asked")
@@ -524,7 +528,10 @@ def main() -> None:
         "--references", type=int, default=120, help="scenes for the independent implementation"
     )
     arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
+    arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
+    if given.so_far and given.store is None:
+        arguments.error("--so-far is of a --store")
     scenes, seed, words = int(given.scenes), given.seed, given.words
     kept = None if given.store is None else Kept(given.store)
     chosen = [
@@ -538,10 +545,13 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed, kept)
+            found[group] = run(number, group, per_group, seed, kept, given.so_far)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))
+    found = {group: f for group, f in found.items() if f.scenes}
+    if not found:
+        raise SystemExit("no batch is whole yet")
     parts = {"all": list(found.values())}
     for top in SUPERSTRUCTURES:
         parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
@@ -563,7 +573,7 @@ def main() -> None:
             print(f"    {line}")
     beside = compared_with_reference(seed, given.references if not words else 0)
     beside |= of_exhausted([job for f in found.values() for job in f.exhausted], seed, given.references // 10)
-    if kept is not None:
+    if kept is not None and not given.so_far:
         beside |= boundaries(kept, seed, max(1, scenes // PER_BOUNDARY))
     slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))

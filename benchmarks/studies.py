@@ -181,7 +181,7 @@ def one_run(name: str, seed: int, how: dict) -> dict:
         "cut short": result == str(OUT_OF_ITERATIONS),
         "evaluations": answer.stats.evaluations,
         "scenes": answer.stats.scenes,
-        "violation": -min(answer.failing.values(), default=0.0),
+        "violation": max(0.0, -min(answer.failing.values(), default=0.0)),
         "answer": answer.objective,
         "cpu s": seconds,
     }

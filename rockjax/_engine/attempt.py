@@ -103,7 +103,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
 def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: Value) -> tuple[Value, Flag]:
     """The length of the trial, and whether it reaches the stop."""
     room = stop - state.t
-    h = jnp.where(state.h > 0.999 * room, room, jnp.where(state.h > 0.5 * room, 0.5 * room, state.h))
+    fits = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.whole * room))
+    h = jnp.where(fits, room, jnp.where(state.h > 0.5 * room, scene.split * room, state.h))
     # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈|.
     speed = jax.lax.stop_gradient(state.v[0])
     returns = fresh & (speed * angular < 0)

@@ -57,6 +57,9 @@ IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most th
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
 FIRST_LOOK = 1024  # impacts, after which many hops are looked for
+# Up to a breakpoint the first solution takes one step or halves. A closer look takes a third and the rest, or
+# its errors there would be the same; from an event on too, unless the controller's step is twice as long.
+SPLIT, SPLIT_CLOSER, WHOLE_CLOSER = 0.5, 1 / 3, 2.0
 LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
 
 
@@ -85,7 +88,7 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(options.stride < 1, jnp.minimum(excited, options.stride * pieces[0]), excited)
+        excited = jnp.where(options.stride < 1, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
     return excited
 
 
@@ -102,6 +105,16 @@ def _landing(options: Options) -> Value:
     return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
 
 
+def _rest_velocity(c: Coefficients, options: Options) -> Value:
+    """The speed below which columns come to rest after an impact [rad/s].
+
+    A closer look lets them rest some impacts later: what the rest velocity takes away shows in it.
+    """
+    rest = options.rtol if options.rest_velocity is None else options.rest_velocity
+    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
+    return rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
+
+
 def prepare(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -116,11 +129,8 @@ def prepare(
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
-    rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     longest = options.stride * _longest_step(c, plan)
-    # A closer look lets columns rest some impacts later: what the rest velocity takes away shows in it.
-    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
-    rest = rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
+    closer = options.stride < 1
     excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
@@ -129,8 +139,10 @@ def prepare(
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
-        rest=constant(rest),
+        rest=constant(_rest_velocity(c, options)),
         landing=_landing(options),
+        split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
+        whole=jnp.where(closer, WHOLE_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

@@ -59,6 +59,8 @@ class Scene(NamedTuple):
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     landing: Value  # part of a step within which it lands on an event
+    split: Value  # part of what is left up to a breakpoint that is the first of two steps …
+    whole: Value  # … where the controller's step is no longer than this times it
     rtol: Value
     atol: Value
     longest: Value  # longest step [s] …

@@ -234,9 +234,13 @@ def peak_variables(
 
 
 def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
-    """The variables of a dataset of peaks; where there are sensitivities, these along `parameter`."""
+    """The variables of a dataset of peaks; where there are sensitivities, these along `parameter`.
+
+    `dims`: of the scenes; none for variables that are to be spread over dims of their own later.
+    """
+    scenes = np.ndim(peaks.stats.steps)
     data: dict[str, Any] = {
-        name: ((*dims, *own_axis(name, values.ndim - len(dims))), values, attrs)
+        name: ((*dims, *own_axis(name, values.ndim - scenes)), values, attrs)
         for name, values, attrs in peak_variables(peaks, outputs)
     }
     for name in SENSITIVE:
@@ -245,7 +249,7 @@ def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -
             unit, description, _ = VARIABLES[name]
             about = {"units": unit, "long_name": f"y ∂/∂y of the {description}, for each parameter y"}
             values = np.asarray(values)
-            own = own_axis(name, values.ndim - len(dims) - 1)
+            own = own_axis(name, values.ndim - scenes - 1)
             data[slope_name(name)] = (*dims, *own, "parameter"), values, about
     return data
 

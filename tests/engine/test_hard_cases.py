@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 import rockjax as rj
-from tests.scenes import PODIUMS, G, elastic, options, pulse
+from tests.scenes import PODIUMS, G, elastic, options, pulse, shaking
 
 BLOCK = PODIUMS["block"]
 UP = float(BLOCK.uplift_acceleration)
@@ -310,7 +310,25 @@ def test_estimates_on_records_see_errors_of_landing():
     error = np.abs(peaks.peak_rotation - truth.peak_rotation)[stands]
     assert stands.sum() > 100
     assert error.max() > 1e-7
-    assert np.mean(error > 10 * peaks.errors.peak_rotation[stands] + 1e-11) < 0.01
+    assert np.mean(error > 10 * peaks.errors.peak_rotation[stands] + 1e-10) < 0.01
+
+
+def test_estimates_on_records_do_not_repeat_the_steps_of_the_first_solution():
+    """Where a short period sets the steps, both solutions halved every interval of the record: shears had
+    errors up to 1e-5 in common, and 49 of 68 estimates were below a tenth of the error."""
+    podium = elastic(0.12)
+    motion = shaking(400).scaled(np.linspace(0.8, 2.6, 96))
+    o = rj.Options(rtol=1e-4, atol=1e-6, outputs=("peak_rotation", "peak_shear", "errors"))
+    peaks, truth = (
+        rj.peak_responses(podium, motion, options=o.replace(**k))
+        for k in ({}, {"rtol": 1e-12, "atol": 1e-14})
+    )
+    stands = truth.uplifted & ~truth.overturned & ~peaks.overturned
+    assert stands.sum() > 60
+    for name in ("peak_rotation", "peak_shear"):
+        error = np.abs(getattr(peaks, name) - getattr(truth, name))[stands]
+        assert error.max() > 1e-7
+        assert np.mean(error > 10 * getattr(peaks.errors, name)[stands] + 1e-11) < 0.05
 
 
 def test_an_estimate_beside_a_scene_out_of_steps():
