@@ -6,6 +6,10 @@ R = 1.5
 gamma = 10.0
 superstructure = { eta = 100.0, T_s = 0.5, zeta = 0.05 }   # without T_s a rigid one; optional
 
+# superstructure = { eta = 100.0, T_s = 0.9, stories = 5 }   # … of a building with stories that are alike
+# superstructure = { eta = [24.0, 6.0], T = [0.5, 0.15], zeta = 0.05, residual = 1.0 }   # … or of modes
+# superstructure = { masses = [3.0, 2.0], stiffnesses = [900.0, 500.0] }   # … or a building, story by story
+
 [structure]                      # … or by dimensions, as Podium.from_dimensions
 width = 0.45
 height = 3.0
@@ -106,11 +110,14 @@ from ._options import Options
 from ._parameters.table import STRUCTURE
 from ._parameters.variants import pulse_acceleration, pulse_period
 from ._problem_keys import (
+    BUILDING,
     BY_DIMENSIONS,
     BY_RATIOS,
     COMMANDS,
     DESIGN,
+    MODES,
     NUMBER,
+    OF_BUILDINGS,
     ONE_OR_MORE,
     OPTIONS,
     RECORDED,
@@ -124,7 +131,7 @@ from ._problem_keys import (
 )
 from ._restrainers import KINDS
 from ._restrainers.base import AbstractRestrainer
-from ._structures import Elastic, Podium, Rigid
+from ._structures import AbstractSuperstructure, Modes, Podium, ShearBuilding, superstructure_of
 
 
 class Reported(ValueError):
@@ -252,6 +259,11 @@ class Reader:
             self.table(value, key, needed, tuple(name for name in BY_DIMENSIONS if name not in needed))
             self.typed(value, key, BY_DIMENSIONS)
             with self.at(key):
+                if self.by_dimensions != Podium.from_dimensions and OF_BUILDINGS.keys() & value.keys():
+                    raise ValueError(
+                        "a building by its dimensions cannot vary; give the structure by ratios, with a "
+                        "superstructure of masses and stiffnesses"
+                    )
                 return self.by_dimensions(**value)
         slenderness = [name for name in ("alpha", "tan_alpha") if name in value]
         if len(slenderness) != 1:
@@ -282,12 +294,20 @@ class Reader:
             kind(**least.get(name, {}) | found[name]) for name, kind in KINDS.items() if name in found
         )
 
-    def superstructure(self, value, key: str) -> Elastic | Rigid:
-        top = self.typed(self.table(value, key, ("eta",), ("T_s", "zeta")), key, SUPERSTRUCTURE)
-        if "zeta" in top and "T_s" not in top:
-            self.fail(key, "zeta needs T_s; without it the superstructure is rigid")
+    def superstructure(self, value, key: str) -> AbstractSuperstructure:
+        rows: Any = {"masses": (ShearBuilding, BUILDING, 2), "T": (Modes, MODES, 2)}
+        for name, (kind, keys, count) in rows.items():
+            if isinstance(value, dict) and name in value:
+                needed, optional = tuple(keys)[:count], tuple(keys)[count:]
+                top = self.typed(self.table(value, key, needed, optional), key, keys)
+                with self.at(key):
+                    return kind(**top)
+        top = self.typed(self.table(value, key, ("eta",), ("T_s", "zeta", "stories")), key, SUPERSTRUCTURE)
+        for name in ("zeta", "stories"):
+            if name in top and "T_s" not in top:
+                self.fail(key, f"{name} needs T_s; without it the superstructure is rigid")
         with self.at(key):
-            return Elastic(**top) if "T_s" in top else Rigid(**top)
+            return superstructure_of(**top)
 
     def motions(self, value, podium: Podium) -> dict[str, list[AbstractExcitation]]:
         """All sets of motions, to simulate with."""

@@ -98,12 +98,32 @@ def _kinds(parameters: Mapping[str, table.Parameter]) -> dict[str, Kind]:
 
 _RATIOS = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
 SUPERSTRUCTURE = _kinds({name: y for name, y in _RATIOS.items() if y.place.startswith("superstructure.")})
+SUPERSTRUCTURE |= _kinds(table.BUILDING)
+_POSITIVES = Kind("a list of numbers > 0", lambda value: is_list(value, POSITIVE.holds))
+_SHARES = Kind(
+    "a number >= 0 or a list of them", lambda value: NOT_NEGATIVE.holds(value) or NOT_NEGATIVES.holds(value)
+)
+# Superstructures with rows of numbers: modes, and buildings.
+MODES = {"eta": NOT_NEGATIVES, "T": _POSITIVES, "zeta": _SHARES, "residual": NOT_NEGATIVE}
+BUILDING = {
+    "masses": _POSITIVES,
+    "stiffnesses": _POSITIVES,
+    "damping": _SHARES,
+    "modes": whole(0),
+    "heights": _POSITIVES,
+}
 BY_RATIOS = {
     **_kinds({name: y for name, y in _RATIOS.items() if name not in SUPERSTRUCTURE}),
     "superstructure": TABLE,
 }
 RESTRAINERS = {name for name, y in _RATIOS.items() if y.place.startswith("restrainers.")}
-BY_DIMENSIONS = _kinds(table.DIMENSIONS)
+OF_BUILDINGS = _kinds(table.BUILDING) | {
+    "story_masses": _POSITIVES,
+    "story_stiffnesses": _POSITIVES,
+    "story_heights": _POSITIVES,
+    "modes": whole(0),
+}
+BY_DIMENSIONS = _kinds(table.DIMENSIONS) | OF_BUILDINGS
 OPTIONS: dict[str, Kind] = {
     "rtol": POSITIVE,
     "atol": POSITIVE,

@@ -68,6 +68,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "phase-portrait": Picture(plots.phase_portrait, default=False),
         "moment-rotation": Picture(plots.moment_rotation, default=False),
         "energy": Picture(plots.energy_balance, default=False),
+        "stories": Picture(plots.stories, default=False, needs="peak_drift"),
         "animation": Picture(plots.save_animation, default=False, moves=True),
     },
     "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import typer
 
-from rockjax._parameters.table import DIMENSIONS, MOTION, SIDES, STRUCTURE
+from rockjax._parameters.table import BUILDING, DIMENSIONS, MOTION, SIDES, STRUCTURE
 
 from ._options import EXAMPLES, Accuracy, Column, Motion, Panels
 from ._run import Flags, flag
@@ -26,8 +26,8 @@ F = TypeVar("F", bound=Flags)
 _COLUMN = tuple(
     name for name, y in STRUCTURE.items() if name not in (*SIDES, "restitution") and "." not in y.place
 )
-_TOP = tuple(name for name, y in STRUCTURE.items() if y.place.startswith("superstructure."))
-_RATIOS = tuple(name for name in (*_COLUMN, *_TOP) if name not in (*DIMENSIONS, "zeta"))
+_TOP = tuple(name for name, y in (STRUCTURE | BUILDING).items() if y.place.startswith("superstructure."))
+_RATIOS = tuple(name for name in (*_COLUMN, *_TOP) if name not in (*DIMENSIONS, *BUILDING, "zeta"))
 _DIMENSIONS = tuple(name for name in DIMENSIONS if name in SIDES or name not in (*STRUCTURE, "damping"))
 _PULSE = ("pulse", "acceleration_ratio", "a_p", "T_p", "frequency_ratio")
 _RECORD = ("units", "dt", "component", "scale", "vertical")
@@ -157,6 +157,7 @@ class Given:
     def panels(self, flags: Panels) -> PanelsOf:
         """Podiums for each mass ratio η/γ and each period T_s, 0 for a rigid superstructure."""
         import rockjax as rj
+        from rockjax._structures import superstructure_of
 
         podium, swept = self.podium(flags), self.settings(flags)
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
@@ -179,7 +180,8 @@ class Given:
         if whole and not {"T_s", "eta_over_gamma"} & swept.given and "zeta" not in flags.given:
             return PanelsOf([podium], ratios, periods, zeta)
         with self.reader.at("structure"):
-            tops = [rj.Rigid(eta) if T == 0 else rj.Elastic(eta, T, zeta) for eta in etas for T in periods]
+            stories = flags.values().get("stories")
+            tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return PanelsOf([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def excitation(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation:
@@ -299,6 +301,8 @@ def _over_ratios(
     top = top | changes
     if top.get("T_s") == 0:  # rigid
         top = {"eta": top["eta"]} if "eta" in top else {}
+        if "stories" in explicit:
+            raise ValueError("--stories: a building has a period, --T-s > 0")
     if "T_s" not in top and "zeta" not in explicit:
         top.pop("zeta", None)
     if "eta" not in top and not (explicit.keys() & {"T_s", "zeta"}):
@@ -310,7 +314,7 @@ def _over_ratios(
 
 
 def _over_dimensions(table: Mapping[str, Any], explicit: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(table) | {name: explicit[name] for name in DIMENSIONS if name in explicit}
+    merged = dict(table) | {name: explicit[name] for name in DIMENSIONS | BUILDING if name in explicit}
     if "zeta" in explicit:
         merged["damping"] = explicit["zeta"]
     if "restitution" in explicit:

@@ -109,7 +109,7 @@ Periods = Annotated[
 
 def said(name: str, note: str = "", panel: str = STRUCTURE) -> Any:
     """The option of a parameter, in the words of the tables of parameters."""
-    entry = (table.MOTION if panel == MOTION else table.DIMENSIONS | table.STRUCTURE)[name]
+    entry = (table.MOTION if panel == MOTION else table.DIMENSIONS | table.STRUCTURE | table.BUILDING)[name]
     note = note or (f"; {entry.note}" if entry.note else "")
     return option(flag(name), panel=panel, help=f"{entry.heading}{note}.")
 
@@ -157,7 +157,7 @@ def structure_options(**defaults: Any) -> Callable[[type[C]], type[C]]:
     def give(cls: type[C]) -> type[C]:
         own = inspect.get_annotations(cls)
         made: dict[str, Any] = {}
-        for name, entry in (table.STRUCTURE | table.DIMENSIONS).items():
+        for name, entry in (table.STRUCTURE | table.BUILDING | table.DIMENSIONS).items():
             if name == "damping" or entry.place.count(".") > 1:  # --zeta serves both; parts have no options
                 continue
             made[name] = Annotated[

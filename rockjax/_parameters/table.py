@@ -96,6 +96,7 @@ _SLENDER = "slenderness of the columns"
 _COLUMN = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"
 _TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "restrainers.Inerter."
+_STORIES, _UNIFORM = "number of stories of a building whose stories are alike", "superstructure.stories"
 _LINEAR = "1 is a linear damper"
 
 # Of a podium. What it keeps has a place; the others are worked out in variants.py.
@@ -118,6 +119,40 @@ STRUCTURE = _named(
     Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", note=_LINEAR),
     _ratio("inertance_ratio", "μ", "inertance", _INERTER + "inertance", "b/m_c"),
 )
+
+# Of superstructures that have rows of numbers: one for each mode or story, numbered from 1, as `T_2`.
+ROWS = _named(
+    _ratio("eta", "η", "mass ratio of the mode", "superstructure.eta"),
+    Parameter("T", "T", "s", POSITIVE, "period of the mode", "superstructure.T"),
+    _ratio("zeta", "ζ", "damping ratio of the mode", "superstructure.zeta"),
+    Parameter("story_mass", "m", "1", POSITIVE, "mass ratio of the floor", "superstructure.masses"),
+    Parameter(
+        "story_stiffness", "k", "s-2", POSITIVE, "stiffness of the story", "superstructure.stiffnesses"
+    ),
+    _ratio("story_damping", "ζ", "damping ratio of the mode", "superstructure.damping"),
+)
+# Of the same superstructures as a whole.
+OF_ROWS = _named(
+    _ratio("residual", "η_r", "mass ratio of what moves with the beam", "superstructure.residual"),
+    _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
+)
+
+
+# What a building is made of where its stories are alike.
+BUILDING = _named(
+    Parameter("stories", "n", "1", Range(1.0, closed=(True, False)), _STORIES, _UNIFORM, whole=True)
+)
+
+
+def numbered(entry: Parameter, number: int) -> Parameter:
+    """The parameter of one mode or story."""
+    return entry._replace(
+        name=f"{entry.name}_{number}",
+        symbol=f"{entry.symbol}_{number}",
+        meaning=f"{entry.meaning} {number}",
+        place=f"{entry.place}.{number}",
+    )
+
 
 # Arguments of `Podium.from_dimensions`.
 DIMENSIONS = _named(

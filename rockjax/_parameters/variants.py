@@ -12,20 +12,33 @@ import jax.numpy as jnp
 
 from rockjax._checks import require
 from rockjax._structures import Podium, column_of, g_tan_alpha
+from rockjax._structures.modes import joined, members, parts, with_fields
 
-from .table import MOTION, SIDES, STRUCTURE, Parameter, clash
+from .table import MOTION, OF_ROWS, ROWS, SIDES, STRUCTURE, Parameter, clash, numbered
 
 
 def find(name: str) -> Parameter | None:
     """The parameter of a structure of that name, or kept in that place."""
-    if name in STRUCTURE:
-        return STRUCTURE[name]
+    for table in (STRUCTURE, OF_ROWS):
+        if name in table:
+            return table[name]
+    row, _, number = name.rpartition("_")
+    if row in ROWS and number.isdecimal():
+        return numbered(ROWS[row], int(number))
     return next((entry for entry in STRUCTURE.values() if entry.place == name), None)
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Those of the parameters that this podium has, worked out ones among them."""
-    return {name: entry for name, entry in STRUCTURE.items() if has(podium, entry)}
+    plain = (STRUCTURE | OF_ROWS).items()
+    found = {name: entry for name, entry in plain if not entry.whole and has(podium, entry)}
+    top = podium.superstructure
+    for entry in ROWS.values() if top is not None and top.rows else ():
+        values = getattr(top, entry.place.rpartition(".")[2], None)
+        row = members(values) if values is not None else ()
+        each = [numbered(entry, k + 1) for k in range(len(row) if isinstance(row, tuple) else 0)]
+        found |= {parameter.name: parameter for parameter in each}
+    return found
 
 
 def has(podium: Podium, parameter: Parameter) -> bool:
@@ -52,11 +65,13 @@ def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
     Raises `ValueError` for names that are no parameters of it or that say the same, and for numbers out of
     range.
     """
-    values = {_known(podium, name).name: value for name, value in values.items()}
+    known = {name: _known(podium, name) for name in values}
+    values = {known[name].name: value for name, value in values.items()}
     twice = clash(values)
     if twice is not None:
         raise ValueError(f"{twice[0]} and {twice[1]} say the same of a podium: give one of them")
-    kept = {STRUCTURE[name].place: value for name, value in values.items() if STRUCTURE[name].place}
+    places = {entry.name: entry.place for entry in known.values() if entry.place}
+    kept = {places[name]: value for name, value in values.items() if name in places}
     if "tan_alpha" in values:
         kept["alpha"] = jnp.arctan(values["tan_alpha"])
     if any(name in values for name in SIDES):
@@ -68,7 +83,7 @@ def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
 def check_values(owner: str, values: Mapping[str, Any]) -> None:
     """Raise a `ValueError` for values of parameters, of a structure or a pulse, that are out of range."""
     for name, value in values.items():
-        allowed = (MOTION | STRUCTURE)[name].range
+        allowed = (MOTION.get(name) or find(name) or STRUCTURE[name]).range
         words = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
         require(owner, name, value, allowed.holds, words.removesuffix(" and "))
 
@@ -93,13 +108,28 @@ def _known(podium: Podium, name: str) -> Parameter:
 def _kept(holder: Any, place: str) -> Any:
     """What is kept in a place. Raises `AttributeError` where the place is not there."""
     for step in place.split(".") if place else ():
-        if isinstance(holder, tuple):
+        if step.isdecimal():
+            holder = _of_row(holder, int(step))
+        elif isinstance(holder, tuple):
             holder = holder[_member(holder, step)]
-        elif step in getattr(holder, "rows", ()):
-            raise AttributeError(f"{step} is a row of numbers")
         else:
+            rows = getattr(holder, "rows", ())
             holder = getattr(holder, step)
+            if step in rows and place.endswith(step) and members(holder) is not holder:
+                raise AttributeError(f"{step} is a row of numbers")
+            if holder is None:
+                raise AttributeError(f"{step} is not there")
     return holder
+
+
+def _of_row(values: Any, number: int) -> Any:
+    """A member of a row, counted from 1."""
+    if members(values) is values and not isinstance(values, tuple):
+        raise AttributeError("one number stands for all")
+    row = parts(values)
+    if not 1 <= number <= len(row):
+        raise AttributeError(f"there are {len(row)}, not {number}")
+    return row[number - 1]
 
 
 def _member(members: tuple, kind: str) -> int:
@@ -115,11 +145,23 @@ def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     below: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
         below.setdefault(step, {})[tuple(rest)] = value
-    new = {
-        step: inner[()] if () in inner else _replaced(_kept(holder, step), inner)
-        for step, inner in below.items()
-    }
+    new: dict[str, Any] = {}
+    for step, inner in below.items():
+        if () in inner:
+            new[step] = inner[()]
+        elif step in getattr(holder, "rows", ()):
+            new[step] = _with_members(getattr(holder, step), {int(k): y for (k,), y in inner.items()})
+        else:
+            new[step] = _replaced(_kept(holder, step), inner)
     if isinstance(holder, tuple):
         places = {_member(holder, step): value for step, value in new.items()}
         return tuple(places.get(k, member) for k, member in enumerate(holder))
+    if any(isinstance(getattr(holder, field), tuple) for field in getattr(holder, "rows", ())):
+        return with_fields(holder, new)  # split, in a program
     return dataclasses.replace(holder, **new)
+
+
+def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:
+    """A row with other members in some places, counted from 1."""
+    row = tuple(changes.get(k, y) for k, y in enumerate(parts(values), start=1))
+    return row if isinstance(values, tuple) else joined(row)

@@ -77,6 +77,9 @@ def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
     about: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return about
+    about["eta"] = float(top.mass_ratio)
+    if top.elastic:
+        about["T_s_s"] = max(float(mode.T_s) for mode in top.oscillators)  # the longest
     numbers = {field.name: getattr(top, field.name) for field in dataclasses.fields(top)}
     plain = {
         name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in numbers.items()

@@ -1,6 +1,6 @@
 """Structures: the column, the podium, what stands on it, and how it takes an impact."""
 
-from .building import ShearBuilding
+from .building import ShearBuilding, superstructure_of
 from .column import STANDARD_GRAVITY, column_of, g_tan_alpha
 from .modes import Modes
 from .podium import Podium
@@ -24,4 +24,5 @@ __all__ = [
     "ShearBuilding",
     "column_of",
     "g_tan_alpha",
+    "superstructure_of",
 ]

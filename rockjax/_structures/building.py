@@ -12,7 +12,7 @@ from rockjax._checks import array_module, as_float, not_negative, positive, whol
 from rockjax._types import Array, Number
 
 from .eigen import eigh
-from .modes import Modes, Row, as_many, joined, parts, row, with_fields
+from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, total
 
 
@@ -180,7 +180,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     def split(self) -> Self:
         values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}
-        values["damping"] = parts(as_many(self.damping, self.kept))
+        values["damping"] = members(self.damping)
         values["heights"] = None  # for pictures only
         return with_fields(self, values)
 
@@ -197,3 +197,11 @@ class ShearBuilding(AbstractSuperstructure):
 
 def _floors(shapes: Array) -> tuple[tuple[Number, ...], ...]:
     return tuple(parts(shapes[..., j, :]) for j in range(shapes.shape[-2]))
+
+
+def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None):
+    """What stands on the columns by its mass ratio: rigid without a period, elastic with one, with stories a
+    building that has it as its longest."""
+    if T_s is None:
+        return Rigid(eta)
+    return Elastic(eta, T_s, zeta) if stories is None else ShearBuilding.uniform(stories, eta, T_s, zeta)

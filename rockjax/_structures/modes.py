@@ -49,6 +49,11 @@ def as_many(values: Any, count: int) -> Any:
     return (values,) * count if not isinstance(values, tuple) and jnp.ndim(values) == 0 else values
 
 
+def members(values: Any) -> Any:
+    """The members of a row, or the one number that stands for all of them."""
+    return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else parts(values)
+
+
 def is_plain_zero(value) -> bool:
     """Whether it is known, before tracing, that there is nothing."""
     known = concrete(value)
@@ -142,8 +147,8 @@ class Modes(AbstractSuperstructure):
         return True
 
     def split(self) -> Self:
-        zeta = parts(as_many(self.zeta, self.count))
-        values = {"eta": parts(self.eta), "T": parts(self.T), "zeta": zeta, "residual": self.carried}
+        values = {"eta": parts(self.eta), "T": parts(self.T), "zeta": members(self.zeta)}
+        values["residual"] = self.carried
         return with_fields(self, values)
 
     def resolved(self) -> AbstractSuperstructure:

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_float, as_number, not_negative, positive, require
+from rockjax._checks import as_float, as_number, concrete, not_negative, positive, require
 from rockjax._repr import card, readable
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.dimensions import restrainers_of
@@ -27,6 +27,7 @@ from rockjax._restrainers.together import (
 )
 from rockjax._types import Number
 
+from .building import ShearBuilding
 from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
 from .restitution import Restitution, as_restitution
 from .superstructures import AbstractSuperstructure, Elastic, Rigid, total, uplifted_squares
@@ -90,6 +91,11 @@ class Podium(eqx.Module):
         damper_coefficient=0.0,
         damper_exponent=1.0,
         inertance=0.0,
+        stories: int | None = None,
+        story_masses=None,
+        story_stiffnesses=None,
+        story_heights=None,
+        modes: int | None = None,
     ) -> Podium:
         """A podium from what stands on a drawing.
 
@@ -98,6 +104,9 @@ class Podium(eqx.Module):
           number N
         - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid
           one
+        - `stories`: of a building whose stories are alike, with `top_mass` in all and the longest `period`;
+          or any building, by `story_masses` [kg] and `story_stiffnesses` [N/m] from the bottom, which are its
+          mass and periods. `modes` and `story_heights` [m] as in [`rockjax.ShearBuilding`][]
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
           of a column; `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`:
           b of its inerter [kg]. They act between the ground and the beam; a plain 0 is no such device
@@ -111,7 +120,11 @@ class Podium(eqx.Module):
         doubt_size(width, height)
         columns_mass = columns * column_mass
         eta = as_float(top_mass) / columns_mass
-        if period is not None:
+        building = stories, story_masses, story_stiffnesses
+        if any(part is not None for part in building):
+            numbers = eta, period, damping, modes, story_heights
+            superstructure = _building(owner, columns_mass, *building, *numbers)
+        elif period is not None:
             superstructure = Elastic(eta=eta, T_s=period, zeta=damping)
         elif isinstance(top_mass, int | float) and top_mass == 0:
             superstructure = None
@@ -326,3 +339,26 @@ class Podium(eqx.Module):
         return card(
             self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration")
         )
+
+
+def _building(
+    owner: str, columns_mass, stories, masses, stiffnesses, eta, period, damping, modes, heights
+) -> ShearBuilding:
+    """The building of a drawing. Raises `ValueError`, in the name of `owner`, where numbers of it are missing
+    or twice there."""
+    if stories is not None:
+        if masses is not None or stiffnesses is not None or period is None:
+            raise ValueError(
+                f"{owner}: stories needs top_mass and period, and is instead of story_masses and "
+                "story_stiffnesses"
+            )
+        return ShearBuilding.uniform(stories, eta, period, damping, modes, height=heights)
+    if masses is None or stiffnesses is None:
+        raise ValueError(f"{owner}: story_masses and story_stiffnesses are needed both")
+    if period is not None or np.any(concrete(eta)):
+        raise ValueError(f"{owner}: story_masses and story_stiffnesses are instead of top_mass and period")
+    masses, stiffnesses = (
+        as_float(y, f"{owner}: {name}") / columns_mass[..., None]
+        for name, y in (("story_masses", masses), ("story_stiffnesses", stiffnesses))
+    )
+    return ShearBuilding(masses, stiffnesses, damping, modes, heights=heights)

@@ -88,7 +88,7 @@ def _overturns(
     T_p = (pulse_period(p, spectra[0]["frequency_ratio"].values[column]))[:, None]
     # One number where it is common to all, as for the grid: the same program.
     pick = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[which, None]
-    together = jax.tree.map(pick, *podiums)
+    together = jax.tree.map(pick, *(podium.split() for podium in podiums))
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
         peaks = responses(

@@ -104,7 +104,7 @@ def rocking_spectra(
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
-    if any(jnp.ndim(y) for y in jax.tree.leaves(list(podiums))):
+    if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split() for podium in podiums])):
         raise ValueError(
             "rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses"
         )
@@ -121,7 +121,7 @@ def rocking_spectra(
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
-        group = [podiums[k] for k in members]
+        group = [podiums[k].split() for k in members]
         T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha_m_s2"] for k in members])
         # One number where it is common to all, else one per podium.
@@ -192,7 +192,7 @@ def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
     """Which podiums can share one batch: their numbers, by the structure of their pytrees."""
     kinds: dict[Any, list[int]] = {}
     for k, podium in enumerate(podiums):
-        kinds.setdefault(jax.tree.structure(podium), []).append(k)
+        kinds.setdefault(jax.tree.structure(podium.split()), []).append(k)
     return kinds
 
 

@@ -28,6 +28,7 @@ from ._records import record_spectrum
 from ._risk import risk
 from ._sensitivities import sensitivity_spectra, sensitivity_spectrum
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
+from ._stories import stories
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, ROTATION, STYLE, STYLES
 
 __all__ = [
@@ -62,4 +63,5 @@ __all__ = [
     "sensitivity_spectra",
     "sensitivity_spectrum",
     "spectra",
+    "stories",
 ]

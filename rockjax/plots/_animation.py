@@ -17,7 +17,7 @@ from rockjax._checks import require
 from rockjax._files import write_whole
 from rockjax._responses.response import Response
 
-from ._histories import TIME, as_history
+from ._histories import TIME, as_history, vibrates
 from ._style import COLOURS, ROTATION, in_style
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class _Stage:
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
         at = lambda values: exaggerate * np.interp(times, t, values)
         theta = data["theta"].values
-        self.theta, self.sway = at(theta), at(data["deformation"].values)
+        self.theta, self.sway = at(theta), at(_sway(data))
         self.ground = at(_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
@@ -174,7 +174,8 @@ class _Stage:
 
         self.columns = [part("0.82") for _ in self.feet]
         self.beam = part("0.6")
-        self.kind = attributes["superstructure"]
+        kind = attributes["superstructure"]
+        self.kind = "elastic" if vibrates(attributes) else "none" if kind == "none" else "rigid"
         self.box = self.stick = None
         if self.kind != "none":
             self.box = part(COLOURS[2], alpha=0.75)
@@ -233,3 +234,11 @@ class _Stage:
 
 def _box(x: float, y: float, half: float, height: float) -> np.ndarray:
     return np.array([(x - half, y), (x + half, y), (x + half, y + height), (x - half, y + height)])
+
+
+def _sway(data: xarray.Dataset) -> np.ndarray:
+    """How far the top is from the beam: of a building its roof, of modes without floors the first."""
+    if "drift" in data:
+        return data["drift"].values.sum(axis=1)
+    deformation = data["deformation"].values
+    return deformation if deformation.ndim == 1 else deformation[:, 0]

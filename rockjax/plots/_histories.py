@@ -6,7 +6,8 @@ Each function takes a [`rockjax.Response`][], or the dataset of one, such as `ro
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import potential, potential_slope, spin_with_inerters
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
-from rockjax._structures import Elastic, Podium, Rigid
+from rockjax._structures import Podium, Rigid
 
 from ._style import COLOURS, ROTATION, look, on_axes, styled
 
@@ -40,6 +41,11 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
             "plots: expected a rockjax.Response or its dataset, with the attribute kind = 'response'"
         )
     return response
+
+
+def vibrates(attributes: Mapping[str, Any]) -> bool:
+    """Whether there is something elastic on the columns, from the attributes of a file."""
+    return attributes["superstructure"] != "none" and attributes.get("T_s_s", 0.0) > 0
 
 
 @on_axes
@@ -96,9 +102,15 @@ def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Deformation of the superstructure u_t − u_b over time [mm]; 0 without an elastic one."""
+    """Deformation of the superstructure u_t − u_b over time [mm], of a building the drifts of its stories;
+    0 without an elastic one."""
     assert ax is not None
     data = as_history(response)
+    name = "drift" if "drift" in data else "deformation"
+    if data[name].ndim > 1:
+        what = "story" if name == "drift" else "mode"
+        _several(data, data[name].values * 1e3, what, f"{name} [mm]", ax)
+        return ax
     return _line(data, data["deformation"].values * 1e3, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
 
 
@@ -115,6 +127,16 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
         ax.plot([], [], color=COLOURS[0], ls="-", lw=1.2, label=r"horizontal $\ddot u_g$")
         ax.legend(loc="upper right", fontsize="small")
     return _line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
+
+
+def _several(data: xarray.Dataset, values: np.ndarray, what: str, label: str, ax: Axes) -> None:
+    """One line for each mode or story."""
+    ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    for k, each in enumerate(values.T):
+        ax.plot(data["time"].values, each, label=f"{what} {k + 1}", lw=1.0, **look(k))
+    ax.set(xlabel=TIME, ylabel=label, xlim=tuple(data["time"].values[[0, -1]]))
+    if values.shape[1] <= 6:
+        ax.legend(loc="upper right", ncols=values.shape[1], fontsize="small")
 
 
 def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
@@ -178,7 +200,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     """|θ̇| on the separatrices of the rigid, undamped frame [rad/s]."""
     podium = podium_of(data.attrs)
-    if isinstance(podium.superstructure, Elastic):
+    if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
     c = coefficients(podium)
     held = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
@@ -248,7 +270,7 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     residual = float(data["initial_energy"]) / unit + given - held - struck - damped - taken
     t = data["time"].values
     curves = [("work of the ground", given), ("mechanical energy", held), ("lost at impacts", struck)]
-    curves += [("lost in the damper", damped)] if a["superstructure"] == "elastic" else []
+    curves += [("lost in the damper", damped)] if vibrates(a) else []
     curves += [("lost in the columns' dampers", taken)] if taken.any() else []
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))
@@ -276,7 +298,7 @@ def response(response: Response | xarray.Dataset, figure: Figure | None = None, 
         response = response.dataset(np.linspace(*response.span, points))
     data = as_history(response)
     parts = [rotation_history, deformation_history, ground_motion]
-    if data.attrs["superstructure"] != "elastic":
+    if not vibrates(data.attrs):
         parts.remove(deformation_history)
     axes = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
     for ax, draw in zip(axes, parts, strict=True):

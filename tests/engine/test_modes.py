@@ -2,6 +2,7 @@
 bad input."""
 
 import math
+import tomllib
 from typing import Any
 
 import jax
@@ -10,6 +11,11 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.step import trial
+from rockjax._parameters import variants
+from rockjax._problem import Reader
+from rockjax._responses.datasets import describe_podium, podium_of
 from tests import restrained
 from tests.restrained import Frame
 
@@ -272,6 +278,60 @@ def test_twenty_modes():
     structure = podium(building)
     found = rj.peak_response(structure, rj.OneSine(3.5, T_P), t_end=1.6, options=FINE)
     check(found, independent(frame_of(building.modes, building.shapes), 3.5))
+
+
+def operations(jaxpr) -> int:
+    """Of a program, with those of the functions that it calls."""
+    count = 0
+    for equation in jaxpr.eqns:
+        inner = [getattr(y, "jaxpr", y) for y in equation.params.values() if hasattr(y, "jaxpr")]
+        count += sum(map(operations, inner)) if inner else 1
+    return count
+
+
+def test_what_a_mode_costs():
+    """A trial step with n modes has at most (1+n)/2 times the operations of one with one."""
+
+    def of_trial(top) -> int:
+        structure, options = podium(top).split(), rj.Options()
+        plan = plan_for(structure, options, history=False)
+        start = lambda: prepare(structure, rj.OneSine(3.0, 1.0), rj.State(), None, options, plan)
+        scene, state = jax.eval_shape(start)
+        return operations(jax.make_jaxpr(lambda scene, state: trial(scene, plan, state))(scene, state).jaxpr)
+
+    one = of_trial(rj.Elastic(30.0, 0.5))
+    assert of_trial(rj.Modes([30.0], [0.5])) == one
+    for n in (2, 5):
+        assert of_trial(rj.Modes([30.0 / n] * n, np.linspace(0.6, 0.1, n))) < 0.5 * (1 + n) * one
+
+
+def test_parameters_by_name():
+    structure = podium(rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, 0.04, 2))
+    assert {"story_mass_3", "story_stiffness_1", "story_damping"} <= set(variants.parameters_of(structure))
+    changed: Any = variants.varied(structure, {"story_mass_2": 9.0}).superstructure
+    np.testing.assert_array_equal(changed.masses, [3.0, 9.0, 2.0])
+    assert float(variants.read(structure, "story_stiffness_3")) == 500.0
+    modes = podium(rj.Modes([6.0, 2.0], [0.5, 0.2], [0.05, 0.03], residual=0.5))
+    assert {"eta_1", "T_2", "zeta_2", "residual"} <= set(variants.parameters_of(modes))
+    with pytest.raises(ValueError, match="story_mass_4"):
+        variants.read(structure, "story_mass_4")
+    for each in (structure, modes):
+        again = podium_of(describe_podium(each))
+        jax.tree.map(np.testing.assert_array_equal, again, each)
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ("{ eta = [24.0, 6.0], T = [0.5, 0.15], zeta = [0.05, 0.03] }", TWO),
+        ("{ masses = [3.0, 3.0, 2.0], stiffnesses = [900.0, 700.0, 500.0] }", BUILDING),
+        ("{ eta = 8.0, T_s = 0.5, stories = 2 }", rj.ShearBuilding.uniform(2, 8.0, 0.5)),
+    ],
+)
+def test_problem_files(table, expected):
+    read = tomllib.loads(f"superstructure = {table}")["superstructure"]
+    found = Reader().superstructure(read, "structure.superstructure")
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
 # Bad input

@@ -1,0 +1,84 @@
+"""Draws the picture of `modes.md` and prints its table: `python docs/modes.py`.
+
+A five-storey building on a podium, and the same building fixed at its base.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rockjax as rj
+from rockjax import plots
+
+IMAGES = Path(__file__).parent / "images"
+STORIES, MASS, STIFFNESS, HEIGHT = 5, 20e3, 12e6, 3.0  # of each: kg, N/m, m
+COLUMNS: dict[str, Any] = {
+    "width": 0.6,
+    "height": 3.0,
+    "column_mass": 2700.0,
+    "beam_mass": 30e3,
+    "columns": 4,
+}
+MOTIONS = 20
+
+
+def podium(**changes: Any) -> rj.Podium:
+    """The building on its podium; 0.6 m by 0.6 m columns of concrete."""
+    building = {
+        "story_masses": [MASS] * STORIES,
+        "story_stiffnesses": [STIFFNESS] * STORIES,
+        "story_heights": [HEIGHT] * STORIES,
+    }
+    return rj.Podium.from_dimensions(**COLUMNS, **building, **changes)
+
+
+def fixed() -> rj.Podium:
+    """The same building on columns so stocky that they never lift."""
+    return podium().replace(alpha=1.5)
+
+
+def main() -> None:
+    """Peaks of both under a pulse, and their medians over synthetic motions."""
+    rocking, still = podium(), fixed()
+    pulse = rj.Ricker(0.5 * 9.80665, 0.7)
+    histories = [rj.simulate(structure, pulse) for structure in (rocking, still)]
+    figure = plt.figure(figsize=(9.5, 4.2), layout="constrained")
+    plots.stories(histories[0], figure, label="on the podium", beside={"fixed at its base": histories[1]})
+    figure.savefig(IMAGES / "stories.png", dpi=120)
+    rows = [("Ricker pulse, 0.5 g, 0.7 s", [*map(summary, histories)])]
+    motions = rj.synthetic_motions(MOTIONS, pga=0.5 * 9.80665, seed=1)
+    suites = [rj.peak_responses(structure, motions) for structure in (rocking, still)]
+    rows.append((f"{MOTIONS} synthetic motions, PGA 0.5 g, medians", [*map(summary, suites)]))
+    top: Any = rocking.superstructure
+    print("fixed-base periods [s]", np.round(np.asarray(top.modes.T), 3))
+    lifts, e = float(rocking.uplift_ground_acceleration) / 9.80665, float(rocking.restitution_factor)
+    print(f"lifts at {lifts:.3f} g, e = {e:.3f}")
+    for name, (of_rocking, of_still) in rows:
+        print(name)
+        for what in of_rocking:
+            print(f"  {what}: {of_rocking[what]:.3f} on the podium, {of_still[what]:.3f} fixed")
+    print("overturned", int(np.sum(suites[0].overturned)))
+
+
+def summary(peaks: Any) -> dict[str, float]:
+    """Medians over scenes of one or of many."""
+    median = lambda y: float(np.median(np.atleast_1d(y)))
+    return {
+        "base shear over weight": median(peaks.peak_shear),
+        "largest drift over height [%]": median(np.max(np.asarray(peaks.peak_drift), axis=-1) / HEIGHT * 100),
+        "largest floor acceleration [g]": median(
+            np.max(np.asarray(peaks.peak_floor_acceleration), axis=-1) / 9.80665
+        ),
+        "peak rotation over α": median(peaks.peak_rotation),
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Pictures of a building over its height."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rockjax._responses.datasets import podium_of
+from rockjax._responses.response import Response
+
+from ._histories import as_history
+from ._style import look, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@styled
+def stories(
+    response: Response | xarray.Dataset,
+    figure: Figure | None = None,
+    *,
+    label: str | None = None,
+    beside: Mapping[str, Response | xarray.Dataset] | None = None,
+) -> Figure:
+    """A building over its height: largest drifts of the stories, over their heights where these are known,
+    and largest accelerations of the floors.
+
+    - `label`: of the response; `beside`: others of the same building, by label
+
+    Raises `ValueError` for a response without stories.
+    """
+    figure = figure or plt.figure(figsize=(8, 4), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    all_of_them = [(label, response), *(beside or {}).items()]
+    for k, (name, each) in enumerate(all_of_them):
+        _over_height(as_history(each), name, look(k), left, right)
+    if label or beside:
+        left.legend(loc="best", fontsize="small")
+    for ax in (left, right):
+        ax.set_xlim(0, 1.06 * ax.dataLim.x1)
+        ax.grid(True, alpha=0.3)
+    return figure
+
+
+def _over_height(
+    data: xarray.Dataset, label: str | None, style: dict[str, Any], left: Axes, right: Axes
+) -> None:
+    if "peak_drift" not in data or "peak_floor_acceleration" not in data:
+        raise ValueError("plots.stories: expected the response of a building, a rockjax.ShearBuilding")
+    building: Any = podium_of(data.attrs).superstructure
+    drifts = data["peak_drift"].values
+    known = building.heights is not None
+    heights = np.asarray(building.heights) if known else np.ones(drifts.size)
+    levels = np.append(0.0, np.cumsum(heights))
+    values = drifts / heights * 100 if known else drifts * 1e3
+    left.stairs(values, levels, orientation="horizontal", baseline=None, label=label, lw=1.5, **style)
+    g = data.attrs["g_m_s2"]
+    right.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)
+    left.set(
+        xlabel="largest drift over height [%]" if known else "largest drift [mm]",
+        ylabel="height over the beam [m]" if known else "story",
+        ylim=(0, levels[-1] * 1.05),
+    )
+    right.set(xlabel="largest floor acceleration [g]")
