@@ -168,8 +168,9 @@ def compared(name: str, source: str, records: rj.Records, kept: Kept | None) -> 
     scale, certain = np.asarray(found.scale), np.asarray(found.certain_width)
     below, doubtful = [], []
     for j, limit in enumerate(limits):
-        top = scale[j] - FINE * limit / INSIDE  # what begins closer is the boundary itself
+        top = scale[j] - FINE * limit / (INSIDE - 1)  # what begins closer is the boundary itself
         for lo, hi in truth[j]["windows"]:
+            hi = min(hi, scale[j])  # scales between that survive are not seen where they are closer
             if lo < top:
                 below.append(
                     {"motion": j, "from": lo, "width": (hi - lo) / limit, "boundary": float(scale[j])}

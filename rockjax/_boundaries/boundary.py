@@ -163,9 +163,9 @@ def overturning_boundary(
     are those of the peak rotation, and the derivative is that of the time of overturning.
 
     - `width`: every interval of overturning scales below the boundary that is wider than this share of
-      `max_scale` is found, in (0, 0.1]. So many scales are looked at from the first that lifts the columns up
-      to the boundary: a `max_scale` far above it costs little, a range in which nothing overturns up to
-      1/`width` scenes
+      `max_scale` is found, in (0, 0.1]. From the first that lifts the columns up to the boundary, scales
+      are looked at as closely as their derivatives say, under `jit` as closely as `width`: a `max_scale` far
+      above the boundary costs little, a range in which nothing overturns up to 1/`width` scenes
     - `resolution`: at least so many scales in the range, however wide `width` is
 
     Raises `ValueError` for inputs that make no sense, where they are concrete.

@@ -29,10 +29,11 @@ DOUBTFUL = 0.1  # of 1, to be on the safe side
 REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
-SHARE = 8  # scenes to divide a bracket, more where lanes would be idle
+SHARE = 3  # scenes to divide a bracket, more where lanes would be idle: few of them tell the most each
 
 ZOOMS = 4  # closer looks around the lowest dips
 NARROW = 24  # divisions of a bracket at most
+CLOSER = 0.05  # of a bracket is left where a straight line knows the root; else it is divided evenly
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 
 
@@ -208,12 +209,16 @@ def _narrowed(known: Known, at: np.ndarray, look: Look, close: float) -> Crossin
     y = np.stack([known.y[safe], known.y[fallen]])
     margin = np.stack([known.margin[safe], known.margin[fallen]])
     impacts = known.impacts[fallen].copy()
+    straight = np.ones(line.size, bool)  # the margin goes through zero on a line; else it jumps
     for _ in range(NARROW):
         wide = np.flatnonzero(np.abs(y[0] - y[1]) > close * np.abs(y).max(axis=0))
         if wide.size == 0:
             break
         share = min(max(SHARE, 2 * LANES // wide.size), WIDTH)
         places = divisions(*y[:, wide], *margin[:, wide], count=share, xp=np)
+        part = np.arange(1, share + 1) / (share + 1)
+        even = y[0, wide, None] + (y[1] - y[0])[wide, None] * part
+        places = np.where(straight[wide, None], places, even)
         # From the surviving end to the other one.
         places = np.sort(places, axis=1)
         places = np.where((y[0] < y[1])[wide, None], places, places[:, ::-1])
@@ -226,7 +231,11 @@ def _narrowed(known: Known, at: np.ndarray, look: Look, close: float) -> Crossin
         hits = pad(impacts[wide], hits, impacts[wide])
         first = np.argmax(value <= 0, axis=1)
         rows = np.arange(wide.size)
+        root = y[0, wide] + (y[1] - y[0])[wide] * (margin[0] / (margin[0] - margin[1]))[wide]
+        size = np.abs(y[1] - y[0])[wide]
         y[0, wide], y[1, wide] = places[rows, first - 1], places[rows, first]
+        inside = np.abs(root - y[:, wide].mean(axis=0)) <= 0.5 * np.abs(y[1] - y[0])[wide]
+        straight[wide] = inside | (np.abs(y[1] - y[0])[wide] < CLOSER * size)
         margin[0, wide], margin[1, wide] = value[rows, first - 1], value[rows, first]
         impacts[wide] = hits[rows, first]
     return Crossings(line, y.mean(axis=0), overturns, impacts)

@@ -17,7 +17,7 @@ from .looked import Known, Look
 
 SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
 TRUST = 0.5  # of the reaches of two neighbours
-FARTHEST = 16  # spacings that neighbours are apart at most
+FARTHEST = 12  # spacings that neighbours are apart at most
 PARTS = 16  # of an interval at once
 ROUND = 2048  # scenes of all lines that go up side by side …
 LEAST = 64  # … of one line at least

@@ -127,8 +127,8 @@ def incremental_dynamic_analysis(
     - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in
       [`rockjax.overturning_spectrum`][]
     - `width`: every interval of overturning intensities below the capacity that is wider than this share of
-      the highest level is found, in (0, 0.1]; a record is looked at in up to 1/`width` places from the first
-      that lifts the columns
+      the highest level is found, in (0, 0.1]; a record is looked at as closely as derivatives by the
+      intensity say, in up to 1/`width` places from the first that lifts the columns
     - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked
       for
     - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
