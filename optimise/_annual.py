@@ -94,7 +94,7 @@ class AnnualFrequency(AbstractScaleTarget):
         # Of unit intensity each: a factor on a motion is its intensity.
         given = several(owner, suite, "suite").members
         unit = [motion.scaled(1 / size) for motion, size in zip(given, sizes, strict=True)]
-        self.suite = Suite(unit, owner, "suite")
+        self.suite = Suite.of(unit, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Of the least overturning intensities [as the hazard]; NaN where fewer than two motions overturn."""

@@ -53,7 +53,7 @@ def design_command(
     motions = [motion for group in problem.motions.values() for motion in group]
     if motions:
         # The motion that comes closest to overturning the design.
-        margins = Suite(motions).margins(design.podium, problem.options)
+        margins = Suite.of(motions).margins(design.podium, problem.options)
         before = as_podium(problem.podium)
         picture = before_after(before, design, motions[int(np.nanargmin(margins))])
         written.append(write_figure(f"{output}-response{suffix}", picture))

@@ -52,7 +52,7 @@ class WorstRotation(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations, type(self).__name__)
+        self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return severity(peaks, options)
@@ -68,7 +68,7 @@ class WorstShear(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations, type(self).__name__)
+        self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.peak_shear
@@ -84,7 +84,7 @@ class WorstDeformation(AbstractWorst):
     outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
 
     def __init__(self, excitations):
-        self.suite = Suite(excitations, type(self).__name__)
+        self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.peak_deformation

@@ -24,8 +24,10 @@ class Suite(eqx.Module):
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
 
-    def __init__(self, excitations: AnyMotions, owner: str = "Suite", name: str = "excitations"):
-        """Raises `ValueError` for an empty set and for members that are no ground motions."""
+    @classmethod
+    def of(cls, excitations: AnyMotions, owner: str = "Suite", name: str = "excitations") -> Suite:
+        """The suite of some motions. Raises `ValueError` for an empty set and for members that are no ground
+        motions."""
         motions = several(owner, excitations, name).members
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
@@ -34,9 +36,8 @@ class Suite(eqx.Module):
                 continue
             leaves, structure = jax.tree.flatten(motion)
             kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
-        self.groups = tuple(_stacked([motions[k] for k in places]) for places in kinds.values())
-        placed = [k for places in kinds.values() for k in places]
-        self.order = tuple(placed.index(k) for k in range(len(motions)))
+        members = list(kinds.values())
+        return cls(tuple(_stacked([motions[k] for k in places]) for places in members), _order(members))
 
     def __len__(self) -> int:
         return len(self.order)
@@ -52,11 +53,7 @@ class Suite(eqx.Module):
                 groups.append(group)
                 members.append([])
             members[k] += [len(self) + place for place in places]
-        placed = [k for places in members for k in places]
-        joined = object.__new__(Suite)
-        object.__setattr__(joined, "groups", tuple(groups))
-        object.__setattr__(joined, "order", tuple(placed.index(k) for k in range(len(placed))))
-        return joined
+        return Suite(tuple(groups), _order(members))
 
     def _members(self) -> list[list[int]]:
         """The motions in each group, by their numbers."""
@@ -96,6 +93,12 @@ class Suite(eqx.Module):
         options = options.replace(outputs=("margin",), throw=False)
         parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
         return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
+
+
+def _order(members: list[list[int]]) -> tuple[int, ...]:
+    """Where each motion is among the stacked ones, from the numbers of those in each group."""
+    placed = [k for places in members for k in places]
+    return tuple(placed.index(k) for k in range(len(placed)))
 
 
 def _stacked(motions: list[Any]) -> rj.AbstractExcitation:

@@ -102,7 +102,7 @@ class PeakRotation(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         check_limit("PeakRotation", "limit", limit, below=1)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
+        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - severity(peaks, options)) / self.limit
@@ -124,7 +124,7 @@ class PeakShear(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         check_limit("PeakShear", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
+        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - peaks.peak_shear) / self.limit
@@ -146,7 +146,7 @@ class PeakDeformation(AbstractResponseTarget):
 
     def __init__(self, limit, excitations, name: Name = None):
         check_limit("PeakDeformation", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite(excitations, type(self).__name__), name
+        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return (self.limit - peaks.peak_deformation) / self.limit
@@ -166,7 +166,7 @@ class NoOverturning(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("margin",)
 
     def __init__(self, excitations, name: Name = None):
-        self.suite, self.name = Suite(excitations, type(self).__name__), name
+        self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return peaks.margin
@@ -323,7 +323,7 @@ class OverturningScale(AbstractScaleTarget):
     def __init__(self, at_least, excitations, *, max_scale=None, width: float = NARROWEST, name: Name = None):
         self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale, width)
         self.width = float(width)
-        self.suite, self.name = Suite(excitations, type(self).__name__), name
+        self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         found = self.least_scales(podium, options)
@@ -356,7 +356,7 @@ class MedianCapacity(AbstractScaleTarget):
     def __init__(self, at_least, suite, *, max_scale=None, width: float = NARROWEST, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
         self.width = float(width)
-        self.suite, self.name = Suite(suite, type(self).__name__, "suite"), name
+        self.suite, self.name = Suite.of(suite, type(self).__name__, "suite"), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
@@ -391,7 +391,7 @@ class OverturningProbability(AbstractResponseTarget):
         check_limit("OverturningProbability", "intensity", intensity)
         check_limit("OverturningProbability", "smoothing", smoothing)
         self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
-        self.suite = Suite(suite, type(self).__name__, "suite").scaled(float(intensity))
+        self.suite = Suite.of(suite, type(self).__name__, "suite").scaled(float(intensity))
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]

@@ -60,10 +60,10 @@ def test_suites_side_by_side_keep_their_order():
     """Each motion where it was, motions of one kind in one group."""
     pulse, wave = lambda a: rj.Ricker(a, 1.0), lambda a: rj.HalfSine(a, 1.0)
     first, second = (
-        Suite([pulse(1.0), wave(2.0), pulse(3.0)]),
-        Suite([wave(4.0), pulse(5.0), rj.OneSine(6.0, 1.0)]),
+        Suite.of([pulse(1.0), wave(2.0), pulse(3.0)]),
+        Suite.of([wave(4.0), pulse(5.0), rj.OneSine(6.0, 1.0)]),
     )
-    both = first.and_also(second).and_also(Suite([pulse(7.0)]))
+    both = first.and_also(second).and_also(Suite.of([pulse(7.0)]))
     assert [type(group) for group in both.groups] == [rj.Ricker, rj.HalfSine, rj.OneSine]
     assert both.each(lambda motion: motion.a_p).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
 
@@ -483,16 +483,16 @@ def test_suite_groups_kinds_and_keeps_the_order():
         shaking(n=200),
         rj.OneSine(2.0, 0.8),
     ]
-    suite = Suite(motions)
+    suite = Suite.of(motions)
     assert len(suite.groups) == 3  # records of different lengths are one group
     together = suite.responses(BLOCK, OPTIONS, ("peak_rotation",)).peak_rotation
     one = OPTIONS.replace(outputs=("peak_rotation",), throw=False)
     alone = [rj.peak_response(BLOCK, motion, options=one).peak_rotation for motion in motions]
     assert np.allclose(together, alone, rtol=1e-12)
     with pytest.raises(ValueError, match="at least one"):
-        Suite([])
+        Suite.of([])
     with pytest.raises(ValueError, match=r"excitations\[1\] must be a rockjax motion"):
-        Suite([motions[0], 3.0])
+        Suite.of([motions[0], 3.0])
 
 
 MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
