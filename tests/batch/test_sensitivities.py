@@ -41,6 +41,9 @@ def compare(podium, rtol, landed):
     for k in SOME:
         single = of_single_scene(podium, rj.Ricker(A_P[k], 1.0), NAMES, HOW)
         for peak in SENSITIVE:
+            if single[peak] is None:  # of several stories only
+                assert getattr(batch.sensitivities, peak) is None
+                continue
             found, known = getattr(batch.sensitivities, peak)[k], np.asarray(single[peak])
             allowed = rtol if peak in ("peak_rotation", "margin") else landed
             np.testing.assert_allclose(found, known, rtol=0, atol=allowed * max(0.01, np.abs(known).max()))
