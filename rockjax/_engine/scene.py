@@ -23,9 +23,19 @@ from .runge_kutta import tableau
 from .state import LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
+# Each mode is followed in operations of its own: five compile in 25 s and 1.6 GB, ten in 140 s and 7 GB.
+MOST_MODES = 8
+
 
 def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
+    """What is decided before tracing. Raises `ValueError` for more modes than can be compiled."""
     top = podium.superstructure
+    if top is not None and top.several and top.count > MOST_MODES:
+        raise ValueError(
+            f"superstructure: at most {MOST_MODES} modes are simulated, got {top.count}; keep the lowest, as "
+            f"by ShearBuilding(…, modes={MOST_MODES}) or Modes(…, residual=…): the mass of the others moves "
+            "with the beam"
+        )
     elastic = podium.vibrates
     stories = top.stories if isinstance(top, ShearBuilding) else 0
     tab = tableau(options.solver)  # pyright: ignore[reportArgumentType]
