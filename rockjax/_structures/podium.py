@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_float, as_number, concrete, not_negative, positive, require
+from rockjax._checks import as_float, as_number, concrete, not_negative, positive, require, shown
 from rockjax._repr import card, readable
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.dimensions import restrainers_of
@@ -121,7 +121,10 @@ class Podium(eqx.Module):
         columns_mass = columns * column_mass
         eta = as_float(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
-        if any(part is not None for part in building):
+        has_stories = any(part is not None for part in building)
+        if not has_stories:
+            _without_building(owner, modes=modes, story_heights=story_heights)
+        if has_stories:
             numbers = eta, period, damping, modes, story_heights
             superstructure = _building(owner, columns_mass, *building, *numbers)
         elif period is not None:
@@ -339,6 +342,16 @@ class Podium(eqx.Module):
         return card(
             self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration")
         )
+
+
+def _without_building(owner: str, **given: object) -> None:
+    """Raise `ValueError` for what only a building has."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(
+                f"{owner}: {name} is of a building; give stories, or story_masses and story_stiffnesses, as "
+                f"well, got {name} = {shown(value)} alone"
+            )
 
 
 def _building(
