@@ -80,7 +80,7 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     for part, at, parts in wide:
         y = known.y[part]
         # From below, for the first change may come to lie lower.
-        at, parts = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)], parts
+        at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
         for k, count in zip(at, parts[: at.size], strict=True):
             places.append(y[k] + (y[k + 1] - y[k]) * np.arange(1, count) / count)
             lines.append(np.full(count - 1, known.line[part.start]))

@@ -27,6 +27,7 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
 
 
 def check_single(owner: str, podium: Podium) -> None:
+    """Raise `ValueError` for a batch of podiums; rows of modes and stories belong to one."""
     if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
 

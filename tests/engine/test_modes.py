@@ -124,12 +124,17 @@ def test_one_mode_is_an_elastic_superstructure_to_the_last_bit():
         assert np.shape(a.peak_deformation) == (*np.shape(b.peak_deformation), 1)
 
 
+def check_same(found: rj.Peak, whole: rj.Peak) -> None:
+    """The same rotation and shear."""
+    assert float(found.peak_rotation) == pytest.approx(float(whole.peak_rotation), abs=1e-9)
+    assert float(found.peak_shear) == pytest.approx(float(whole.peak_shear), abs=1e-9)
+
+
 def test_modes_of_one_period_are_one_mode():
     pulse = rj.OneSine(PULSE, T_P)
     whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=FINE)
     parts = rj.peak_response(podium(rj.Modes((20.0, 10.0), (0.5, 0.5))), pulse, options=FINE)
-    assert float(parts.peak_rotation) == pytest.approx(float(whole.peak_rotation), abs=1e-9)
-    assert float(parts.peak_shear) == pytest.approx(float(whole.peak_shear), abs=1e-9)
+    check_same(parts, whole)
     np.testing.assert_allclose(parts.peak_deformation, whole.peak_deformation, atol=1e-10)
 
 
@@ -137,8 +142,7 @@ def test_a_mode_without_mass_changes_nothing():
     pulse = rj.OneSine(PULSE, T_P)
     whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=FINE)
     more = rj.peak_response(podium(rj.Modes((0.0, 30.0), (0.2, 0.5))), pulse, options=FINE)
-    assert float(more.peak_rotation) == pytest.approx(float(whole.peak_rotation), abs=1e-9)
-    assert float(more.peak_shear) == pytest.approx(float(whole.peak_shear), abs=1e-9)
+    check_same(more, whole)
     assert float(more.peak_deformation[1]) == pytest.approx(float(whole.peak_deformation), abs=1e-10)
     none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, t_end=2.0)
     assert np.isfinite(none.peak_shear)
