@@ -74,7 +74,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
         starts = zip(swings, over, state.x[1:], state.v[1:], strict=True)
         moves = [swing.across(force, half, own, u, u_dot) for swing, own, u, u_dot in starts]
-        padded = [*force, *[0.0] * (len(moves[0].path) - len(force))]
+        padded = [*force, *[jnp.zeros_like(half)] * (len(moves[0].path) - len(force))]
         demand, demands = padded, [mode.demand for mode in c.modes]
         for mode, move in zip(c.modes, moves, strict=True):
             demand = [f - mode.demand * s for f, s in zip(demand, move.spring, strict=True)]

@@ -44,7 +44,7 @@ OPTIONS = {
 
 
 def rotation(podium, motion):
-    (floats, _), _ = _solve(podium, motion, REST, None, rj.Options())
+    (floats, _), _ = _solve(podium, motion, jax.tree.map(jnp.asarray, REST), None, rj.Options())
     return floats["peak_rotation"]
 
 
