@@ -27,7 +27,7 @@ from .measure import keep, show
 
 ROOT = Path(__file__).parent.parent
 FUNCTIONS = {
-    "_engine/coefficients.py": ("coefficients", "_of_restrainers"),
+    "_engine/coefficients.py": ("coefficients", "_vibration", "_several", "_restraint"),
     "_engine/model.py": (
         "beam",
         "beam_acceleration",

@@ -15,7 +15,8 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from rockjax._engine.state import LoopState, present
+from rockjax._engine.coefficients import present
+from rockjax._engine.state import LoopState
 
 SMALL = 0.95  # turning points of such a margin or more are left out …
 NOT_LARGE = 0.8  # … and their decelerations from this on

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._types import Flag, Value, Vector
+from rockjax._types import Flag, Value, Values, Vector
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, summed
 from .hermite import quintic
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
@@ -43,10 +43,10 @@ class Attempt(NamedTuple):
 class Largest(NamedTuple):
     """Of the superstructure over a step; absent where they are not wanted."""
 
-    deformation: Vector  # of each mode
-    shear: Value
-    drifts: Vector  # of each story
-    floors: Vector  # absolute accelerations
+    deformation: Values | None  # of each mode
+    shear: Value | None
+    drifts: Values | None  # of each story
+    floors: Values | None  # absolute accelerations
 
 
 class StepOutcome(NamedTuple):
@@ -110,8 +110,9 @@ def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: V
     returns = fresh & (speed * angular < 0)
     hop = jnp.where(returns, -2 * speed / jnp.where(returns, angular, 1.0), jnp.inf)
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
-    if scene.c.steep:
-        steady = jax.lax.stop_gradient(steady_for(scene.c, speed, angular))
+    held = scene.c.restraint
+    if held is not None and held.steep:
+        steady = jax.lax.stop_gradient(steady_for(scene.c, held, speed, angular))
         h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= room
 
@@ -126,19 +127,21 @@ def _error(scene: Scene, state: LoopState, trial: Step) -> Value:
     ):
         for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
             scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
-            total = total + (e / scale) ** 2
+            total = total + summed((e / scale) ** 2)
     # Many modes at rest do not make up for one that is not.
-    return jnp.sqrt(total / (2 * min(len(state.x), 2)))
+    return jnp.sqrt(total / (2 * len(state.x)))
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
     """Natural units of positions and velocities: α and pα, and for the superstructure the sway of the beam's
     corner."""
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
-    if c.elastic:
+    if c.vibration is not None:
         sway = c.two_R * c.sin_alpha
-        x_unit += tuple(sway for _ in c.modes)
-        v_unit += tuple(sway * jnp.maximum(c.p, jnp.sqrt(mode.omega2)) for mode in c.modes)
+        x_unit, v_unit = (
+            (*x_unit, sway),
+            (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.vibration.omega2))),
+        )
     return x_unit, v_unit
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -11,22 +11,50 @@ import jax.numpy as jnp
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.together import apparent_mass, stiffness
 from rockjax._structures import Elastic, Podium
-from rockjax._types import Value, Vector
+from rockjax._structures.superstructures import Oscillators
+from rockjax._types import Value, Values
+
+T = TypeVar("T")
 
 
-class Mode(NamedTuple):
-    """What the equations need of one mode."""
+class Several(NamedTuple):
+    """Of several modes, of what they leave out and of floors."""
 
-    eta: Value
-    coupling: Value
-    demand: Value
-    omega2: Value
-    damping: Value
+    eta: Values  # η_i
+    shares: Values  # η_i over the mass of the superstructure
+    residual: Value | None  # η_r, a part of γ; None where no mode is left out
+    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None where there are none
+
+
+class Vibration(NamedTuple):
+    """What vibrates: numbers of one mode, or rows of several."""
+
+    coupling: Values  # 3η_i/(2R)
+    demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
+    omega2: Values  # ω_i²
+    damping: Values  # 2ζ_iω_i
+    uplifted_frequency: Value  # Eq. (31), the largest of (C15)
+    several: Several | None  # None of one mode that is all of the superstructure
+
+
+class Restraint(NamedTuple):
+    """What restrains the columns."""
+
+    restrainers: tuple[AbstractRestrainer, ...]
+    slip: Value  # rate of the elongation over Rp below which forces without a slope are rounded
+    well: Value  # θ_w: |θ| at the top of the potential well
+    apparent_mass: Value | None  # μ, None where there is no inerter
+    restrained_frequency: Value | None  # of rocking against the stiffness of tendons alone, None without any
+
+    @property
+    def steep(self) -> bool:
+        """Whether a force has no slope where θ̇ = 0."""
+        return any(each.steep for each in self.restrainers)
 
 
 class Coefficients(NamedTuple):
     """What the equations need of a podium, computed once per scene. Numbers per N m_c where they carry
-    mass."""
+    mass. What a podium has not is None, known before tracing."""
 
     alpha: Value
     sin_alpha: Value
@@ -43,45 +71,35 @@ class Coefficients(NamedTuple):
     spin: Value  # (1+λ+4γ) R², Eq. (18)
     impulse: Value  # C of the energy bound, see `energy_after`
     g: Value
-    eta: Value
-    # None, and never looked at, where nothing is elastic; else for each mode:
-    coupling: Vector  # 3η_i/(2R)
-    demand: Vector  # 2η_i/(1+2γ), Eq. (9), (C10)
-    omega2: Vector  # ω_i²
-    damping: Vector  # 2ζ_iω_i
-    uplifted_frequency: Value  # Eq. (31), the largest of (C15)
-    # Likewise where nothing restrains:
-    restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # rate of the elongation over Rp below which forces without a slope are rounded
-    well: Value  # θ_w: |θ| at the top of the potential well
-    apparent_mass: Value  # μ, None where there is no inerter
-    restrained_frequency: Value  # of rocking against the stiffness of tendons alone, None where there is none
-    # Likewise where the ground moves horizontally alone:
-    tilt: Value  # K = tan α (1+2γ+2η)/(1+2γ), (C10)
-    # Likewise with less than two modes, of all mass in one:
-    etas: Vector | None = None  # η_i
-    shares: Vector | None = None  # η_i over the mass of the superstructure
-    # Likewise where no mode is left out:
-    residual: Value | None = None  # η_r, a part of γ
-    # Likewise where there are no floors:
-    floors: tuple[Vector, ...] | None = None  # Γ_iφ_ji
+    eta: Value  # η of all that vibrates
+    vibration: Vibration | None
+    restraint: Restraint | None
+    tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None where the ground moves horizontally alone
 
     @property
-    def elastic(self) -> bool:
-        return self.omega2 is not None
+    def several(self) -> Several | None:
+        return None if self.vibration is None else self.vibration.several
 
     @property
-    def modes(self) -> tuple[Mode, ...]:
-        """One after the other, as the degrees of freedom after the rotation."""
-        if not self.elastic:
-            return ()
-        etas = (self.eta,) if self.etas is None else self.etas
-        return tuple(map(Mode, etas, self.coupling, self.demand, self.omega2, self.damping))
+    def etas(self) -> Values:
+        """η_i of what vibrates."""
+        return self.eta if self.several is None else self.several.eta
 
-    @property
-    def steep(self) -> bool:
-        """Whether a force has no slope where θ̇ = 0."""
-        return any(each.steep for each in self.restrainers)
+
+def present(value: T | None) -> T:
+    """What the plan says is there."""
+    assert value is not None
+    return value
+
+
+def summed(values: Values) -> Value:
+    """The sum over modes; the number itself where there is only one."""
+    return jnp.sum(values, axis=-1) if jnp.ndim(values) else values
+
+
+def weighted(weights: Values, values: Values) -> Value:
+    """Σ w_i y_i over modes."""
+    return summed(weights * values)
 
 
 SLIP = 1e-8  # the tolerance that forces without a slope are rounded for, unless it is said
@@ -95,11 +113,9 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
     `vertical` says whether the ground moves vertically as well.
     """
     podium = podium.resolved()
-    modes = () if podium.superstructure is None else podium.superstructure.oscillators
     gamma, moving = podium.apart
     lam, R, g, p = podium.lam, podium.R, podium.g, podium.p
     spin = 1 + lam + 4 * gamma
-    absent: Any = None
     return Coefficients(
         alpha=podium.alpha,
         sin_alpha=jnp.sin(podium.alpha),
@@ -118,54 +134,48 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
         impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + moving / 2),
         g=g,
         eta=moving,
-        coupling=tuple(1.5 * mode.eta / R for mode in modes) or absent,
-        demand=tuple(2 * mode.eta / (1 + 2 * gamma) for mode in modes) or absent,
-        omega2=tuple(mode.omega_s**2 for mode in modes) or absent,
-        damping=tuple(2 * mode.zeta * mode.omega_s for mode in modes) or absent,
-        uplifted_frequency=_uplifted_frequency(podium) if modes else absent,
-        **_of_restrainers(podium, slip),
-        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + moving)) / (1 + 2 * gamma) if vertical else absent,
-        **_of_modes(podium),
+        vibration=_vibration(podium),
+        restraint=_restraint(podium, slip),
+        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + moving)) / (1 + 2 * gamma) if vertical else None,
     )
 
 
-def _uplifted_frequency(podium: Podium) -> Value:
-    """Of several modes without derivatives: it is for the lengths of steps."""
-    one = isinstance(podium.superstructure, Elastic)
-    return (podium if one else jax.lax.stop_gradient(podium)).uplifted_frequency
+def _vibration(podium: Podium) -> Vibration | None:
+    modes = None if podium.superstructure is None else podium.superstructure.oscillators
+    if modes is None:
+        return None
+    gamma, _ = podium.apart
+    # Of several modes without derivatives: it is for the lengths of steps.
+    own = podium if isinstance(modes, Elastic) else jax.lax.stop_gradient(podium)
+    return Vibration(
+        coupling=1.5 * modes.eta / podium.R,
+        demand=2 * modes.eta / (1 + 2 * gamma),
+        omega2=modes.omega_s**2,
+        damping=2 * modes.zeta * modes.omega_s,
+        uplifted_frequency=own.uplifted_frequency,
+        several=_several(modes) if isinstance(modes, Oscillators) else None,
+    )
 
 
-def _of_modes(podium: Podium) -> dict[str, Any]:
-    """The constants of several modes, of what they leave out and of floors; nothing where there are none."""
-    top = podium.superstructure
-    if top is None or not top.several:
-        return {}
-    etas, whole = tuple(mode.eta for mode in top.oscillators), podium.eta
-    alone = len(etas) == 1
+def _several(modes: Oscillators) -> Several:
+    whole = modes.mass_ratio
     # Of no mass at all, the mean of the modes.
     weighs = whole > 0
-    shares = tuple(jnp.where(weighs, eta, 1 / len(etas)) / jnp.where(weighs, whole, 1.0) for eta in etas)
-    return {
-        "etas": None if alone else etas,
-        "shares": None if alone and top.carried is None else shares,
-        "residual": top.carried,
-        "floors": top.floors,
-    }
+    shares = jnp.where(weighs, modes.eta, 1 / modes.count) / jnp.where(weighs, whole, 1.0)
+    return Several(modes.eta, shares, modes.residual, modes.shapes)
 
 
-def _of_restrainers(podium: Podium, slip: Value | float) -> dict[str, Any]:
-    """The constants of the restrainers; nothing where there are none."""
+def _restraint(podium: Podium, slip: Value | float) -> Restraint | None:
     restrainers = podium.restrainers
-    names = ("slip", "well", "apparent_mass", "restrained_frequency")
     if not restrainers:
-        return {"restrainers": ()} | dict.fromkeys(names)
+        return None
     sin_alpha, kappa = jnp.sin(podium.alpha), stiffness(restrainers)
     gamma, _ = podium.apart
     k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
-    return {
-        "restrainers": restrainers,
-        "slip": jax.lax.stop_gradient(2 * sin_alpha * ROUNDED * slip * podium.alpha),
-        "well": jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
-        "apparent_mass": apparent_mass(restrainers),
-        "restrained_frequency": None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),
-    }
+    return Restraint(
+        restrainers=restrainers,
+        slip=jax.lax.stop_gradient(2 * sin_alpha * ROUNDED * slip * podium.alpha),
+        well=jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
+        apparent_mass=apparent_mass(restrainers),
+        restrained_frequency=None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),
+    )

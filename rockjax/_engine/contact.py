@@ -21,15 +21,15 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._excitations.base import Shaking
-from rockjax._types import Flag, Index, Value, Vector
+from rockjax._types import Flag, Index, Value, Values
 
-from .coefficients import Coefficients, Mode
+from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .hermite import derivative
-from .model import horizontal, story_weights, uplift_demand, weighted
+from .model import drift_weights, horizontal, uplift_demand
 from .ratio import safe_ratio
 from .records import larger
-from .settled import certificate
-from .state import Decision, LoopState, Plan, Scene, StepInfo, present
+from .settled import certificate, every
+from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import restart
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
@@ -41,16 +41,15 @@ _DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damp
 @functools.partial(jax.jit, static_argnames="plan")
 def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     """Cross the panels over which the columns provably stay down, from the start of a scene on."""
-    if not plan.elastic:
+    c, excitation, constant = scene.c, scene.excitation, jax.lax.stop_gradient
+    modes = c.vibration
+    if modes is None:
         return state
-    constant = jax.lax.stop_gradient
-    c, excitation = scene.c, scene.excitation
     degree, lengths = excitation.panels
-    omegas = [jnp.sqrt(mode.omega2) for mode in c.modes]
-    pairs = zip(c.modes, omegas, strict=True)
-    swings = [_Swing(mode, omega, 0.5 * mode.damping / omega) for mode, omega in pairs]
+    omega = jnp.sqrt(modes.omega2)
+    swing = _Swing(modes, omega, 0.5 * modes.damping / omega)
     # Long panels as far as they go, then shorter ones.
-    kinds = [(half, [y.over(half) for y in swings]) for half in (0.5 * constant(y) for y in lengths)]
+    kinds = [(half, swing.over(half)) for half in (0.5 * constant(y) for y in lengths)]
     shaking = excitation.piece(state.piece)(state.t)
     settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
     state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
@@ -68,19 +67,17 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         raised: list[Value] = []
         rounding: list[Value] = []
         if isinstance(values, Shaking):
-            raised = [c.tilt * y for y in _combine(to_powers, values.vertical)]
-            rounding = [c.tilt * y for y in _combine(to_tail, values.vertical)]
+            tilt = present(c.tilt)
+            raised = [tilt * y for y in _combine(to_powers, values.vertical)]
+            rounding = [tilt * y for y in _combine(to_tail, values.vertical)]
             values = values.horizontal
         force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
-        starts = zip(swings, over, state.x[1:], state.v[1:], strict=True)
-        moves = [swing.across(force, half, own, u, u_dot) for swing, own, u, u_dot in starts]
-        padded = [*force, *[jnp.zeros_like(half)] * (len(moves[0].path) - len(force))]
-        demand, demands = padded, [mode.demand for mode in c.modes]
-        for mode, move in zip(c.modes, moves, strict=True):
-            demand = [f - mode.demand * s for f, s in zip(demand, move.spring, strict=True)]
-        shaken = weighted(demands, [move.shaken for move in moves])
+        move = swing.across(force, half, over, state.x[1], state.v[1])
+        padded = [*force, *[jnp.zeros_like(half)] * (len(move.path) - len(force))]
+        demand = [f - weighted(modes.demand, s) for f, s in zip(padded, move.spring, strict=True)]
+        shaken = weighted(modes.demand, move.shaken)
         goes = _stays_down(c, demand, shaken, raised, rounding)
-        goes &= _under_records(scene, plan, state, moves, padded)
+        goes &= _under_records(scene, plan, state, move, padded)
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
@@ -89,13 +86,11 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             constant(edge) <= constant(scene.end),
             state.t + length < constant(jnp.minimum(edge, scene.end)),
         )
-        for swing in swings:
-            goes &= swing.zeta < _DAMPED
+        goes &= every(swing.zeta < _DAMPED)
         goes &= inside
 
         event_time = jnp.where(reaches, edge, state.t + length)
-        ends = tuple(move.x for move in moves), tuple(move.v for move in moves)
-        crossed = _past_panel(scene, state, event_time, reaches, *ends)
+        crossed = _past_panel(scene, modes, state, event_time, reaches, move)
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
         return state, level + (~goes).astype(jnp.int32)
 
@@ -108,29 +103,29 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
 
 class _Moves(NamedTuple):
-    """What one mode does over a panel: bounds are of polynomials by their coefficients, of the free vibration
-    by its energy."""
+    """What modes do over a panel: bounds are of polynomials by their coefficients, of the free vibration by
+    its energy."""
 
-    path: list[Value]  # the particular solution, in powers of r on [−1, 1]
-    spring: list[Value]  # ω²d + 2ζω ḋ of it
-    vibration: Value  # amplitude of the free vibration …
-    shaken: Value  # … and of its ω²d + 2ζω ḋ
-    x: Value  # displacement and velocity at the end
-    v: Value
+    path: list[Values]  # the particular solution, in powers of r on [−1, 1]
+    spring: list[Values]  # ω²d + 2ζω ḋ of it
+    vibration: Values  # amplitude of the free vibration …
+    shaken: Values  # … and of its ω²d + 2ζω ḋ
+    x: Values  # displacement and velocity at the end
+    v: Values
 
 
 class _Swing(NamedTuple):
-    """A mode in full contact."""
+    """Modes in full contact."""
 
-    mode: Mode
-    omega: Value
-    zeta: Value
+    modes: Vibration
+    omega: Values
+    zeta: Values
 
-    def over(self, half: Value) -> tuple[Value, tuple[Value, ...]]:
+    def over(self, half: Value) -> tuple[Values, tuple[Values, ...]]:
         """Radians of half a panel, and the free vibration across all of it."""
         return self.omega * half, _free(self.zeta, self.omega * half)
 
-    def across(self, force: list[Value], half: Value, over, u: Value, u_dot: Value) -> _Moves:
+    def across(self, force: list[Value], half: Value, over, u: Values, u_dot: Values) -> _Moves:
         """The motion over a panel, from the displacement and velocity at its start."""
         turn, free = over
         path = jax.lax.optimization_barrier(_particular(force, self.zeta, turn, half))
@@ -142,70 +137,66 @@ class _Swing(NamedTuple):
         x = sum(path) + free[0] * offset + free[1] * speed
         v = (sum(rates) + free[2] * offset + free[3] * speed) / half
         vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
-        omega2, damping = self.mode.omega2, self.mode.damping
+        omega2, damping = self.modes.omega2, self.modes.damping
         spring = [omega2 * y + damping * r / half for y, r in zip(path, rates, strict=True)]
         shaken = omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
         return _Moves(path, spring, vibration, shaken, x, v)
 
 
 def _under_records(
-    scene: Scene, plan: Plan, state: LoopState, moves: list[_Moves], force: list[Value]
+    scene: Scene, plan: Plan, state: LoopState, move: _Moves, force: list[Value]
 ) -> Flag | bool:
     """Whether what is wanted of the superstructure stays under its records over a panel, with `force` the
     coefficients of ü_g."""
-    c, under = scene.c, True
+    c, several, under = scene.c, scene.c.several, True
     short, weak = scene.atol * c.two_R * c.sin_alpha, scene.atol * c.uplift
-
-    def together(weights, name: str) -> tuple[list[Value], Value]:
-        """A sum over the modes: its polynomial, and the amplitude that vibrates freely."""
-        terms = zip(*(getattr(move, name) for move in moves), strict=True)
-        amplitudes = [move.vibration if name == "path" else move.shaken for move in moves]
-        sizes = [jnp.abs(weight) for weight in weights]
-        return [weighted(weights, term) for term in terms], weighted(sizes, amplitudes)
-
-    def carried(weights) -> list[Value]:
-        """The absolute acceleration of springs, over −1, and of the beam."""
-        found, amplitude = together(weights, "spring")
-        if c.residual is not None:
-            rest = 1 - sum(weights)
-            found = [s - rest * f for s, f in zip(found, force, strict=True)]
-        return [*found, amplitude]
-
     if plan.deformation:
-        for move, record in zip(moves, present(state.deformation), strict=True):
-            under &= _size(move.path) + move.vibration < jnp.maximum(record, short)
+        size = _size(move.path) + move.vibration
+        under &= every(size < jnp.maximum(present(state.deformation), short))
+    if several is None:
+        if plan.shear:
+            most = jnp.maximum(present(state.shear) * c.g, weak)
+            under &= _size(move.spring) + move.shaken < most
+        return under
+
+    def drift(weights: Values) -> Value:
+        """Of a story, at most."""
+        size = _size([weighted(weights, y) for y in move.path])
+        return size + weighted(jnp.abs(weights), move.vibration)
+
+    def carried(weights: Values) -> Value:
+        """The absolute acceleration of springs, over −1, and of the beam, at most."""
+        found = [weighted(weights, y) for y in move.spring]
+        if several.residual is not None:
+            rest = 1 - summed(weights)
+            found = [s - rest * f for s, f in zip(found, force, strict=True)]
+        return _size([*found, weighted(jnp.abs(weights), move.shaken)])
+
     if plan.shear:
-        most = jnp.maximum(present(state.shear) * c.g, weak)
-        if c.shares is None:
-            under &= _size(moves[0].spring) + moves[0].shaken < most
-        else:
-            under &= _size(carried(c.shares)) < most
+        under &= carried(several.shares) < jnp.maximum(present(state.shear) * c.g, weak)
     if plan.drifts:
-        for weights, record in zip(story_weights(c), present(state.drifts), strict=True):
-            path, amplitude = together(weights, "path")
-            under &= _size(path) + amplitude < jnp.maximum(record, short)
+        drifts = jax.vmap(drift)(drift_weights(present(several.floors)))
+        under &= every(drifts < jnp.maximum(present(state.drifts), short))
     if plan.floors:
-        for weights, record in zip(present(c.floors), present(state.floors), strict=True):
-            under &= _size(carried(weights)) < jnp.maximum(record, weak)
+        floors = jax.vmap(carried)(present(several.floors))
+        under &= every(floors < jnp.maximum(present(state.floors), weak))
     return under
 
 
 def _past_panel(
-    scene: Scene, state: LoopState, event_time: Value, reaches: Flag, x: Vector, v: Vector
+    scene: Scene, modes: Vibration, state: LoopState, event_time: Value, reaches: Flag, end: _Moves
 ) -> LoopState:
     """The state at the end of a panel, with displacements and velocities of the superstructure there."""
-    c, t = scene.c, jax.lax.stop_gradient(event_time)
+    t = jax.lax.stop_gradient(event_time)
     # A breakpoint moves with the parameters: to it with this panel's field, on with that of the next.
     past = event_time - t
     ground = horizontal(scene.excitation.piece(state.piece)(t))
-    ends = []
-    for mode, u, u_dot in zip(c.modes, x, v, strict=True):
-        u_ddot = -ground - (mode.omega2 * u + mode.damping * u_dot)
-        ends.append((u + past * u_dot, u_dot + past * u_ddot))
-    x, v = zip(*ends, strict=True)
+    u_ddot = -ground - (modes.omega2 * end.x + modes.damping * end.v)
+    x = state.x[0], end.x + past * end.v
+    v = state.v[0], end.v + past * u_ddot
     piece = scene.excitation.past(state.piece, reaches)
-    xs, vs = restart(scene, t, past, (state.x[0], *x), (state.v[0], *v), state.sigma, piece)
-    return state._replace(t=t, event_time=event_time, x=xs, v=vs, piece=piece, steps=state.steps + 1)
+    x, v = restart(scene, t, past, x, v, state.sigma, piece)
+    return state._replace(t=t, event_time=event_time, x=x, v=v, piece=piece, steps=state.steps + 1)
 
 
 def _stays_down(
@@ -298,11 +289,11 @@ def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
     return combined
 
 
-def _size(coefficients: list[Value]) -> Value:
+def _size(coefficients: list[Values]) -> Values:
     return sum((jnp.abs(y) for y in coefficients[1:]), jnp.abs(coefficients[0]))
 
 
-def _free(zeta: Value, turn: Value) -> tuple[Value, Value, Value, Value]:
+def _free(zeta: Values, turn: Values) -> tuple[Values, Values, Values, Values]:
     """The free vibration across a panel: (y, y')(1) from (y, y')(−1), with y'' + 2ζΩy' + Ω²y = 0, Ω =
     `turn`."""
     decay = zeta * turn
@@ -312,7 +303,7 @@ def _free(zeta: Value, turn: Value) -> tuple[Value, Value, Value, Value]:
     return cos + decay * sin, sin, -(turn**2) * sin, cos - decay * sin
 
 
-def _particular(force: list[Value], zeta: Value, turn: Value, half: Value) -> list[Value]:
+def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> list[Values]:
     """A solution Σ y_k r^k of y'' + 2ζΩy' + Ω²y = −h²Σ f_k r^k on r ∈ [−1, 1].
 
     For a stiff oscillator the one that follows the ground motion, a polynomial of the same degree, from the

@@ -8,40 +8,45 @@ import jax.numpy as jnp
 from rockjax._excitations.base import Shaking
 from rockjax._types import Value, Vector
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, Restraint, summed
 from .model import acceleration, beam, elongation, horizontal_demand, plus
 from .sincos import sincos
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """The inertia of Eq. (24) where the superstructure moves with the beam, with that of inerters, (C21)."""
-    total = c.inertia + c.centrifugal
-    if c.apparent_mass is None:
+    total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
+    if mass is None:
         return total
-    return total + 0.75 * c.apparent_mass * elongation(c, sigma, theta).lever ** 2
+    return total + 0.75 * mass * elongation(c, sigma, theta).lever ** 2
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """What ½θ̇² of the kinetic energy of Eq. (18) is of, with inerters, (C17)."""
-    if c.apparent_mass is None:
+    mass = _apparent_mass(c)
+    if mass is None:
         return c.spin
-    return c.spin + c.apparent_mass * (0.5 * c.two_R * elongation(c, sigma, theta).lever) ** 2
+    return c.spin + mass * (0.5 * c.two_R * elongation(c, sigma, theta).lever) ** 2
+
+
+def _apparent_mass(c: Coefficients) -> Value | None:
+    return None if c.restraint is None else c.restraint.apparent_mass
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """Gravity part of Eq. (19) per N m_c with what restrainers store, zero in full contact [m²/s²], (C3)."""
-    if c.restrainers:
-        return _restrained_potential(c, sigma, theta)
+    if c.restraint is not None:
+        return _restrained_potential(c, c.restraint, sigma, theta)
     _, cos = sincos(sigma * c.alpha - theta)
     return c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
 
 
-def _restrained_potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
+def _restrained_potential(c: Coefficients, held: Restraint, sigma: Value, theta: Value) -> Value:
     """V of (C3), without cancellation at small rotations."""
     stretch, lever = elongation(c, sigma, theta)
     # cos ψ − cos α = 2 sin(A/2) sin(α − A/2)
     rise = 0.5 * stretch * (0.5 * sigma * lever - 0.25 * stretch * c.cos_alpha / c.sin_alpha) / c.sin_alpha
-    stored = sum((each.potential(stretch) for each in c.restrainers if each.stores), jnp.zeros_like(rise))
+    stored = sum((each.potential(stretch) for each in held.restrainers if each.stores), jnp.zeros_like(rise))
     return c.weight * rise + 0.5 * c.two_R * c.g * stored
 
 
@@ -55,21 +60,22 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²],
     (C17)."""
     s, cos = sincos(sigma * c.alpha - x[0])
-    if c.restrainers:
-        total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + _restrained_potential(c, sigma, x[0])
+    if c.restraint is not None:
+        total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2
+        total = total + _restrained_potential(c, c.restraint, sigma, x[0])
     else:
         total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
-    for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True):
-        deformation = u - c.two_R * (sigma * c.sin_alpha - s)
-        top = u_dot**2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
-        total = total + 0.5 * mode.eta * (top + mode.omega2 * deformation**2)
-    return total
+    if c.vibration is None:
+        return total
+    deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
+    top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
+    return total + summed(0.5 * c.etas * (top + c.vibration.omega2 * deformation**2))
 
 
-def damper_power(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
+def damper_power(c: Coefficients, held: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
     """What restrainers take, (C/m_c)|ℓ̇|^(1+ν) of dampers, per N m_c [m²/s³]."""
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
-    taken = sum((each.power(rate, c.slip) for each in c.restrainers), jnp.zeros_like(rate))
+    taken = sum((each.power(rate, held.slip) for each in held.restrainers), jnp.zeros_like(rate))
     return 0.5 * c.two_R * c.g * c.p * taken
 
 
@@ -89,13 +95,11 @@ def power(
         rises, _ = sincos(sigma * c.alpha - x[0])
         lifted = -ground.vertical * 0.5 * c.gravity / c.p**2 * c.two_R * v[0] * rises
         ground = ground.horizontal
-    if not c.elastic:
+    if c.vibration is None:
         return plus(-ground * heavy * beam_rate, lifted), jnp.zeros_like(beam_rate)
-    rates, taken = heavy * beam_rate, []
-    for mode, u_dot in zip(c.modes, v[1:], strict=True):
-        rates = rates + mode.eta * u_dot
-        taken.append(mode.eta * mode.damping * (u_dot - beam_rate) ** 2)
-    return plus(-ground * rates, lifted), sum(taken[1:], taken[0])
+    rates = heavy * beam_rate + summed(c.etas * v[1])
+    taken = summed(c.etas * c.vibration.damping * (v[1] - beam_rate) ** 2)
+    return plus(-ground * rates, lifted), taken
 
 
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
@@ -113,23 +117,29 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     if isinstance(ground, Shaking):
         share = share + ground.vertical / c.g
     rocking = s / c.sin_alpha * share
-    if c.restrainers:
-        rocking = _with_restrainers(c, sigma, x[0], v[0], theta_ddot, rocking)
+    if c.restraint is not None:
+        rocking = _with_restrainers(c, c.restraint, sigma, x[0], v[0], theta_ddot, rocking)
     return jnp.where(sigma == 0, -horizontal_demand(c, ground, x, v) / c.uplift, rocking)
 
 
 def _with_restrainers(
-    c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value, rocking: Value
+    c: Coefficients,
+    held: Restraint,
+    sigma: Value,
+    theta: Value,
+    theta_dot: Value,
+    theta_ddot: Value,
+    rocking: Value,
 ) -> Value:
     """The moment of weights over their own at uplift, with that of restrainers and over that of both."""
     stretch, lever = elongation(c, sigma, theta)
     rate = lever * theta_dot / c.p
     zero = jnp.zeros_like(stretch)
-    forces = sum((each.force(stretch, rate, c.slip) for each in c.restrainers), zero)
-    pressed = sum((each.force(zero, zero, c.slip) for each in c.restrainers), zero)
-    if c.apparent_mass is not None:
+    forces = sum((each.force(stretch, rate, held.slip) for each in held.restrainers), zero)
+    pressed = sum((each.force(zero, zero, held.slip) for each in held.restrainers), zero)
+    if held.apparent_mass is not None:
         lengthening = lever * theta_ddot - 0.25 * stretch * theta_dot**2  # ℓ̈/R
-        forces = forces + 0.5 * c.two_R / c.g * c.apparent_mass * lengthening
+        forces = forces + 0.5 * c.two_R / c.g * held.apparent_mass * lengthening
     weight = c.weight / (c.two_R * c.g)  # w
     return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + pressed)
 

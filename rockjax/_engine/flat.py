@@ -29,8 +29,8 @@ class Nodes(NamedTuple):
     impact."""
 
     t: Float[Array, " n"]  # inf where unused
-    x: tuple[Float[Array, " n"], ...]
-    v: tuple[Float[Array, " n"], ...]
+    x: tuple[Float[Array, " n ..."], ...]
+    v: tuple[Float[Array, " n ..."], ...]
     sigma: Float[Array, " n"]
     piece: Array
     impact_time: Float[Array, " n"]  # NaN unless the node is an impact
@@ -42,8 +42,8 @@ def blank_nodes(state: LoopState, capacity: int) -> Nodes:
     zeros = jnp.zeros((capacity,), state.t.dtype)
     return Nodes(
         t=jnp.full_like(zeros, jnp.inf),
-        x=tuple(zeros for _ in state.x),
-        v=tuple(zeros for _ in state.v),
+        x=tuple(jnp.zeros((capacity, *y.shape), y.dtype) if y.ndim else zeros for y in state.x),
+        v=tuple(jnp.zeros((capacity, *y.shape), y.dtype) if y.ndim else zeros for y in state.v),
         sigma=zeros,
         piece=jnp.zeros((capacity,), state.piece.dtype),
         impact_time=jnp.full_like(zeros, jnp.nan),
@@ -76,8 +76,8 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
     """Out of steps is a result as well, and says why where so many of them have one of two causes."""
     cause = jnp.full_like(state.code, results.OUT_OF_STEPS)
     many = state.steps + state.rejected >= MANY_STEPS
-    if scene.c.elastic:
-        radians = jax.lax.stop_gradient(scene.c.uplifted_frequency * (scene.end - scene.start))
+    if scene.c.vibration is not None:
+        radians = jax.lax.stop_gradient(scene.c.vibration.uplifted_frequency * (scene.end - scene.start))
         cause = jnp.where(many & (radians > MANY_RADIANS), results.TOO_STIFF, cause)
     impacts, steps = (count.astype(state.t.dtype) for count in (state.impacts, state.steps))
     cause = jnp.where(many & (impacts > BOUNCING * steps), results.CHATTERING, cause)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from rockjax._types import Value
+from rockjax._types import Flags, Value, Values
 
 # Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of
 # peaks; a crossing only says where to try next.
@@ -22,26 +22,26 @@ _TO_TURN, _TO_CROSS = 5, 4
 
 
 class Quintic(NamedTuple):
-    """c0 + c1 z + … + c5 z⁵."""
+    """c0 + c1 z + … + c5 z⁵; of one quantity, or of several in a row."""
 
-    c0: Value
-    c1: Value
-    c2: Value
-    c3: Value
-    c4: Value
-    c5: Value
+    c0: Values
+    c1: Values
+    c2: Values
+    c3: Values
+    c4: Values
+    c5: Values
 
-    def value(self, z: Value | float) -> Value:
+    def value(self, z: Values | float) -> Values:
         return self.c0 + z * (self.c1 + z * (self.c2 + z * (self.c3 + z * (self.c4 + z * self.c5))))
 
-    def slope(self, z: Value | float) -> Value:
+    def slope(self, z: Values | float) -> Values:
         return self.c1 + z * (2 * self.c2 + z * (3 * self.c3 + z * (4 * self.c4 + z * (5 * self.c5))))
 
-    def curvature(self, z: Value | float) -> Value:
+    def curvature(self, z: Values | float) -> Values:
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
 
-def quintic(x0: Value, v0: Value, a0: Value, x1: Value, v1: Value, a1: Value, h: Value) -> Quintic:
+def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value) -> Quintic:
     """The quintic with value x, slope v and curvature a in time at both ends of a step of length h."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     rise = x1 - x0 - v0 - 0.5 * a0
@@ -57,22 +57,22 @@ def quintic(x0: Value, v0: Value, a0: Value, x1: Value, v1: Value, a1: Value, h:
     )
 
 
-def _horner(coefficients: Sequence[Value], z: Value) -> Value:
+def _horner(coefficients: Sequence[Values], z: Values) -> Values:
     total = coefficients[-1]
     for c in reversed(coefficients[:-1]):
         total = c + z * total
     return total
 
 
-def derivative(coefficients: Sequence[Value]) -> list[Value]:
+def derivative(coefficients: Sequence[Values]) -> list[Values]:
     """Coefficients of the derivative of a polynomial, from those of the polynomial, lowest power first."""
     return [k * c for k, c in enumerate(coefficients) if k]
 
 
 @functools.partial(jax.jit, static_argnames="iterations")
 def _safeguarded_newton(
-    f: Sequence[Value], lo: Value, hi: Value, above: Value, below: Value, iterations: int
-) -> Value:
+    f: Sequence[Values], lo: Values, hi: Values, above: Values, below: Values, iterations: int
+) -> Values:
     """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by
     bisection.
 
@@ -91,7 +91,7 @@ def _safeguarded_newton(
     return z
 
 
-def turning_point(polynomial, rising: Bool[Array, ""]) -> Value:
+def turning_point(polynomial, rising: Flags) -> Values:
     """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z
     = 1."""
     sign = jnp.where(rising, 1.0, -1.0)

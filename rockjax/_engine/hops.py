@@ -22,13 +22,14 @@ from rockjax import _results as results
 from rockjax._types import Flag, Value
 
 from .attempt import GroundMotion, factor, units
+from .coefficients import present
 from .hermite import turning_point
 from .maxima import NEAR_RECORD, cubic
 from .model import acceleration
 from .records import larger
 from .runge_kutta import Tableau
 from .settled import certificate
-from .state import LoopState, Plan, Scene, present
+from .state import LoopState, Plan, Scene
 from .transitions import restart
 
 OFTEN = 64  # impacts from one look for many hops to the next
@@ -86,7 +87,7 @@ def _follow(scene: Scene, plan: Plan, state: LoopState, pairs: Value) -> tuple[L
     start = _at_impact(scene, ground_at, state)
     rate = field(start)
     duration = constant(jnp.where(rate[0] > 0, rate[0], jnp.inf))  # of two hops
-    (one,) = c.modes
+    one = present(c.vibration)
     omega, root = jnp.sqrt(one.omega2), jnp.sqrt(jnp.sqrt(scene.rtol))
     record = constant(_record(plan, state, c.g))
     near = lambda values: jnp.any(constant(values) > record * (1 - NEAR_RECORD))
@@ -98,8 +99,8 @@ def _follow(scene: Scene, plan: Plan, state: LoopState, pairs: Value) -> tuple[L
     spare = jnp.minimum(0.5 * start[3], 0.9 * (start[3] - scene.rest))
     most = jnp.minimum(most, spare / jnp.maximum(-rate[3], 1e-300))
     count = jnp.floor(jnp.minimum(constant(most), pairs))
-    stiff = one.damping * c.uplifted_frequency**2 / one.omega2
-    fast = jnp.maximum(jnp.maximum(c.uplifted_frequency, c.p), stiff)
+    stiff = one.damping * one.uplifted_frequency**2 / one.omega2
+    fast = jnp.maximum(jnp.maximum(one.uplifted_frequency, c.p), stiff)
     short = (fast * duration < SHORT) & (omega * duration < SMOOTH * root) & jnp.all(jnp.isfinite(rate))
     low = _height(scene, ground_at, start) < LOW * state.peak
     if plan.margin:  # at half the rotation it is larger than that of a peak that has so little
@@ -143,7 +144,7 @@ def _arrived(scene: Scene, plan: Plan, state: LoopState, end: Hop, crests: Pair,
         event_time=now,
         x=x,
         v=v,
-        deformation=(larger(crests[0], present(state.deformation)[0]),) if plan.deformation else None,
+        deformation=larger(crests[0], present(state.deformation)) if plan.deformation else None,
         shear=larger(crests[1] / scene.c.g, present(state.shear)) if plan.shear else state.shear,
         impacts=jnp.minimum(jnp.minimum(state.impacts, UNCOUNTED - hops) + hops, UNCOUNTED),
         slowest=jnp.minimum(state.slowest, speed / scene.c.restitution),
@@ -224,7 +225,7 @@ def _over_tolerance(scene: Scene, start: Hop, end: Hop, error: Hop) -> Value:
     unit = jnp.stack([1 / scene.c.p, x_unit[1], v_unit[1], v_unit[0]])
     size = jnp.maximum(jnp.abs(start), jnp.abs(end)).at[0].set(0.0)
     scale = scene.atol * unit + scene.rtol * size
-    scale = scale.at[0].set(scene.rtol / scene.c.uplifted_frequency)
+    scale = scale.at[0].set(scene.rtol / present(scene.c.vibration).uplifted_frequency)
     return jnp.sqrt(jnp.mean((error / scale) ** 2))
 
 
@@ -249,7 +250,8 @@ def _crest(scene: Scene, ground_at: GroundMotion, y: Hop) -> Pair:
     """
     c = scene.c
     _, u, u_dot, w = y
-    ((_, _, _, omega2, damping),) = c.modes
+    one = present(c.vibration)
+    omega2, damping = one.omega2, one.damping
     arm, kappa = c.two_R * c.cos_alpha, omega2 - damping**2
     force = omega2 * u + damping * u_dot
     deformation, shear = jnp.abs(u), jnp.abs(force) + arm * damping * w
@@ -270,7 +272,7 @@ def _record(plan: Plan, state: LoopState, g: Value) -> Pair:
     never = jnp.full_like(state.t, jnp.inf)
     return jnp.stack(
         [
-            present(state.deformation)[0] if plan.deformation else never,
+            present(state.deformation) if plan.deformation else never,
             present(state.shear) * g if plan.shear else never,
         ]
     )

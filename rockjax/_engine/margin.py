@@ -41,7 +41,7 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
     """M of a turning point at |θ| = `theta` with the angular deceleration `slowing` = −σθ̈ ≥ 0."""
     sin_o, cos_o = sincos(c.alpha - overturn_angle)
     sin, cos = sincos(c.alpha - theta)
-    if c.restrainers:
+    if c.restraint is not None:
         one = jnp.ones_like(theta)
         depth = potential(c, one, overturn_angle)
         push = _moment(c, theta, slowing) - potential_slope(c, theta)
@@ -55,7 +55,7 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
 
 def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """M of a column that reaches the overturning angle with the speed θ̇."""
-    if c.restrainers:
+    if c.restraint is not None:
         return (
             -0.5
             * _moment(c, overturn_angle, theta_dot**2)
@@ -68,7 +68,7 @@ def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
 def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
     """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that
     angle."""
-    if c.restrainers:
+    if c.restraint is not None:
         one = jnp.ones_like(theta)
         left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
         return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._types import Value
+from rockjax._types import Value, Values
 
 from .hermite import Quintic, derivative, turning_point
 from .ratio import safe_ratio
@@ -23,13 +23,14 @@ ROUNDING = 64  # times the resolution of numbers
 
 
 class Maximum(NamedTuple):
-    """The largest |f| over a step, and how far to shorten the step to land on it."""
+    """The largest |f| over a step, and how far to shorten the step to land on it; of one quantity, or of
+    several in a row."""
 
-    value: Value
-    cut: Value  # fraction of the step, inf where there is no need
+    value: Values
+    cut: Values  # fraction of the step, inf where there is no need
 
 
-def summit(path, end: float) -> Value:
+def summit(path, end: float) -> Values:
     """Where the path turns, if that is within rounding of an end of the step, else the end itself; a
     constant.
 
@@ -46,14 +47,14 @@ def summit(path, end: float) -> Value:
 class End(NamedTuple):
     """An end of a step: the quantity, its rate in time, and how far past its time stamp the end lies [s]."""
 
-    value: Value
-    rate: Value
+    value: Values
+    rate: Values
     past: Value
 
 
 @functools.partial(jax.jit, static_argnames="inside")
 def largest(
-    path: Quintic, h: Value, record: Value, ends: tuple[End, End], inside: float = WELL_INSIDE
+    path: Quintic, h: Value, record: Values, ends: tuple[End, End], inside: float = WELL_INSIDE
 ) -> Maximum:
     """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its
     ends."""
@@ -75,14 +76,14 @@ def largest(
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 
-def spring(deformation: Quintic, omega2: Value, damping: Value, h: Value) -> Quintic:
+def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:
     """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length
     h."""
     rates = [*derivative(deformation), jnp.zeros_like(h)]
     return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 
 
-def cubic(f0: Value, rate0: Value, f1: Value, rate1: Value, h: Value) -> Quintic:
+def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Quintic:
     """The cubic Hermite polynomial, for a quantity whose curvature is not at hand."""
     m0, m1, rise = h * rate0, h * rate1, f1 - f0
     zero = jnp.zeros_like(f0)

@@ -4,7 +4,9 @@
 with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
 
 States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is
-elastic, (θ, u_1, …, u_n) with an elastic superstructure of n modes. How many is known before tracing.
+elastic, (θ, u) with an elastic superstructure, where u is a number of one mode and a row (u_1, …, u_n) of
+several. Which it is and how many is known before tracing; equations of modes are the same for both, and sums
+over modes are `summed`.
 
 Restrainers add what each of them says of an elongation and its rate; their equations are numbered (C1) … in
 docs/control.md. A podium without any never looks at them.
@@ -12,22 +14,22 @@ docs/control.md. A podium without any never looks at them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
-from rockjax._types import Value, Vector
+from rockjax._types import Value, Values, Vector
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, Restraint, Several, present, summed, weighted
 from .sincos import sincos
 
 # Of the time to a stop, and of that since one: steps close to it are no longer.
 SLOWING, GATHERING = 0.75, 3.0
 
 
-def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
+def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
     """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
 
     A share of the time that it takes to stop, or that it has taken to come to its rate. Steps that are no
@@ -36,7 +38,7 @@ def steady_for(c: Coefficients, theta_dot: Value, theta_ddot: Value) -> Value:
     whose error does not.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
-    rounded = c.slip / (2 * c.sin_alpha)  # over p
+    rounded = held.slip / (2 * c.sin_alpha)  # over p
     share = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
     still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
     span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
@@ -71,26 +73,28 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
     return sin_psi, c.cos_alpha * cos_theta + sin_side * sin_theta, _elongation(c, sigma, s, cos)
 
 
-def _restraint(c: Coefficients, open_by: Elongation, theta_dot: Value) -> tuple[Value, Value | float]:
+def _restraint(
+    c: Coefficients, held: Restraint, open_by: Elongation, theta_dot: Value
+) -> tuple[Value, Value | float]:
     """What restrainers take from the right side of Eq. (24), and what they add to its inertia, (C8)."""
     stretch, lever = open_by
     rate = lever * theta_dot / c.p
-    against = c.p**2 * lever * sum(each.force(stretch, rate, c.slip) for each in c.restrainers)
-    if c.apparent_mass is None:
+    against = c.p**2 * lever * sum(each.force(stretch, rate, held.slip) for each in held.restrainers)
+    if held.apparent_mass is None:
         return against, 0.0
-    push = 0.75 * c.apparent_mass * lever
+    push = 0.75 * held.apparent_mass * lever
     return against - 0.25 * push * stretch * theta_dot**2, push * lever
 
 
-def restraint_at_most(c: Coefficients, theta: Value, theta_dot: Value) -> Value:
+def restraint_at_most(c: Coefficients, held: Restraint, theta: Value, theta_dot: Value) -> Value:
     """A bound of what restrainers take from the right side of Eq. (24), up to |θ| and |θ̇| inside the well,
     (C20)."""
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
-    forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, c.slip) for each in c.restrainers)
+    forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, held.slip) for each in held.restrainers)
     most = c.p**2 * lever * forces
-    if c.apparent_mass is not None:
-        most = most + 0.75 * c.apparent_mass * (c.sin_alpha * theta_dot) ** 2
+    if held.apparent_mass is not None:
+        most = most + 0.75 * held.apparent_mass * (c.sin_alpha * theta_dot) ** 2
     return most
 
 
@@ -106,7 +110,7 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
 
 def _relief(c: Coefficients, ground: Shaking) -> Value:
     """q_up(t) over its static value, (C10): positive as long as g + v̈_g is."""
-    return 1 + c.tilt * ground.vertical / c.uplift
+    return 1 + present(c.tilt) * ground.vertical / c.uplift
 
 
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
@@ -137,29 +141,21 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
     against, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
-    if c.restrainers:
+    if c.restraint is not None:
         s, cos, open_by = _angles(c, sigma, x[0])
-        against, added = _restraint(c, open_by, v[0])
+        against, added = _restraint(c, c.restraint, open_by, v[0])
     else:
         s, cos = sincos(sigma * c.alpha - x[0])
-    if not c.elastic:
+    modes = c.vibration
+    if modes is None:
         rocks = -jnp.abs(sigma)
         return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
     sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
-    springs = [  # V_i/m_i, Eq. (7)
-        mode.omega2 * (u - sway) + mode.damping * (u_dot - sway_rate)
-        for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True)
-    ]
-    pull = weighted([mode.coupling for mode in c.modes], springs)
+    springs = modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - sway_rate)  # V_i/m_i, Eq. (7)
+    pull = weighted(modes.coupling, springs)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
     theta_ddot = jnp.abs(sigma) * plus(moment, -against) / plus(c.inertia + c.centrifugal * s**2, added)
-    return theta_ddot, *(-ground - spring for spring in springs)
-
-
-def weighted(weights: Sequence[Value | float], values: Sequence[Value]) -> Value:
-    """Σ w_i y_i of at least one term."""
-    first, *others = (w * y for w, y in zip(weights, values, strict=True))
-    return sum(others, first)
+    return theta_ddot, -ground - springs
 
 
 def plus(value: Value, more: Value | float) -> Value:
@@ -178,12 +174,10 @@ def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector
 
 def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
     """q of Eq. (9)."""
-    ground = horizontal(ground)
-    if not c.elastic:
+    ground, modes = horizontal(ground), c.vibration
+    if modes is None:
         return ground
-    for mode, u, u_dot in zip(c.modes, x[1:], v[1:], strict=True):
-        ground = ground - mode.demand * (mode.omega2 * u + mode.damping * u_dot)
-    return ground
+    return ground - weighted(modes.demand, modes.omega2 * x[1] + modes.damping * v[1])
 
 
 def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
@@ -192,7 +186,8 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
     if not isinstance(grounds[0], Shaking):
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
     q, q1, q2 = (horizontal_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
-    r, r1, r2 = _relief(c, grounds[0]), *(c.tilt * ground.vertical / c.uplift for ground in grounds[1:])
+    r = _relief(c, grounds[0])
+    r1, r2 = (present(c.tilt) * ground.vertical / c.uplift for ground in grounds[1:])
     share = q / r
     rate = (q1 - share * r1) / r
     return share, rate, (q2 - 2 * rate * r1 - share * r2) / r
@@ -210,35 +205,42 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
     """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration
     over −g, of several modes the mean over their masses and what moves with the beam."""
     ground = horizontal(ground)
-    if not c.elastic:
+    if c.vibration is None:
         return -beam_absolute(c, sigma, ground, x, v, a) / c.g
-    if c.shares is None:
+    several = c.several
+    if several is None:
         return -(a[1] + ground) / c.g
-    force = weighted(c.shares, [each + ground for each in a[1:]])
-    if c.residual is not None:
-        carried = 1 - sum(c.shares)
-        force = force + carried * beam_absolute(c, sigma, ground, x, v, a)
-    return -force / c.g
+    return -_carried(c, several, several.shares, sigma, ground, x, v, a) / c.g
 
 
-def story_weights(c: Coefficients) -> list[Vector]:
+def _carried(
+    c: Coefficients,
+    several: Several,
+    weights: Values,
+    sigma: Value,
+    ground: Value,
+    x: Vector,
+    v: Vector,
+    a: Vector,
+) -> Value:
+    """Σ w_i(ü_i + ü_g) over the modes that are kept, and what is left of 1 of the beam's acceleration."""
+    found = weighted(weights, a[1] + ground)
+    if several.residual is None:
+        return found
+    return found + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
+
+
+def drift_weights(floors: Values) -> Values:
     """Γ_i(φ_ji − φ_{j−1,i}) of each story j, for the modes i: the drift of a story is their sum with the
-    modal
-    deformations."""
-    floors = c.floors or ()
-    pairs = zip(floors[1:], floors[:-1], strict=True)
-    return [*floors[:1], *(tuple(a - b for a, b in zip(*pair, strict=True)) for pair in pairs)]
+    modal deformations."""
+    return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 
 def floor_accelerations(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
-) -> list[Value]:
+) -> Values:
     """Absolute horizontal accelerations of the floors, −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the modes
     that are kept, F_i = −(ü_i + ü_g)."""
-    ground = horizontal(ground)
-    absolute = [each + ground for each in a[1:]]
-    found = [weighted(floor, absolute) for floor in c.floors or ()]
-    if c.residual is None:
-        return found
-    base = beam_absolute(c, sigma, ground, x, v, a)
-    return [each + (1 - sum(floor)) * base for each, floor in zip(found, c.floors or (), strict=True)]
+    several, ground = present(c.several), horizontal(ground)
+    of_floor = lambda weights: _carried(c, several, weights, sigma, ground, x, v, a)
+    return jax.vmap(of_floor)(present(several.floors))

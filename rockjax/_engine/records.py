@@ -4,31 +4,23 @@ margin."""
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._types import Flag, Value, Vector
+from rockjax._types import Flag, Value, Values, Vector
 
 from . import margin
 from .attempt import Attempt, Largest, StepOutcome
-from .coefficients import Coefficients, Mode
+from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .guard import Guard
 from .hermite import Quintic, quintic
 from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
-from .model import (
-    acceleration,
-    beam,
-    beam_absolute,
-    beam_acceleration,
-    shear,
-    story_weights,
-    weighted,
-)
+from .model import acceleration, beam, beam_absolute, beam_acceleration, drift_weights, shear
 from .ratio import safe_ratio
-from .state import LoopState, Plan, Scene, Turn, present
+from .state import LoopState, Plan, Scene, Turn
 
 
 def step_peak(
@@ -63,8 +55,8 @@ def turn_at_peak(
     z = guard.turn - jnp.clip(off, -1.0, 1.0)  # moves with the parameters
     theta = path.value(z)
     x, v = (sigma * theta,), (jnp.zeros_like(h),)
-    for k in range(1, len(state.x)):
-        sway = quintic(state.x[k], state.v[k], trial.a0[k], trial.end.x[k], trial.end.v[k], trial.end.a[k], h)
+    if plan.elastic:
+        sway = quintic(state.x[1], state.v[1], trial.a0[1], trial.end.x[1], trial.end.v[1], trial.end.a[1], h)
         x, v = (*x, sway.value(z)), (*v, safe_ratio(sway.slope(z), h, h > 0))
     slowing = -sigma * acceleration(scene.c, sigma, ground_at(state.t + z * h), x, v)[0]
     here = margin.at_turn(scene.c, scene.overturn_angle, theta, slowing)
@@ -85,45 +77,39 @@ def least_margin(
 
 
 class Maxima(NamedTuple):
-    """Of the superstructure over a step; empty where they are not wanted."""
+    """Of the superstructure over a step; None where they are not wanted."""
 
-    deformation: tuple[Maximum, ...]  # of each mode
-    shear: Maximum
-    drifts: tuple[Maximum, ...] = ()  # of each story
-    floors: tuple[Maximum, ...] = ()  # absolute accelerations
+    deformation: Maximum | None = None  # of each mode
+    shear: Maximum | None = None
+    drifts: Maximum | None = None  # of each story
+    floors: Maximum | None = None  # absolute accelerations
 
     @property
-    def cut(self) -> Value:
+    def cut(self) -> Value | float:
         """How far to shorten the step to land on one of them."""
-        cuts = [each.cut for each in (*self.deformation, self.shear, *self.drifts, *self.floors)]
-        return functools.reduce(jnp.minimum, cuts)
+        cuts = [jnp.min(each.cut, axis=-1) if each.cut.ndim else each.cut for each in self if each]
+        return functools.reduce(jnp.minimum, cuts) if cuts else math.inf
 
     @property
     def values(self) -> Largest:
-        of_each = lambda maxima: tuple(maximum.value for maximum in maxima)
-        return Largest(
-            of_each(self.deformation), self.shear.value, of_each(self.drifts), of_each(self.floors)
-        )
+        return Largest(*(None if each is None else each.value for each in self))
 
 
 class _Course(NamedTuple):
     """A quantity over a step: its polynomial, and its value and rate at both ends."""
 
     path: Quintic
-    first: tuple[Value, Value]
-    last: tuple[Value, Value]
+    first: tuple[Values, Values]
+    last: tuple[Values, Values]
 
-    def largest(self, h: Value, record: Value, past: tuple[Value, Value], inside=WELL_INSIDE) -> Maximum:
+    def largest(self, h: Value, record: Values, past: tuple[Value, Value], inside=WELL_INSIDE) -> Maximum:
         """Its largest size; the step begins and ends `past` its time stamps."""
         return largest(self.path, h, record, (End(*self.first, past[0]), End(*self.last, past[1])), inside)
 
 
-def _sum(weights: Sequence[Value | float], courses: Sequence[_Course]) -> _Course:
-    """Of quantities over one step."""
-    leaves = zip(*(jax.tree.leaves(course) for course in courses), strict=True)
-    return jax.tree.unflatten(
-        jax.tree.structure(courses[0]), [weighted(weights, values) for values in leaves]
-    )
+def _sum(weights: Values, course: _Course) -> _Course:
+    """Of the modes of a quantity over one step."""
+    return jax.tree.map(lambda values: weighted(weights, values), course)
 
 
 def superstructure_maxima(
@@ -134,13 +120,14 @@ def superstructure_maxima(
 
     The step begins `before` and ends `after` its time stamps.
     """
-    none = Maximum(jnp.zeros_like(trial.h), jnp.full_like(trial.h, jnp.inf))
-    if plan.elastic and (plan.deformation or plan.shear or plan.drifts or plan.floors):
-        return _elastic_maxima(scene, plan, state, ground_at, trial, (before, after), none)
-    if not plan.elastic and plan.shear:
+    modes = scene.c.vibration
+    if modes is not None:
+        return _elastic_maxima(scene, plan, modes, state, ground_at, trial, (before, after))
+    if plan.shear:
         course = _by_slopes(shear, scene.c, state, ground_at, trial)
-        return Maxima((), course.largest(trial.h, present(state.shear), (before, after), WELL_INSIDE_CUBIC))
-    return Maxima((), none)
+        record = present(state.shear)
+        return Maxima(shear=course.largest(trial.h, record, (before, after), WELL_INSIDE_CUBIC))
+    return Maxima()
 
 
 def _by_slopes(quantity, c: Coefficients, state: LoopState, ground_at, trial: Attempt) -> _Course:
@@ -159,75 +146,98 @@ def _by_slopes(quantity, c: Coefficients, state: LoopState, ground_at, trial: At
 def _elastic_maxima(
     scene: Scene,
     plan: Plan,
+    modes: Vibration,
     state: LoopState,
     ground_at,
     trial: Attempt,
     past: tuple[Value, Value],
-    none: Maximum,
 ) -> Maxima:
-    c, h = scene.c, trial.h
-    jets = _deformations(c, state, trial)
-    moved = [
-        _Course(quintic(d0, r0, s0, d1, r1, s1, h), (d0, r0), (d1, r1)) for (d0, r0, s0), (d1, r1, s1) in jets
-    ]
+    h, found = trial.h, Maxima()
+    if not (plan.deformation or plan.shear or plan.drifts or plan.floors):
+        return found
+    jets = _deformations(scene.c, state, trial)
+    (d0, r0, s0), (d1, r1, s1) = jets
+    moved = _Course(quintic(d0, r0, s0, d1, r1, s1, h), (d0, r0), (d1, r1))
 
     def landed(found: Maximum) -> Maximum:
         """Where the polynomial is as good as the step, the maximum need not be landed on."""
-        return found if plan.refine else found._replace(cut=none.cut)
+        return found if plan.refine else found._replace(cut=jnp.full_like(found.cut, jnp.inf))
 
-    deformation, drifts, floors, force = (), (), (), none
     if plan.deformation:
-        pairs = zip(moved, present(state.deformation), strict=True)
-        deformation = tuple(landed(course.largest(h, record, past)) for course, record in pairs)
+        record = present(state.deformation)
+        found = found._replace(deformation=landed(moved.largest(h, record, past)))
     if plan.drifts:
-        pairs = zip(story_weights(c), present(state.drifts), strict=True)
-        drifts = tuple(landed(_sum(weights, moved).largest(h, record, past)) for weights, record in pairs)
+        drifts = jax.vmap(lambda weights: _sum(weights, moved))(drift_weights(_floors(modes)))
+        found = found._replace(drifts=landed(drifts.largest(h, present(state.drifts), past)))
     if not (plan.shear or plan.floors):
-        return Maxima(deformation, force, drifts)
+        return found
     # These take a derivative of the polynomial: they are landed on whatever the order.
-    springs = [_spring(mode, course, jet, h) for mode, course, jet in zip(c.modes, moved, jets, strict=True)]
-    base, inside = None, WELL_INSIDE
-    if c.residual is not None:
+    springs = _spring(modes, moved, jets, h)
+    return _forces(scene.c, plan, modes, state, ground_at, trial, past, springs, found)
+
+
+def _forces(
+    c: Coefficients,
+    plan: Plan,
+    modes: Vibration,
+    state: LoopState,
+    ground_at,
+    trial: Attempt,
+    past: tuple[Value, Value],
+    springs: _Course,
+    found: Maxima,
+) -> Maxima:
+    """With the largest shear and accelerations of floors: forces of springs, less what moves with the
+    beam."""
+    h, several, base, inside = trial.h, modes.several, None, WELL_INSIDE
+    if several is not None and several.residual is not None:
         base, inside = _by_slopes(beam_absolute, c, state, ground_at, trial), WELL_INSIDE_CUBIC
 
-    def carried(weights: Vector) -> _Course:
-        """Forces of springs, less what moves with the beam."""
+    def carried(weights: Values) -> _Course:
         of_springs = _sum(weights, springs)
-        return of_springs if base is None else _sum((1.0, sum(weights) - 1.0), (of_springs, base))
+        if base is None:
+            return of_springs
+        rest = summed(weights) - 1.0
+        return jax.tree.map(lambda of_spring, of_base: of_spring + rest * of_base, of_springs, base)
 
     if plan.shear:
-        course = springs[0] if c.shares is None else carried(c.shares)
+        course = springs if several is None else carried(several.shares)
         force = course.largest(h, present(state.shear) * c.g, past, inside)
-        force = force._replace(value=force.value / c.g)
+        found = found._replace(shear=force._replace(value=force.value / c.g))
     if plan.floors:
-        pairs = zip(present(c.floors), present(state.floors), strict=True)
-        floors = tuple(carried(weights).largest(h, record, past, inside) for weights, record in pairs)
-    return Maxima(deformation, force, drifts, floors)
+        floors = jax.vmap(carried)(_floors(modes))
+        found = found._replace(floors=floors.largest(h, present(state.floors), past, inside))
+    return found
 
 
-Jet = tuple[Value, Value, Value]  # a quantity with its first two derivatives in time
+def _floors(modes: Vibration) -> Values:
+    return present(present(modes.several).floors)
 
 
-def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> list[tuple[Jet, Jet]]:
+Jet = tuple[Values, Values, Values]  # a quantity with its first two derivatives in time
+
+
+def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> tuple[Jet, Jet]:
     """The deformation of each mode at both ends of the step."""
-    of_ends = []
-    for x, v, a in ((state.x, state.v, trial.a0), (trial.end.x, trial.end.v, trial.end.a)):
+
+    def jet(x: Vector, v: Vector, a: Vector) -> Jet:
         u_b, u_b_dot = beam(c, state.sigma, x[0], v[0])
         u_b_ddot = beam_acceleration(c, state.sigma, x[0], v[0], a[0])
-        modes = zip(x[1:], v[1:], a[1:], strict=True)
-        of_ends.append([(u - u_b, u_dot - u_b_dot, u_ddot - u_b_ddot) for u, u_dot, u_ddot in modes])
-    return list(zip(*of_ends, strict=True))
+        return x[1] - u_b, v[1] - u_b_dot, a[1] - u_b_ddot
+
+    end = trial.end
+    return jet(state.x, state.v, trial.a0), jet(end.x, end.v, end.a)
 
 
-def _spring(mode: Mode, course: _Course, jets: tuple[Jet, Jet], h: Value) -> _Course:
-    """Force of the spring and damper of a mode over its mass, Eq. (7)."""
+def _spring(modes: Vibration, course: _Course, jets: tuple[Jet, Jet], h: Value) -> _Course:
+    """Force of the spring and damper of each mode over its mass, Eq. (7)."""
     first, last = (
-        (mode.omega2 * d + mode.damping * r, mode.omega2 * r + mode.damping * s) for d, r, s in jets
+        (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s) for d, r, s in jets
     )
-    return _Course(spring(course.path, mode.omega2, mode.damping, h), first, last)
+    return _Course(spring(course.path, modes.omega2, modes.damping, h), first, last)
 
 
-def larger(new: Value, record: Value) -> Value:
+def larger(new: Values, record: Values) -> Values:
     """The larger of two, with the derivative of one of them: `maximum` would take half of each where they
     tie."""
     return jnp.where(new > record, new, record)

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._types import Value, Vector
+from rockjax._types import Value, Values, Vector
 
 if TYPE_CHECKING:
     import diffrax
@@ -69,7 +69,7 @@ class Step(NamedTuple):
     v_error: Vector
 
 
-def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Value | float:
+def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
     total = 0.0
     for w, stage in zip(weights, k, strict=False):
         # Products of a tableau with itself leave rounding where the exact weight is zero.

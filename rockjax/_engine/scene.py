@@ -13,29 +13,21 @@ from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._results import State
 from rockjax._structures import GivenRestitution, Podium, ShearBuilding
-from rockjax._structures.modes import as_many
-from rockjax._types import Value
+from rockjax._structures.modes import as_many, joined
+from rockjax._structures.superstructures import Oscillators
+from rockjax._types import Value, Values, Vector
 
 from . import margin
-from .coefficients import Coefficients, coefficients
+from .coefficients import Coefficients, Vibration, coefficients, present
 from .model import uplift_demand
 from .runge_kutta import tableau
 from .state import LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
-# Each mode is followed in operations of its own: five compile in 25 s and 1.6 GB, ten in 140 s and 7 GB.
-MOST_MODES = 8
-
 
 def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
-    """What is decided before tracing. Raises `ValueError` for more modes than can be compiled."""
+    """What is decided before tracing."""
     top = podium.superstructure
-    if top is not None and top.several and top.count > MOST_MODES:
-        raise ValueError(
-            f"superstructure: at most {MOST_MODES} modes are simulated, got {top.count}; keep the lowest, as "
-            f"by ShearBuilding(…, modes={MOST_MODES}) or Modes(…, residual=…): the mass of the others moves "
-            "with the beam"
-        )
     elastic = podium.vibrates
     stories = top.stories if isinstance(top, ShearBuilding) else 0
     tab = tableau(options.solver)  # pyright: ignore[reportArgumentType]
@@ -76,19 +68,25 @@ LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of l
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     """End of the excitation plus 30/p, or 10 T_s where that is longer [s]."""
     after = 30 / podium.p
-    for mode in podium.superstructure.oscillators if podium.superstructure is not None else ():
-        after = jnp.maximum(after, 10 * mode.T_s)
+    modes = None if podium.superstructure is None else podium.superstructure.oscillators
+    if modes is not None:
+        longest = jnp.max(modes.T_s, axis=-1) if isinstance(modes, Oscillators) else modes.T_s
+        after = jnp.maximum(after, 10 * longest)
     return excitation.support[1] + after
 
 
-def _longest_step(c: Coefficients, plan: Plan) -> Value:
+def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
+    """One of two numbers: that of a closer look, by which errors are estimated, or the usual one."""
+    return jnp.where(options.stride < 1, closer, usual)
+
+
+def _longest_step(c: Coefficients) -> Value:
     """As long as rocking, and what vibrates while it lasts, can be seen in [s]."""
     longest = 1 / c.p
-    if plan.elastic:
-        return jnp.minimum(longest, 3 / c.uplifted_frequency)
-    if c.restrained_frequency is not None:
-        return jnp.minimum(longest, 3 / c.restrained_frequency)
-    return longest
+    fastest = None if c.restraint is None else c.restraint.restrained_frequency
+    if c.vibration is not None:
+        fastest = c.vibration.uplifted_frequency
+    return longest if fastest is None else jnp.minimum(longest, 3 / fastest)
 
 
 def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Options) -> Value:
@@ -98,21 +96,21 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(options.stride < 1, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
+        excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
     return excited
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
     threshold = None if plan.elastic else c.uplift
     if isinstance(excitation, GroundMotion):
-        return excitation.lookahead(threshold, c.tilt)
+        return excitation.lookahead(threshold, present(c.tilt))
     return excitation.lookahead(threshold)
 
 
 def _landing(options: Options) -> Value:
     """The part of a step within which it lands on an event."""
     part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
-    return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
+    return part * _closer(options, LANDED_CLOSER, 1.0)
 
 
 def _rest_velocity(c: Coefficients, options: Options) -> Value:
@@ -122,7 +120,25 @@ def _rest_velocity(c: Coefficients, options: Options) -> Value:
     """
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
-    return rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
+    return rest * c.p * c.alpha * _closer(options, later, 1.0)
+
+
+def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
+    """Positions and velocities at the start; of modes one number may stand for all."""
+    if modes is None:
+        return (initial.theta,), (initial.theta_dot,)
+
+    def of_modes(given: Any) -> Values:
+        if modes.several is None:
+            return given[0] if isinstance(given, tuple) else given
+        return joined(as_many(given, modes.omega2.size))
+
+    return (initial.theta, of_modes(initial.u_t)), (initial.theta_dot, of_modes(initial.u_t_dot))
+
+
+def _whole(values: Values) -> Value:
+    """One number that is finite where all of a row are."""
+    return jnp.sum(values) if values.ndim else values
 
 
 def prepare(
@@ -139,8 +155,7 @@ def prepare(
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
-    longest = options.stride * _longest_step(c, plan)
-    closer = options.stride < 1
+    longest = options.stride * _longest_step(c)
     excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
@@ -151,8 +166,8 @@ def prepare(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
         landing=_landing(options),
-        split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
-        whole=jnp.where(closer, WHOLE_CLOSER, 1.0),
+        split=_closer(options, SPLIT_CLOSER, SPLIT),
+        whole=_closer(options, WHOLE_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),
@@ -162,15 +177,13 @@ def prepare(
     t = constant(start)
     piece = excitation.locate(t)
     moves = (initial.theta != 0) | (initial.theta_dot != 0)
-    x, v = (initial.theta,), (initial.theta_dot,)
-    if plan.elastic:
-        x, v = (*x, *as_many(initial.u_t, len(c.modes))), (*v, *as_many(initial.u_t_dot, len(c.modes)))
+    x, v = _start(c.vibration, initial)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(moves, side, contact_mode(c, q)))
     # An initial rotation is where the scene begins; on θ = 0 an initial velocity starts to that side.
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
-    sane = jnp.all(jnp.isfinite(jnp.stack([*jax.tree.leaves(c), start, end, *x, *v])))
+    sane = jnp.all(jnp.isfinite(jnp.stack([*map(_whole, jax.tree.leaves((c, start, end, x, v)))])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
     begins = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
     code = jnp.where(toppled, results.OVERTURNED, begins)
@@ -209,10 +222,11 @@ def prepare(
 
 def _no_records(plan: Plan, c: Coefficients, t: Value) -> dict[str, Any]:
     """Of the superstructure before anything has happened; None where they are not wanted."""
-    zeros = lambda count: tuple(jnp.zeros_like(t) for _ in range(count))
+    zeros = lambda *shape: jnp.zeros(shape, t.dtype)
+    modes = () if c.vibration is None else c.vibration.omega2.shape
     return {
-        "deformation": zeros(len(c.modes)) if plan.deformation else None,
-        "shear": jnp.zeros_like(t) if plan.shear else None,
+        "deformation": zeros(*modes) if plan.deformation else None,
+        "shear": zeros() if plan.shear else None,
         "drifts": zeros(plan.stories) if plan.drifts else None,
         "floors": zeros(plan.stories) if plan.floors else None,
     }

@@ -22,28 +22,21 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._options import Options
-from rockjax._types import Flag, Index, Value, Vector
+from rockjax._types import Flag, Index, Value, Values, Vector
 
 from .attempt import units
+from .coefficients import present
 from .contact import advance_to_uplift
 from .flat import Nodes, blank_nodes, closed, runs
-from .model import (
-    acceleration,
-    beam,
-    floor_accelerations,
-    shear,
-    story_weights,
-    uplift_demand,
-    weighted,
-)
+from .model import acceleration, beam, drift_weights, floor_accelerations, shear, uplift_demand
 from .settled import certificate
-from .state import LoopState, Plan, Scene, present
+from .state import LoopState, Plan, Scene
 from .transitions import transition
 
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
-Rows = tuple[Float[Array, " n"], ...]  # of several nodes, for each degree of freedom
+Rows = tuple[Float[Array, " n ..."], ...]  # of several nodes, for each degree of freedom
 
 
 def run_segments(
@@ -97,7 +90,7 @@ def _keep(
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
 
     def put(store, values):
-        return store.at[at].set(jnp.broadcast_to(values, ts.shape), mode="drop")
+        return store.at[at].set(jnp.broadcast_to(values, (*ts.shape, *store.shape[1:])), mode="drop")
 
     return Nodes(
         t=put(nodes.t, ts),
@@ -300,7 +293,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     mode, scene, sigma = path.mode, path.mode.scene, state.sigma
     c, rocking, fired = scene.c, mode.rocking, path.fired
     ended, x, v = path.end()
-    finite = jnp.all(jnp.isfinite(jnp.stack([ended, *x, *v])))
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(y)) for y in (ended, *x, *v)]))
     falling = sigma * v[0] < 0
     hit, toppled, lifted = fired & rocking & falling, fired & rocking & ~falling, fired & ~rocking
     piece = scene.excitation.past(state.piece, ended >= scene.excitation.breakpoint(state.piece))
@@ -309,6 +302,18 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     demand = uplift_demand(c, mode.ground_at(ended), x, v)
     x, v, after = transition(scene, sigma, x, v, ground_now, hit, lifted, demand)
     return _Arrival(ended, x, v, after, piece, ground_now, speed, hit, toppled, finite)
+
+
+def _raised_each(raised, quantities, records: Values) -> Values:
+    """The records of one quantity or of each in a row, one after another."""
+    if not records.ndim:
+        return raised(quantities, records)
+
+    def of_one(numbered):
+        k, record = numbered
+        return raised(lambda t, x, v: quantities(t, x, v)[k], record)
+
+    return jax.lax.map(of_one, (jnp.arange(records.size), records))
 
 
 def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
@@ -320,21 +325,20 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
     peak_time = jnp.where(end.toppled, end.t, peak_time)
     raises = mode.rocking & (peak > state.peak)
     deformation, force = state.deformation, state.shear
-    bent = lambda x, v: [u - beam(c, sigma, x[0], v[0])[0] for u in x[1:]]
+    bent = lambda x, v: x[1] - beam(c, sigma, x[0], v[0])[0]
     shaken = lambda quantity: lambda t, x, v: quantity(c, sigma, mode.ground_at(t), x, v, mode.rates(t, x, v))
     raised = lambda along, record: jnp.maximum(record, path.largest(along, record)[0])
     drifts, floors = state.drifts, state.floors
     if plan.deformation:
-        of_mode = [lambda t, x, v, k=k: bent(x, v)[k] for k in range(len(c.modes))]
-        deformation = tuple(map(raised, of_mode, present(deformation)))
+        deformation = _raised_each(raised, lambda t, x, v: bent(x, v), present(deformation))
     if plan.shear:
         force = raised(shaken(shear), present(force))
     if plan.drifts:
-        of_story = [lambda t, x, v, w=w: weighted(w, bent(x, v)) for w in story_weights(c)]
-        drifts = tuple(map(raised, of_story, present(drifts)))
+        weights = drift_weights(present(present(c.several).floors))
+        of_stories = lambda t, x, v: jnp.sum(weights * bent(x, v)[None, :], axis=-1)
+        drifts = _raised_each(raised, of_stories, present(drifts))
     if plan.floors:
-        of_floor = [shaken(lambda *y, k=k: floor_accelerations(*y)[k]) for k in range(plan.stories)]
-        floors = tuple(map(raised, of_floor, present(floors)))
+        floors = _raised_each(raised, shaken(floor_accelerations), present(floors))
     starts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
     return state._replace(

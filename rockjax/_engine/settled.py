@@ -7,12 +7,12 @@ import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import PairLookahead
-from rockjax._types import Flag, Index, Value, Vector
+from rockjax._types import Flag, Flags, Index, Value, Values
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, Several, Vibration, present, summed, weighted
 from .energy import energy, energy_after, potential, vertical_impulse
-from .model import horizontal, restraint_at_most, story_weights
-from .state import LoopState, Plan, Scene, present
+from .model import drift_weights, horizontal, restraint_at_most
+from .state import LoopState, Plan, Scene
 
 
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
@@ -33,7 +33,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     most = energy_after(c, now, impulse)
     one = jnp.ones_like(t)
     # Restrainers move the top of the well; what counts as overturned may come before it.
-    well = jnp.minimum(c.well, scene.overturn_angle) if c.restrainers else c.alpha
+    well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
     vertical = 0.0
     if isinstance(scene.lookahead, PairLookahead):
         vertical = scene.lookahead.vertical_peak(t, piece)
@@ -45,7 +45,8 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
         stays_under &= most < potential(c, one, jnp.minimum(state.peak, well))
     if plan.margin:
         stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
-    if not plan.elastic:  # at rest it goes to its next uplift at once, and knows by itself that there is none
+    # At rest with nothing elastic it goes to its next uplift at once, and knows by itself that there is none.
+    if c.vibration is None:
         if plan.shear:
             angular = _angular_at_most(c, well, most, to_come, vertical)
             stays_under &= to_come + c.two_R * angular < present(state.shear) * c.g
@@ -54,45 +55,49 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     contact = jnp.where(
         sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf
     )
-    demand = to_come + _demand_of_springs(c, jnp.where(sigma == 0, contact, 0.0))
+    demand = to_come + _demand_of_springs(c, c.vibration, jnp.where(sigma == 0, contact, 0.0))
     if not isinstance(vertical, float):
-        demand = demand + c.tilt * vertical
+        demand = demand + present(c.tilt) * vertical
     rests = (sigma == 0) & (demand < c.uplift)
     stands = rests | (stays_under & (not plan.impacts))
     most = jnp.where(rests, contact, most)
+    each, several = c.vibration, c.several
     if plan.deformation:
-        for mode, record in zip(c.modes, present(state.deformation), strict=True):
-            stands &= 0.5 * mode.eta * mode.omega2 * record**2 > most
-    if plan.drifts:
-        for weights, record in zip(story_weights(c), present(state.drifts), strict=True):
-            soft = sum(
-                y**2 / (_some(mode.eta) * mode.omega2) for y, mode in zip(weights, c.modes, strict=True)
+        stands &= every(0.5 * c.etas * each.omega2 * present(state.deformation) ** 2 > most)
+    if several is None:
+        if plan.shear:
+            # max of ω²d + 2ζω(u̇_t − u̇_b) at given energy, by Cauchy–Schwarz; at rest u̇_b = 0.
+            beam = jnp.where(rests, 0.0, (each.damping * c.two_R) ** 2 / c.spin)
+            stands &= present(state.shear) * c.g > jnp.sqrt(
+                2 * most * ((each.omega2 + each.damping**2) / _some(c.eta) + beam)
             )
-            stands &= record**2 > 2 * most * soft
-    if plan.shear and c.shares is None:
-        # max of ω²d + 2ζω(u̇_t − u̇_b) at given energy, by Cauchy–Schwarz; at rest u̇_b = 0.
-        ((_, _, _, omega2, damping),) = c.modes
-        beam = jnp.where(rests, 0.0, (damping * c.two_R) ** 2 / c.spin)
-        stands &= present(state.shear) * c.g > jnp.sqrt(
-            2 * most * ((omega2 + damping**2) / _some(c.eta) + beam)
-        )
-    elif plan.shear or plan.floors:
-        stands &= _carried_stands(scene, plan, state, most, rests, well, to_come, vertical)
+        return stands
+    if plan.drifts:
+        soft_by = lambda weights: summed(weights**2 / (_some(several.eta) * each.omega2))
+        soft = jax.vmap(soft_by)(drift_weights(present(several.floors)))
+        stands &= every(present(state.drifts) ** 2 > 2 * most * soft)
+    if plan.shear or plan.floors:
+        stands &= _carried_stands(scene, plan, state, several, most, rests, well, to_come, vertical)
     return stands
 
 
-def _some(mass: Value) -> Value:
+def every(flags: Flags) -> Flag:
+    """Whether it is so of all modes or stories."""
+    return jnp.all(flags, axis=-1) if flags.ndim else flags
+
+
+def _some(mass: Values) -> Values:
     """A mass to divide by."""
     return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)
 
 
-def _demand_of_springs(c: Coefficients, contact: Value) -> Value:
+def _demand_of_springs(c: Coefficients, each: Vibration, contact: Value) -> Value:
     """The most that springs add to the demand q in full contact, at given energy."""
-    if len(c.modes) == 1:
-        ((_, _, demand, omega2, damping),) = c.modes
-        return demand / jnp.sqrt(_some(c.eta)) * jnp.sqrt(2 * contact * (omega2 + damping**2))
-    each = (mode.demand**2 / _some(mode.eta) * (mode.omega2 + mode.damping**2) for mode in c.modes)
-    return jnp.sqrt(2 * contact * sum(each))
+    if each.several is None:
+        own = each.demand / jnp.sqrt(_some(c.eta))
+        return own * jnp.sqrt(2 * contact * (each.omega2 + each.damping**2))
+    own = each.demand**2 / _some(each.several.eta)
+    return jnp.sqrt(2 * contact * weighted(own, each.omega2 + each.damping**2))
 
 
 def _angular_at_most(
@@ -108,8 +113,8 @@ def _angular_at_most(
     steepest = _steepest(c, well)
     weight = c.gravity if isinstance(vertical, float) else c.gravity * (1 + vertical / c.g)
     angular = (weight * steepest + c.ground * to_come) / c.inertia + 2 * most / c.spin
-    if c.restrainers:
-        angular += restraint_at_most(c, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
+    if c.restraint is not None:
+        angular += restraint_at_most(c, c.restraint, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
     if springs is not None:
         angular += (0.5 * c.centrifugal * 2 * most / c.spin + 3 * springs / c.two_R) / c.inertia
     return angular
@@ -119,6 +124,7 @@ def _carried_stands(
     scene: Scene,
     plan: Plan,
     state: LoopState,
+    several: Several,
     most: Value,
     rests: Flag,
     well: Value,
@@ -127,32 +133,32 @@ def _carried_stands(
 ) -> Flag:
     """Whether the shear of several modes, and accelerations of floors, stay under their records: forces of
     springs, and of what moves with the beam."""
-    c = scene.c
+    c, each = scene.c, present(scene.c.vibration)
 
-    def of_springs(weights: Vector) -> Value:
+    def of_springs(weights: Values) -> Value:
         """The most of Σ w_i F_i at given energy, by Cauchy–Schwarz; at rest u̇_b = 0."""
-        pairs = list(zip(weights, c.modes, strict=True))
-        own = sum(y**2 / _some(mode.eta) * (mode.omega2 + mode.damping**2) for y, mode in pairs)
-        beam = sum(y * mode.damping for y, mode in pairs) ** 2 * c.two_R**2 / c.spin
+        own = summed(weights**2 / _some(several.eta) * (each.omega2 + each.damping**2))
+        beam = summed(weights * each.damping) ** 2 * c.two_R**2 / c.spin
         return jnp.sqrt(2 * most * (own + jnp.where(rests, 0.0, beam)))
 
     base = 0.0
-    if c.residual is not None:
-        etas = tuple(mode.eta for mode in c.modes)
-        angular = _angular_at_most(c, well, most, to_come, vertical, of_springs(etas))
+    if several.residual is not None:
+        angular = _angular_at_most(c, well, most, to_come, vertical, of_springs(several.eta))
         base = to_come + jnp.where(rests, 0.0, c.two_R * angular)
+
+    def at_most(weights: Values) -> Value:
+        """Of springs, and of what moves with the beam."""
+        found = of_springs(weights)
+        return found if several.residual is None else found + jnp.abs(1 - summed(weights)) * base
+
     stands = jnp.ones((), bool)
     if plan.shear:
-        shares = (jnp.ones_like(c.eta),) if c.shares is None else c.shares
-        rest = 0.0 if c.residual is None else (1 - sum(shares)) * base
-        stands &= of_springs(shares) + rest < present(state.shear) * c.g
+        stands &= at_most(several.shares) < present(state.shear) * c.g
     if plan.floors:
-        for weights, record in zip(present(c.floors), present(state.floors), strict=True):
-            rest = 0.0 if c.residual is None else jnp.abs(1 - sum(weights)) * base
-            stands &= of_springs(weights) + rest < record
+        stands &= every(jax.vmap(at_most)(present(several.floors)) < present(state.floors))
     return stands
 
 
 def _steepest(c: Coefficients, well: Value) -> Value:
     """The largest |sin ψ| up to the top of the well."""
-    return jnp.maximum(c.sin_alpha, jnp.sin(well - c.alpha)) if c.restrainers else c.sin_alpha
+    return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(well - c.alpha))

@@ -24,10 +24,11 @@ from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
+from .coefficients import present
 from .derivatives import differentiable, known, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import plan_for, prepare
-from .state import LoopState, Plan, Scene, present
+from .state import LoopState, Plan, Scene
 
 
 def solve(
@@ -157,19 +158,22 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
 
 def _deformation(plan: Plan, state: LoopState, absent: Array) -> Array:
     """Of each mode, of one superstructure that has no others its own."""
-    found = present(state.deformation) if plan.deformation else (absent,) * (len(state.x) - 1 or 1)
-    return jnp.stack(found) if plan.several else found[0]
+    found = present(state.deformation) if plan.deformation else absent
+    if not plan.deformation and plan.elastic:
+        found = jnp.broadcast_to(absent, state.x[1].shape)
+    return jnp.atleast_1d(found) if plan.several else found
 
 
 def _of_stories(scene: Scene, plan: Plan, state: LoopState) -> dict[str, Array]:
     """Largest drifts and floor accelerations; of a building that is rigid none, and those of the beam."""
     nan = jnp.full_like(state.t, jnp.nan)
-    drifts = present(state.drifts) if plan.drifts else (nan,) * plan.stories
-    floors = present(state.floors) if plan.floors else (nan,) * plan.stories
+    drifts = present(state.drifts) if plan.drifts else nan
+    floors = present(state.floors) if plan.floors else nan
     if not plan.elastic:
-        drifts = (jnp.zeros_like(nan),) * plan.stories
-        floors = ((present(state.shear) if plan.shear else nan) * scene.c.g,) * plan.stories
-    return {"peak_drift": jnp.stack(drifts), "peak_floor_acceleration": jnp.stack(floors)}
+        drifts = jnp.zeros_like(nan)
+        floors = (present(state.shear) if plan.shear else nan) * scene.c.g
+    found = {"peak_drift": drifts, "peak_floor_acceleration": floors}
+    return {name: jnp.broadcast_to(y, (plan.stories,)) for name, y in found.items()}
 
 
 def _with_nodes(answer, nodes: Nodes | None):

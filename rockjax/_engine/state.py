@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
-from rockjax._types import Flag, Index, Value, Vector
+from rockjax._types import Flag, Index, Value, Values, Vector
 
 from .coefficients import Coefficients
 from .runge_kutta import Tableau
-
-T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +81,7 @@ class LoopState(NamedTuple):
     code: Index  # results.RUNNING, or how the scene ended
     peak: Value  # max|θ| so far
     peak_time: Value
-    deformation: Vector | None  # of each mode; None where not wanted
+    deformation: Values | None  # of each mode; None where not wanted
     shear: Value | None  # likewise
     margin: Value | None  # likewise
     turn: Turn | None  # of the last trial; None where not wanted
@@ -96,8 +94,8 @@ class LoopState(NamedTuple):
     slowest_before_peak: Value  # … and up to the peak
     steps: Index
     rejected: Index
-    drifts: Vector | None = None  # of each story, None where not wanted
-    floors: Vector | None = None  # likewise: absolute accelerations of the floors
+    drifts: Values | None = None  # of each story, None where not wanted
+    floors: Values | None = None  # likewise: absolute accelerations of the floors
 
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
@@ -118,8 +116,13 @@ def _given_jvp(primals, tangents):
     """Where some have tangents all have them, and rows of them where those are rows."""
     absent = lambda y: isinstance(y, SymbolicZero)
     one = next(y for y in jax.tree.leaves(tangents[0], is_leaf=absent) if not absent(y))
-    zero = jax.lax.select(False, one, jnp.zeros_like(one))
-    return primals[0], jax.tree.map(lambda y: zero if absent(y) else y, tangents[0], is_leaf=absent)
+    zero = jax.lax.select(False, one, jnp.zeros_like(one))[(0,) * one.ndim]
+
+    def full(tangent):
+        shape = tangent.aval.shape
+        return jnp.broadcast_to(zero, shape) if shape else zero
+
+    return primals[0], jax.tree.map(lambda y: full(y) if absent(y) else y, tangents[0], is_leaf=absent)
 
 
 _given.defjvp(_given_jvp, symbolic_zeros=True)
@@ -157,9 +160,3 @@ class StepInfo(NamedTuple):
     accepted: Flag
     impact_time: Value
     decision: Decision
-
-
-def present(value: T | None) -> T:
-    """What the plan says is there."""
-    assert value is not None
-    return value

@@ -30,13 +30,14 @@ from .attempt import (
     next_length,
     state_past,
 )
+from .coefficients import present
 from .contact import advance_to_uplift
 from .guard import Guard, watch
 from .maxima import NEAR_RECORD, WELL_INSIDE
 from .ratio import safe_ratio
 from .records import larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
 from .settled import certificate
-from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn, present
+from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn
 from .transitions import past_breakpoint, restart, transition
 
 NEARLY = 0.95  # of the uplift demand
@@ -193,7 +194,7 @@ def _advance(
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, highest, state.peak),
         peak_time=jnp.where(raises, highest_time, state.peak_time),
-        **_records(plan, state, outcome),
+        **_records(state, outcome),
         margin=least_margin(scene, state, outcome, x, v, toppled, stamp) if plan.margin else state.margin,
         turn=outcome.turn if plan.turns else None,
         uplifted=state.uplifted | starts,
@@ -217,15 +218,12 @@ def _advance(
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
 
 
-def _records(plan: Plan, state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
+def _records(state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
     """The largest of everything of the superstructure so far."""
     found = outcome.superstructure
-    each = lambda new, old: tuple(map(larger, new, present(old)))
     return {
-        "deformation": each(found.deformation, state.deformation) if plan.deformation else state.deformation,
-        "shear": larger(found.shear, present(state.shear)) if plan.shear else state.shear,
-        "drifts": each(found.drifts, state.drifts) if plan.drifts else state.drifts,
-        "floors": each(found.floors, state.floors) if plan.floors else state.floors,
+        name: None if new is None else larger(new, present(getattr(state, name)))
+        for name, new in found._asdict().items()
     }
 
 

@@ -203,14 +203,17 @@ def of_motion(name: str) -> Parameter:
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 
-def about(name: str) -> dict[str, str]:
-    """Attributes of a variable or axis in a dataset; none for what is no parameter.
-
-    The name may be a path, as `excitation.gamma`.
-    """
+def entry_of(name: str) -> Parameter | None:
+    """The parameter of a name or a path, as `excitation.gamma`; None for what is no parameter."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
-    return table[short].about if short in table else {}
+    return table.get(short)
+
+
+def about(name: str) -> dict[str, str]:
+    """Attributes of a variable or axis in a dataset; none for what is no parameter."""
+    entry = entry_of(name)
+    return {} if entry is None else entry.about
 
 
 def clash(names: Iterable[str]) -> tuple[str, str] | None:

@@ -78,8 +78,8 @@ def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
     if top is None or not top.rows:
         return about
     about["eta"] = float(top.mass_ratio)
-    if top.elastic:
-        about["T_s_s"] = max(float(mode.T_s) for mode in top.oscillators)  # the longest
+    if top.oscillators is not None:
+        about["T_s_s"] = float(np.max(np.asarray(top.oscillators.T_s)))  # the longest
     numbers = {field.name: getattr(top, field.name) for field in dataclasses.fields(top)}
     plain = {
         name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in numbers.items()

@@ -12,17 +12,10 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax._checks import concrete
-from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
+from rockjax._engine.coefficients import SLIP, Coefficients, coefficients, present
 from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import (
-    acceleration,
-    beam,
-    floor_accelerations,
-    shear,
-    story_weights,
-    weighted,
-)
+from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -78,41 +71,33 @@ class _Sample(NamedTuple):
 
 def state(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     del sigma, ground
-    return x[0], v[0], _of_modes(c, x[1:], x), _of_modes(c, v[1:], x)
+    if c.vibration is None:
+        none = 0.0 * x[0]  # NaN where there is no state
+        return x[0], v[0], none, none
+    return x[0], v[0], x[1], v[1]
 
 
 def deformation(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     del ground
-    return _of_modes(c, _deformations(c, sigma, x, v), x)
+    return 0.0 * x[0] if c.vibration is None else x[1] - beam(c, sigma, x[0], v[0])[0]
 
 
 def drift(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     """Of each story."""
-    del ground
-    deformations = _deformations(c, sigma, x, v)
-    return jnp.stack([weighted(weights, deformations) for weights in story_weights(c)])
+    deformations = deformation(c, sigma, ground, x, v)
+    weights = drift_weights(present(present(c.several).floors))
+    return jnp.sum(weights * deformations[None, :], axis=-1)
 
 
 def floor_acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     """Absolute, of each floor."""
     a = acceleration(c, sigma, ground, x, v)
-    return jnp.stack(floor_accelerations(c, sigma, ground, x, v, a))
+    return floor_accelerations(c, sigma, ground, x, v, a)
 
 
 def base_shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
     """Over the weight of the superstructure."""
     return shear(c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v))
-
-
-def _deformations(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> list[Value]:
-    return [u - beam(c, sigma, x[0], v[0])[0] for u in x[1:]]
-
-
-def _of_modes(c: Coefficients, values, x: Vector) -> Value:
-    """What belongs to modes, along an axis where there are several."""
-    if not c.elastic:
-        return 0.0 * x[0]  # NaN where there is no state
-    return jnp.stack(values) if len(values) > 1 else values[0]
 
 
 def mechanical_energy(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
@@ -133,7 +118,7 @@ def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector)
             "drift": drift(c, sigma, ground, x, v),
             "floor_acceleration": floor_acceleration(c, sigma, ground, x, v),
         }
-        if c.floors is not None
+        if c.several is not None and c.several.floors is not None
         else {}
     )
     return of_stories | {
@@ -164,9 +149,8 @@ def padded(nodes: Nodes) -> Nodes:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
     more = _room(nodes.t.size, 10)
-    filled = jax.tree.map(
-        lambda y: np.pad(np.asarray(y), (0, more), mode="edge") if jnp.ndim(y) else y, nodes
-    )
+    longer = lambda y: np.pad(np.asarray(y), [(0, more), *[(0, 0)] * (y.ndim - 1)], mode="edge")
+    filled = jax.tree.map(lambda y: longer(y) if jnp.ndim(y) else y, nodes)
     return filled._replace(
         t=np.pad(np.asarray(nodes.t), (0, more), constant_values=np.inf),
         impact_time=np.pad(np.asarray(nodes.impact_time), (0, more), constant_values=np.nan),
@@ -179,7 +163,7 @@ def _sample(
     """One step of the method from node k to the time t."""
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    if not c.elastic:  # full contact is one step, over many pieces
+    if c.vibration is None:  # full contact is one step, over many pieces
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
 
@@ -240,7 +224,8 @@ def balance(scene: Solved, t, left):
         here = _sample(
             c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
         )
-        by_dampers = (damper_power(c, here.sigma, here.x, here.v),) if c.restrainers else ()
+        held = c.restraint
+        by_dampers = () if held is None else (damper_power(c, held, here.sigma, here.x, here.v),)
         return here, (*power(c, *here), *by_dampers, mechanical_energy(c, *here))
 
     # One program of the step for all of them: compiling it is what takes time.

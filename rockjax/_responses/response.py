@@ -123,7 +123,8 @@ class Response(AbstractPeak):
     def _over_modes(self, values: Array) -> Array:
         """With an axis of modes, where there is only one of a superstructure that may have more."""
         top = self.podium.superstructure
-        return values[..., None] if top is not None and top.several and top.count == 1 else values
+        alone = top is not None and top.several and not top.resolved().several
+        return values[..., None] if alone else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""

@@ -13,7 +13,7 @@ from rockjax._types import Array, Number
 
 from .eigen import eigh
 from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
-from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, total
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid
 
 
 class ModalAnalysis(NamedTuple):
@@ -155,7 +155,7 @@ class ShearBuilding(AbstractSuperstructure):
         return self.kept
 
     @property
-    def oscillators(self) -> tuple[Elastic, ...]:
+    def oscillators(self) -> Elastic | Oscillators | None:
         return self.resolved().oscillators
 
     @property
@@ -164,7 +164,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        return total(parts(self.masses))
+        return joined(self.masses).sum(axis=-1)
 
     @property
     def elastic(self) -> bool:
@@ -175,8 +175,8 @@ class ShearBuilding(AbstractSuperstructure):
         return self.kept > 0
 
     @property
-    def floors(self) -> tuple[tuple[Number, ...], ...]:
-        return _floors(self.shapes)
+    def floors(self) -> Array:
+        return self.shapes
 
     def split(self) -> Self:
         values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}
@@ -189,14 +189,13 @@ class ShearBuilding(AbstractSuperstructure):
             return Rigid(self.mass_ratio)
         found, kept = self._analysis(), self.kept
         residual = None if kept == self.stories else found.eta[..., kept:].sum(axis=-1)
-        numbers = parts(found.eta[..., :kept]), parts(2 * math.pi / found.omega[..., :kept])
-        zeta = parts(as_many(self.damping, kept))
-        each = tuple(Elastic(*mode) for mode in zip(*numbers, zeta, strict=True))
-        return Oscillators(each, residual, _floors(found.shapes[..., :kept]))
-
-
-def _floors(shapes: Array) -> tuple[tuple[Number, ...], ...]:
-    return tuple(parts(shapes[..., j, :]) for j in range(shapes.shape[-2]))
+        return Oscillators(
+            found.eta[..., :kept],
+            2 * math.pi / found.omega[..., :kept],
+            joined(self.damping),
+            residual,
+            found.shapes[..., :kept],
+        )
 
 
 def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None):

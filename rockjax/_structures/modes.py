@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Self, cast
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_float, concrete, not_negative, require
+from rockjax._checks import array_module, as_float, concrete, not_negative, require
 from rockjax._types import Array, Number
 
-from .superstructures import AbstractSuperstructure, Elastic, Oscillators, total
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # of the total: modal masses may exceed it by so much
 
@@ -33,15 +33,18 @@ def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
     """The members of a row, each a number for every podium of a batch."""
     if isinstance(values, tuple):
         return values
-    known = concrete(values)
-    if known is not None:  # of JAX every operation on its own is a program to compile
-        values = cast(Array, known.astype(values.dtype))
+    values = joined(values)
     return tuple(values[..., k] for k in range(values.shape[-1]))
 
 
 def joined(values: Row | tuple[Number, ...]) -> Array:
-    """A row as an array, its members along the last axis."""
-    return jnp.stack(jnp.broadcast_arrays(*values), axis=-1) if isinstance(values, tuple) else values
+    """A row as an array, its members along the last axis; of NumPy where it is known: of JAX every operation
+    on its own is a program to compile."""
+    if isinstance(values, tuple):
+        xp = array_module(values)
+        return xp.stack(xp.broadcast_arrays(*values), axis=-1)
+    known = concrete(values)
+    return values if known is None else cast(Array, known.astype(values.dtype))
 
 
 def as_many(values: Any, count: int) -> Any:
@@ -129,9 +132,8 @@ class Modes(AbstractSuperstructure):
         return len(parts(self.eta))
 
     @property
-    def oscillators(self) -> tuple[Elastic, ...]:
-        zeta = parts(as_many(self.zeta, self.count))
-        return tuple(Elastic(*each) for each in zip(parts(self.eta), parts(self.T), zeta, strict=True))
+    def oscillators(self) -> Oscillators:
+        return Oscillators(joined(self.eta), joined(self.T), joined(self.zeta))
 
     @property
     def carried(self) -> Number | None:
@@ -139,7 +141,7 @@ class Modes(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        moving = total(parts(self.eta))
+        moving = self.oscillators.moving
         return moving if self.carried is None else moving + self.carried
 
     @property
@@ -153,8 +155,10 @@ class Modes(AbstractSuperstructure):
 
     def resolved(self) -> AbstractSuperstructure:
         if self.count == 1 and self.carried is None:
-            return self.oscillators[0]
-        return Oscillators(self.oscillators, self.carried)
+            zeta = parts(as_many(self.zeta, 1))
+            return Elastic(*(y[0] for y in (parts(self.eta), parts(self.T), zeta)))
+        found = self.oscillators
+        return Oscillators(found.eta, found.T_s, found.zeta, self.carried)
 
 
 def with_fields(superstructure, values):

@@ -30,7 +30,7 @@ from rockjax._types import Number
 from .building import ShearBuilding
 from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
 from .restitution import Restitution, as_restitution
-from .superstructures import AbstractSuperstructure, Elastic, Rigid, total, uplifted_squares
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, uplifted_squares
 
 
 class Podium(eqx.Module):
@@ -176,10 +176,11 @@ class Podium(eqx.Module):
     def apart(self) -> tuple[Number, Number]:
         """Mass ratios of what moves with the beam, and of what does not."""
         top = self.superstructure
-        if top is None or not top.elastic:
+        found = None if top is None else top.oscillators
+        if top is None or found is None:
             return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
-        moving, carried = total(tuple(mode.eta for mode in top.oscillators)), top.carried
-        return (self.gamma if carried is None else self.gamma + carried), moving
+        carried = top.carried
+        return (self.gamma if carried is None else self.gamma + carried), found.moving
 
     @property
     def uplift_ground_acceleration(self) -> Number:
@@ -253,7 +254,7 @@ class Podium(eqx.Module):
         without an elastic superstructure: nothing oscillates.
         """
         top = self._vibrating("uplifted_frequency")
-        if not isinstance(top, Elastic):
+        if isinstance(top, Oscillators):
             return self.uplifted_frequencies[..., -1]
         heavy = self.lam + 1 + 4 * self.gamma
         if self.restrainers:
@@ -268,7 +269,7 @@ class Podium(eqx.Module):
 
         Linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
         """
-        modes = self._vibrating("uplifted_frequencies").oscillators
+        modes = self._vibrating("uplifted_frequencies")
         gamma, eta = self.apart
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
@@ -279,11 +280,12 @@ class Podium(eqx.Module):
             squares = squares.at[..., 0].set(0.0)
         return jnp.sqrt(squares)
 
-    def _vibrating(self, name: str) -> AbstractSuperstructure:
+    def _vibrating(self, name: str) -> Elastic | Oscillators:
         top = self.superstructure
-        if top is None or not top.elastic:
+        found = None if top is None else top.oscillators
+        if found is None:
             raise ValueError(f"Podium.{name}: only something elastic oscillates, such as Elastic(...)")
-        return top
+        return found
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
         """The larger root of (C15), heavy = 1+λ+4γ."""

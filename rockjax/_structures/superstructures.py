@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from rockjax._checks import as_number, not_negative, require
 from rockjax._repr import card, readable
-from rockjax._types import Number
+from rockjax._types import Array, Number
 
 from .eigen import eigh
 
@@ -27,8 +27,8 @@ class AbstractSuperstructure(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def oscillators(self) -> tuple[Elastic, ...]:
-        """What vibrates, each of a number for every podium of a batch; how many is known before tracing."""
+    def oscillators(self) -> Elastic | Oscillators | None:
+        """What vibrates; None where nothing does, known before tracing as is how many there are."""
 
     @property
     @abc.abstractmethod
@@ -48,7 +48,8 @@ class AbstractSuperstructure(eqx.Module):
     @property
     def count(self) -> int:
         """The number of oscillators."""
-        return len(self.oscillators)
+        found = self.oscillators
+        return 0 if found is None else found.count
 
     @property
     def several(self) -> bool:
@@ -56,8 +57,9 @@ class AbstractSuperstructure(eqx.Module):
         return False
 
     @property
-    def floors(self) -> tuple[tuple[Number, ...], ...] | None:
-        """Γ_i φ_ji of the floors j and the modes i, (C11); None where there are no floors."""
+    def floors(self) -> Array | None:
+        """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None where there are no
+        floors."""
         return None
 
     def split(self) -> Self:
@@ -104,8 +106,17 @@ class Elastic(AbstractSuperstructure):
         return 2 * math.pi / self.T_s
 
     @property
-    def oscillators(self) -> tuple[Elastic, ...]:
-        return (self,)
+    def oscillators(self) -> Elastic:
+        return self
+
+    @property
+    def count(self) -> int:
+        return 1
+
+    @property
+    def moving(self) -> Number:
+        """Mass ratio of what vibrates [–]."""
+        return self.eta
 
     @property
     def carried(self) -> None:
@@ -128,8 +139,8 @@ class Rigid(AbstractSuperstructure):
         not_negative("Rigid", eta=self.eta)
 
     @property
-    def oscillators(self) -> tuple[Elastic, ...]:
-        return ()
+    def oscillators(self) -> None:
+        return None
 
     @property
     def carried(self) -> Number:
@@ -145,15 +156,32 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Several oscillators, as the engine takes them; see [`rockjax.Modes`][]."""
+    """Several oscillators, as the engine takes them: rows over the modes along a last axis; see
+    [`rockjax.Modes`][]."""
 
-    each: tuple[Elastic, ...]
+    eta: Array
+    T_s: Array
+    zeta: Array  # one number for all of them, or a row
     residual: Number | None = None
-    shapes: tuple[tuple[Number, ...], ...] | None = None
+    shapes: Array | None = None
 
     @property
-    def oscillators(self) -> tuple[Elastic, ...]:
-        return self.each
+    def omega_s(self) -> Array:
+        """Fixed-base circular frequencies [rad/s]."""
+        return 2 * math.pi / self.T_s
+
+    @property
+    def oscillators(self) -> Oscillators:
+        return self
+
+    @property
+    def count(self) -> int:
+        return self.eta.shape[-1]
+
+    @property
+    def moving(self) -> Number:
+        """Mass ratio of what vibrates [–]."""
+        return self.eta.sum(axis=-1)
 
     @property
     def carried(self) -> Number | None:
@@ -161,29 +189,19 @@ class Oscillators(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        moving = total(tuple(mode.eta for mode in self.each))
-        return moving if self.residual is None else moving + self.residual
+        return self.moving if self.residual is None else self.moving + self.residual
 
     @property
     def several(self) -> bool:
         return True
 
     @property
-    def floors(self) -> tuple[tuple[Number, ...], ...] | None:
+    def floors(self) -> Array | None:
         return self.shapes
-
-    def __check_init__(self):
-        if not self.each:
-            raise ValueError("Oscillators: there must be at least one; without any use Rigid(eta)")
-
-
-def total(terms: tuple[Number, ...]) -> Number:
-    """The sum of at least one term, without a zero before it."""
-    return sum(terms[1:], terms[0])
 
 
 def uplifted_squares(
-    oscillators: tuple[Elastic, ...], inertia: Number, stiffness: Number, cos_alpha: Number
+    oscillators: Elastic | Oscillators, inertia: Number, stiffness: Number, cos_alpha: Number
 ) -> Number:
     """The squares x of the n+1 circular frequencies on lifted columns, ascending along the last axis
     [rad²/s²].
@@ -192,12 +210,13 @@ def uplifted_squares(
     eigenvalues of a symmetric matrix that is bordered by one row, of the rotation and of the oscillators over
     the roots of their masses.
     """
-    squares = jnp.stack([mode.omega_s**2 for mode in oscillators], axis=-1)
-    masses = 3 * jnp.stack([mode.eta for mode in oscillators], axis=-1)
+    squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
+    if isinstance(oscillators, Elastic):
+        squares, masses = squares[..., None], masses[..., None]
     inertia, stiffness, cos_alpha = (jnp.asarray(y)[..., None] for y in (inertia, stiffness, cos_alpha))
     corner = (stiffness + cos_alpha**2 * jnp.sum(masses * squares, axis=-1, keepdims=True)) / inertia
     border = -cos_alpha * jnp.sqrt(masses / inertia) * squares
-    size = len(oscillators) + 1
+    size = oscillators.count + 1
     matrix = jnp.zeros((*jnp.broadcast_shapes(corner.shape[:-1], border.shape[:-1]), size, size))
     matrix = matrix.at[..., 0, 0].set(corner[..., 0])
     matrix = matrix.at[..., 0, 1:].set(border).at[..., 1:, 0].set(border)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import functools
+import re
+import unicodedata
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib.pyplot as plt
 from cycler import cycler
 from matplotlib.axes import Axes
+
+from rockjax._parameters.table import entry_of
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -21,30 +25,15 @@ COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
 OVERTURNED = "0.85"  # of cells without an answer that is of interest
-_SYMBOLS = {
-    "alpha": r"\alpha",
-    "tan_alpha": r"\tan\alpha",
-    "width": "2B",
-    "height": "2H",
-    "gamma": r"\gamma",
-    "eta": r"\eta",
-    "lam": r"\lambda",
-    "zeta": r"\zeta",
-    "restitution": "e",
-    "prestress": r"\tau",
-    "stiffness": r"\kappa",
-    "coefficient": r"\delta",
-    "exponent": r"\nu",
-    "inertance_ratio": r"\mu",
-    "scale": "f",
-    "dt": r"\Delta t",
-    "t_start": "t_0",
-}
 
 
 def symbol_of(parameter: str) -> str:
-    """The symbol of a parameter in formulas of pictures."""
-    return _SYMBOLS.get(parameter, parameter.rpartition(".")[2])
+    """The symbol of a parameter in formulas of pictures, which take Greek letters as they are."""
+    entry = entry_of(parameter)
+    if entry is None:
+        return parameter.rpartition(".")[2]
+    symbol = re.sub("(.)\N{COMBINING DIAERESIS}", r"\\ddot{\1}", unicodedata.normalize("NFD", entry.symbol))
+    return symbol.replace("tan ", r"\tan ")
 
 
 # For `with plt.style.context(plots.STYLE): …`, or `plt.style.use(plots.STYLE)`.

@@ -278,18 +278,11 @@ def test_batches_histories_and_segments_agree():
 
 @pytest.mark.slow
 def test_twenty_stories():
-    building = rj.ShearBuilding.uniform(20, eta=30.0, T=1.2, modes=2)
-    structure = podium(building)
-    found = rj.peak_response(structure, rj.OneSine(2.5, T_P), t_end=1.6, options=FINE)
-    check(found, independent(frame_of(building.modes, building.shapes), 2.5))
-
-
-def test_more_modes_than_can_be_compiled_are_refused():
-    building = rj.ShearBuilding.uniform(20, eta=30.0, T=1.2)
-    assert building.frequencies.shape == (20,)
-    for answer in (rj.peak_response, rj.simulate, rj.peak_responses, rj.overturning_scale):
-        with pytest.raises(ValueError, match=r"at most 8 modes are simulated, got 20; keep the lowest"):
-            answer(podium(building), rj.OneSine(3.5, T_P))
+    """All modes, and the lowest two of them, in the rows of a batch too."""
+    for modes in (None, 2):
+        building = rj.ShearBuilding.uniform(20, eta=30.0, T=1.2, modes=modes)
+        found = rj.peak_response(podium(building), rj.OneSine(2.5, T_P), t_end=1.6, options=FINE)
+        check(found, independent(frame_of(building.modes, building.shapes), 2.5))
 
 
 def operations(jaxpr) -> int:
@@ -302,7 +295,7 @@ def operations(jaxpr) -> int:
 
 
 def test_what_a_mode_costs():
-    """A trial step with n modes has at most (1+n)/2 times the operations of one with one."""
+    """Modes are rows: how many there are changes nothing in the program but their length."""
 
     def of_trial(top) -> int:
         structure, options = podium(top).split(), rj.Options()
@@ -313,8 +306,8 @@ def test_what_a_mode_costs():
 
     one = of_trial(rj.Elastic(30.0, 0.5))
     assert of_trial(rj.Modes([30.0], [0.5])) == one
-    for n in (2, 5):
-        assert of_trial(rj.Modes([30.0 / n] * n, np.linspace(0.6, 0.1, n))) < 0.5 * (1 + n) * one
+    of_many = [of_trial(rj.Modes([30.0 / n] * n, np.linspace(0.6, 0.1, n))) for n in (2, 20)]
+    assert of_many[0] == of_many[1] < 1.05 * one
 
 
 def test_parameters_by_name():

@@ -4,9 +4,12 @@ tests.engine.typed`.
 In a process of its own: the checks must be there before rockjax is imported. Nothing is compiled.
 """
 
+import typing
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from beartype.door import is_bearable
 from jaxtyping import TypeCheckError, install_import_hook
 
 jax.config.update("jax_enable_x64", True)
@@ -17,6 +20,7 @@ with install_import_hook("rockjax._engine", "beartype.beartype"):
     import rockjax as rj
     from rockjax._engine import transitions
     from rockjax._engine.coefficients import coefficients
+    from rockjax._engine.scene import plan_for, prepare
     from rockjax._engine.solve import _solve
     from rockjax._results import REST
 
@@ -24,6 +28,13 @@ PODIUMS = {
     "block": rj.Podium(0.2, 1.5),
     "rigid": rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0)),
     "elastic": rj.Podium(0.15, 1.5, 10.0, rj.Elastic(50.0, 0.5)),
+}
+DEVICES = rj.Tendon(5.0, 60.0), rj.Damper(3.0, 0.5), rj.Inerter(8.0)
+BUILDING = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=2)
+MORE = {
+    "tendon": PODIUMS["rigid"].replace(restrainers=DEVICES[:1]),
+    "two modes": PODIUMS["rigid"].replace(superstructure=rj.Modes([24.0, 6.0], [0.5, 0.15])),
+    "building with devices": PODIUMS["rigid"].replace(superstructure=BUILDING, restrainers=DEVICES),
 }
 RECORD = rj.Record(4 * np.sin(0.1 * np.arange(200)), 0.02)
 MOTIONS = {
@@ -33,6 +44,7 @@ MOTIONS = {
     "table": rj.Records.of([RECORD, RECORD]).pick(0),
     "rest": rj.Rest(),
 }
+PAIR = rj.GroundMotion(MOTIONS["pulse"], rj.Ricker(1.0, 0.5))
 EVERY = ("peak_rotation", "peak_deformation", "peak_shear", "impacts")
 OPTIONS = {
     "peaks": (rj.Options(outputs=EVERY), None),
@@ -48,7 +60,40 @@ def rotation(podium, motion):
     return floats["peak_rotation"]
 
 
+def check_fields(found, where: str) -> None:
+    """Raise `TypeError` for a field that does not hold what it is typed as: None without saying so, above
+    all."""
+    for name, hint in typing.get_type_hints(type(found)).items():
+        value = getattr(found, name)
+        if not is_bearable(value, hint):
+            raise TypeError(f"{where}: {name} is {value!r}, typed {hint}")
+        if hasattr(value, "_fields"):
+            check_fields(value, f"{where}.{name}")
+
+
+def check_scene(name: str, podium, motion) -> None:
+    """Every field of a scene and of its state."""
+    options = rj.Options(outputs=(*EVERY, "peak_drift", "peak_floor_acceleration", "margin"))
+    plan = plan_for(podium, options, history=False)
+
+    def checked():
+        podium_, motion_, start = jax.tree.map(jnp.asarray, (podium.split(), motion, REST))
+        for part in prepare(podium_, motion_, start, None, options, plan):
+            check_fields(part, f"{name}, {type(part).__name__}")
+
+    jax.eval_shape(checked)
+
+
 def main() -> None:
+    for name, podium in (PODIUMS | MORE).items():
+        check_scene(name, podium, PAIR)
+        check_scene(name, podium, MOTIONS["pulse"])
+    for name in ("two modes", "building with devices"):
+        for what in ("peaks", "margin", "history"):
+            options, history = OPTIONS[what]
+            scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, h)
+            jax.eval_shape(scene, MORE[name].split(), PAIR)
+            print(what, name, flush=True)
     for what, (options, history) in OPTIONS.items():
         for name, podium in PODIUMS.items():
             for kind, motion in MOTIONS.items():

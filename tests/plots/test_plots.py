@@ -6,6 +6,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray
@@ -18,7 +19,9 @@ from rockjax._cli import app
 from rockjax._engine import model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import energy, potential
+from rockjax._parameters.table import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
+from rockjax.plots._style import symbol_of
 from tests.scenes import PODIUMS, G, pulse, shaking
 
 AXES = (
@@ -121,6 +124,18 @@ def test_curves_hold_the_numbers(responses, histories, kind):
     np.testing.assert_allclose(first[:, 1], e * first[:, 0], rtol=1e-9)
     before = np.asarray(response(response.impact_times[:5], left=True).theta_dot)
     np.testing.assert_allclose(first[:, 0], before / (p * alpha), rtol=1e-12)
+
+
+def test_symbols_of_formulas_are_those_of_the_table():
+    assert symbol_of("structure.alpha") == "α" == STRUCTURE["alpha"].symbol
+    assert symbol_of("tan_alpha") == r"\tan α"
+    assert symbol_of("superstructure.T_s") == "T_s"
+    assert symbol_of("vertical_ratio") == r"\ddot{v}_g/\ddot{u}_g"
+    assert symbol_of("restrainers.of_my_own") == "of_my_own"
+    figure = plt.figure()
+    for name in (*STRUCTURE, *MOTION):
+        figure.text(0.5, 0.5, f"${symbol_of(name)}$")
+    figure.canvas.draw()  # matplotlib reads each of them
 
 
 def test_saddles_and_separatrices():
