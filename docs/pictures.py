@@ -1,5 +1,5 @@
-"""Draws the pictures of one scene, of `pictures.md` and the README, and sensitivity spectra, of
-`sensitivities.md`: `python docs/pictures.py`."""
+"""Draws the pictures of one scene, of `pictures.md` and the README, sensitivity spectra, of
+`sensitivities.md`, and a design point, of `risk.md`: `python docs/pictures.py`."""
 
 from __future__ import annotations
 
@@ -35,6 +35,9 @@ def main() -> None:
         write_figure(IMAGES / f"{name}.png", ax.figure)
     plots.save_animation(IMAGES / "rocking.gif", data, start=-0.8, end=6.0, fps=20, dpi=80, exaggerate=2.0)
     write_figure(IMAGES / "sensitivity-spectra.png", plots.sensitivity_spectra(sensitivities()))
+    block = rj.Podium(alpha=0.2, R=1.0)
+    nearest = rj.design_points(block, rj.GaussianMotion(n=101, dt=0.05, S_0=0.01), starts=4)[0]
+    write_figure(IMAGES / "design-point.png", plots.design_point(nearest, block))
 
 
 def sensitivities() -> xarray.Dataset:

@@ -75,6 +75,11 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     return excitation.support[1] + after
 
 
+def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
+    """One of two numbers: that of a closer look, by which errors are estimated, or the usual one."""
+    return jnp.where(options.stride < 1, closer, usual)
+
+
 def _longest_step(c: Coefficients) -> Value:
     """As long as rocking, and what vibrates while it lasts, can be seen in [s]."""
     longest = 1 / c.p
@@ -91,7 +96,7 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = jnp.where(options.stride < 1, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
+        excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
     return excited
 
 
@@ -105,7 +110,7 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 def _landing(options: Options) -> Value:
     """The part of a step within which it lands on an event."""
     part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
-    return part * jnp.where(options.stride < 1, LANDED_CLOSER, 1.0)
+    return part * _closer(options, LANDED_CLOSER, 1.0)
 
 
 def _rest_velocity(c: Coefficients, options: Options) -> Value:
@@ -115,7 +120,7 @@ def _rest_velocity(c: Coefficients, options: Options) -> Value:
     """
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
-    return rest * c.p * c.alpha * jnp.where(options.stride < 1, later, 1.0)
+    return rest * c.p * c.alpha * _closer(options, later, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
@@ -151,7 +156,6 @@ def prepare(
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     longest = options.stride * _longest_step(c)
-    closer = options.stride < 1
     excited = _longest_excited(excitation, longest, options)
     scene = Scene(
         c=c,
@@ -162,8 +166,8 @@ def prepare(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
         landing=_landing(options),
-        split=jnp.where(closer, SPLIT_CLOSER, SPLIT),
-        whole=jnp.where(closer, WHOLE_CLOSER, 1.0),
+        split=_closer(options, SPLIT_CLOSER, SPLIT),
+        whole=_closer(options, WHOLE_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         longest=constant(longest),

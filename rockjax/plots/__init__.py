@@ -25,7 +25,7 @@ from ._histories import (
     rotation_history,
 )
 from ._records import record_spectrum
-from ._risk import risk
+from ._risk import design_point, risk
 from ._sensitivities import sensitivity_spectra, sensitivity_spectrum
 from ._spectra import dimensional_axes, rocking_spectrum, rotation_bar, spectra
 from ._stories import stories
@@ -40,6 +40,7 @@ __all__ = [
     "STYLES",
     "animation",
     "deformation_history",
+    "design_point",
     "dimensional_axes",
     "energy_balance",
     "fragility",

@@ -1,4 +1,4 @@
-"""Pictures of risk: hazard, fragility and what each intensity contributes."""
+"""Pictures of risk: hazard, fragility and what each intensity contributes; the motion of a design point."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rockjax._repr import units as written
+from rockjax._responses.simulate import simulate
 
+from ._histories import response
 from ._style import COLOURS, plt, styled
 
 if TYPE_CHECKING:
     import xarray
+
+    from rockjax._risk.rocking import DesignPoint
+    from rockjax._structures import Podium
 
 
 @styled
@@ -50,6 +55,19 @@ def risk(dataset: xarray.Dataset) -> Figure:
     axes[2].set(xlabel=f"{dataset.attrs['measure']} [{_written(unit)}]", xlim=(0.5 * low, 2 * high))
     for ax in axes:
         ax.grid(alpha=0.3, which="both")
+    return figure
+
+
+@styled
+def design_point(point: DesignPoint, podium: Podium) -> Figure:
+    """The motion of a design point, which just makes a structure fail, and the response to it.
+
+    `point` is one of [`rockjax.design_points`][] of the podium.
+    """
+    figure = response(simulate(podium, point.record))
+    impacts = "1 impact" if point.mode == 1 else f"{point.mode} impacts"
+    edge = "" if point.smooth else ", at an edge of the limit state"
+    figure.suptitle(rf"Design point: $\beta$ = {point.beta:.2f}, {impacts}{edge}")
     return figure
 
 

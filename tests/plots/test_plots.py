@@ -138,6 +138,15 @@ def test_symbols_of_formulas_are_those_of_the_table():
     figure.canvas.draw()  # matplotlib reads each of them
 
 
+def test_the_picture_of_a_design_point():
+    block = rj.Podium(0.2, 1.0)
+    point = rj.DesignPoint(np.zeros(3), 2.5, shaking(), 1, False, {"alpha": 3.0})
+    figure = plots.design_point(point, block)
+    title = figure.get_suptitle()
+    assert all(words in title for words in ("2.50", "1 impact,", "edge"))
+    assert [ax.get_ylabel() for ax in figure.axes] == [plots.ROTATION, r"$\ddot u_g$ [g]"]
+
+
 def test_saddles_and_separatrices():
     """θ = ±α is an equilibrium from which the rotation grows, and what starts on a separatrix comes to rest
     there."""

@@ -1,0 +1,106 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Risk
+#
+# How often will these columns fall? First from a fragility curve and the hazard of a site, then from a random
+# ground motion. [Risk](../docs/risk.md) has the formulas, and says what the estimates are worth.
+
+# %%
+import os
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rockjax as rj
+from rockjax import plots
+
+REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small samples, for the tests
+
+# %% [markdown]
+# ## From a fragility curve to an annual frequency
+#
+# A hazard curve says how often each intensity is exceeded, a fragility curve with which probability columns
+# overturn at it. Between the given points the integral of both is a closed form.
+
+# %%
+hazard = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-4, 1.1e-5])
+curve = rj.Lognormal(median=4.0, dispersion=0.45)
+risk = rj.annual_frequency(curve, hazard)
+print(risk)
+print(f"a median higher by 1 %: {float(risk.sensitivities['median']):+.2f} % of the frequency")
+print(f"a dispersion higher by .01: {float(risk.sensitivities['dispersion']):+.2f} % of the frequency")
+plots.risk(rj.disaggregation(curve, hazard))
+
+# %% [markdown]
+# A target, such as $4\cdot10^{-4}$ a year, asks for a median. The frequency falls with it nearly like a
+# power, so that a few steps of Newton's method in logarithms find it.
+
+# %%
+target, median = 4e-4, 4.0
+for _ in range(5):
+    found = rj.annual_frequency(rj.Lognormal(median, 0.45), hazard)
+    median *= float((target / found.frequency) ** (1 / found.sensitivities["median"]))
+print(f"a median of {median:.3f} m/s² has {float(found.frequency):.2e} a year")
+
+# %% [markdown]
+# ## A random ground motion
+#
+# `GaussianMotion` makes records of standard normal numbers. Its peak and its response spectrum are random.
+
+# %%
+motion = rj.GaussianMotion(n=121, dt=0.04, S_0=0.02)
+records = motion.record(motion.samples(5, seed=1))
+fig, ax = plt.subplots(figsize=(8, 3.5), layout="constrained")
+for row in np.asarray(records.acceleration):
+    ax.plot(0.04 * np.arange(row.size), row, lw=0.8)
+ax.plot(0.04 * np.arange(121), motion.standard_deviation(), "k--", label="standard deviation")
+ax.set(xlabel="time [s]", ylabel=r"$\ddot u_g$ [m/s²]")
+ax.legend()
+
+# %% [markdown]
+# ## Probability of overturning
+#
+# Subset simulation reaches a rare event through a chain of frequent ones. Counting gives the same, with many
+# more scenes where the event is rare.
+
+# %%
+block = rj.Podium(alpha=0.2, R=1.0)
+cov = 0.3 if REDUCED else 0.1
+for method in ("subset", "monte-carlo"):
+    found = rj.failure_probability(block, motion, method=method, cov=cov, seed=1)
+    low, high = found.interval
+    print(f"{method}: {found.probability:.3g}, 95 % between {low:.3g} and {high:.3g}, {found.scenes} scenes")
+
+# %% [markdown]
+# How it depends on the slenderness: the stockier the columns, the rarer they fall. (Derivatives of a sampled
+# probability are in the page on risk; a design by it, in the page on design.)
+
+# %%
+alphas = np.linspace(0.18, 0.24, 2 if REDUCED else 5)
+chances = [
+    rj.failure_probability(block.replace(alpha=alpha), motion, method="subset", cov=max(cov, 0.15), seed=1)
+    for alpha in alphas
+]
+fig, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
+middle = np.array([each.probability for each in chances])
+spread = np.abs(np.array([each.interval for each in chances]).T - middle)
+ax.errorbar(np.tan(alphas), middle, yerr=spread, fmt="o-", capsize=3)
+ax.set(xlabel=r"$\tan\alpha$", ylabel="probability of overturning", yscale="log")
+
+# %% [markdown]
+# ## Next
+#
+# - [Risk](../docs/risk.md): files of hazard curves, design points, limit states with known answers
+# - [`05_records_and_fragility`](05_records_and_fragility.py): fragility curves from records
+# - [Design](../docs/design.md): columns for an annual frequency, or for a probability under a random motion
