@@ -94,11 +94,10 @@ def _some(mass: Values) -> Values:
 def _demand_of_springs(c: Coefficients, each: Vibration, contact: Value, swing: Values | None) -> Value:
     """The most that springs add to the demand q in full contact, at given energy; of several modes, from how
     far each can swing."""
-    stiff = each.omega2 + each.damping**2
     if swing is not None:
-        return weighted(each.demand, jnp.sqrt(stiff) * swing)
+        return weighted(each.demand, jnp.sqrt(each.omega2 + each.damping**2) * swing)
     own = each.demand / jnp.sqrt(_some(c.eta))
-    return own * jnp.sqrt(2 * contact * stiff)
+    return own * jnp.sqrt(2 * contact * (each.omega2 + each.damping**2))
 
 
 class _Bounds(NamedTuple):
