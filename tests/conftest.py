@@ -11,6 +11,7 @@ import jax
 import pytest
 
 import rockjax as rj
+from rockjax._programs.kept import QUICK
 from rockjax._programs.program import forget
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -20,7 +21,8 @@ def pytest_configure(config):
     # What is traced anew: at least it is not compiled anew.
     cache = Path(config.rootpath) / ".pytest_cache" / "jax"
     jax.config.update("jax_compilation_cache_dir", str(cache))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+    # Also single operations: another module, or the other worker, asks for the same ones.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def pytest_collection_modifyitems(items):
@@ -46,6 +48,24 @@ def _forget_programs():
     jax.clear_caches()
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+# Where programs of single scenes run a few times only: compiling them without optimisation takes less time.
+# Batches are optimised everywhere; the accuracy is that of programs as users have them.
+UNOPTIMISED, EXCEPT = ("engine", "excitations"), ("test_accuracy",)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compile_quickly(request):
+    usual, quickly = QUICK.copy(), request.path.parent.name in UNOPTIMISED
+    quickly = quickly and request.path.stem not in EXCEPT
+    if quickly:
+        QUICK["xla_backend_optimization_level"] = 0
+        jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    if quickly:
+        QUICK.update(usual)
+        jax.config.update("jax_disable_most_optimizations", False)
 
 
 # Where numbers of different types meet only on purpose. (Of the engine, tests/engine/typed.py looks at that.)

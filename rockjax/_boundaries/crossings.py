@@ -17,8 +17,9 @@ from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
 
-from .first import CLOSE, WIDTH, divisions
+from .first import CLOSE
 from .looked import Known, Look, around_dips, dip
+from .narrowing import narrowed
 from .steps import SPACING, certain, gaps
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
@@ -29,11 +30,8 @@ DOUBTFUL = 0.1  # of 1, to be on the safe side
 REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
-SHARE = 3  # scenes to divide a bracket, more where lanes would be idle: few of them tell the most each
 
 ZOOMS = 4  # closer looks around the lowest dips
-NARROW = 24  # divisions of a bracket at most
-CLOSER = 0.05  # of a bracket is left where a straight line knows the root; else it is divided evenly
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 
 
@@ -119,7 +117,9 @@ def scan(
             )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
         changes = answered.first_changes() if look_closer == "first" else answered.changes()
-        crossings = _narrowed(answered, changes, look, max(CLOSE, NOISE * float(options.rtol)))
+        close = max(CLOSE, NOISE * float(options.rtol))
+        y, impacts = narrowed(answered, changes, look, close, 2 * LANES)
+        crossings = Crossings(answered.line[changes], y, answered.margin[changes] > 0, impacts)
     return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
 
 
@@ -199,43 +199,3 @@ def _refined(known: Known, look: Look, finest: float) -> Known:
         places = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
         known = known.and_also(look(np.repeat(line[at], part.size), places, False))
     return known
-
-
-def _narrowed(known: Known, at: np.ndarray, look: Look, close: float) -> Crossings:
-    over = known.margin <= 0
-    line, overturns = known.line[at], ~over[at]
-    safe, fallen = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
-    # The end that survives, the end that does not, and what is known there.
-    y = np.stack([known.y[safe], known.y[fallen]])
-    margin = np.stack([known.margin[safe], known.margin[fallen]])
-    impacts = known.impacts[fallen].copy()
-    straight = np.ones(line.size, bool)  # the margin goes through zero on a line; else it jumps
-    for _ in range(NARROW):
-        wide = np.flatnonzero(np.abs(y[0] - y[1]) > close * np.abs(y).max(axis=0))
-        if wide.size == 0:
-            break
-        share = min(max(SHARE, 2 * LANES // wide.size), WIDTH)
-        places = divisions(*y[:, wide], *margin[:, wide], count=share, xp=np)
-        part = np.arange(1, share + 1) / (share + 1)
-        even = y[0, wide, None] + (y[1] - y[0])[wide, None] * part
-        places = np.where(straight[wide, None], places, even)
-        # From the surviving end to the other one.
-        places = np.sort(places, axis=1)
-        places = np.where((y[0] < y[1])[wide, None], places, places[:, ::-1])
-        found = look(np.repeat(line[wide], share), places.ravel(), True)
-        value = np.nan_to_num(found.margin, nan=1.0).reshape(places.shape)
-        hits = found.impacts.reshape(places.shape)
-        pad = lambda first, middle, last: np.concatenate([first[:, None], middle, last[:, None]], axis=1)
-        places = pad(y[0, wide], places, y[1, wide])
-        value = pad(margin[0, wide], value, margin[1, wide])
-        hits = pad(impacts[wide], hits, impacts[wide])
-        first = np.argmax(value <= 0, axis=1)
-        rows = np.arange(wide.size)
-        root = y[0, wide] + (y[1] - y[0])[wide] * (margin[0] / (margin[0] - margin[1]))[wide]
-        size = np.abs(y[1] - y[0])[wide]
-        y[0, wide], y[1, wide] = places[rows, first - 1], places[rows, first]
-        inside = np.abs(root - y[:, wide].mean(axis=0)) <= 0.5 * np.abs(y[1] - y[0])[wide]
-        straight[wide] = inside | (np.abs(y[1] - y[0])[wide] < CLOSER * size)
-        margin[0, wide], margin[1, wide] = value[rows, first - 1], value[rows, first]
-        impacts[wide] = hits[rows, first]
-    return Crossings(line, y.mean(axis=0), overturns, impacts)

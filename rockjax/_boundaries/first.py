@@ -24,7 +24,6 @@ WIDTH = 32  # scenes side by side
 DIPS = WIDTH // 2  # the lowest dips that are looked at closer, on both sides …
 ZOOMS = 7  # … so many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
-FEW = 4  # places beside a root
 NARROW = 12  # … or this many divisions of it, whatever comes first
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROWING = range(5)
@@ -207,7 +206,7 @@ def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: 
 
 
 def _divided(state: _State, limit: Array, spacing: Array) -> Array:
-    return jnp.sort(divisions(state.lo, state.hi, state.above, state.below))
+    return jnp.sort(_divisions(state.lo, state.hi, state.above, state.below))
 
 
 def _narrowed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -231,22 +230,18 @@ _ASK = (_coarse_scales, _next_scales, _bracket_scales, _dip_scales, _divided)
 _TELL = (_coarse, _scanned, _confirmed, _zoomed, _narrowed)
 
 
-def divisions(lo, hi, above, below, count: int = WIDTH, xp: Any = jnp):
-    """Scales that divide brackets (…,) with margins `above` > 0 at one end and `below` ≤ 0 at the other: (…,
-    count).
+def _divisions(lo: Array, hi: Array, above: Array, below: Array) -> Array:
+    """Scales that divide a bracket with margins `above` > 0 at one end and `below` ≤ 0 at the other.
 
     Some of them equally spaced, for certainty, the others close around the root of the straight line, for
     speed.
     """
-    near = 3 * count // 8 if count < WIDTH else count // 4
-    spaced = count - 2 * near
-    root = (above / xp.where(above > below, above - below, 1.0))[..., None]
-    even = np.arange(1, spaced + 1) / (spaced + 1)
-    reach = np.logspace(-9 if near > FEW else -6, -1, near)
-    even, reach = (xp.broadcast_to(y, (*root.shape[:-1], y.size)) for y in (even, reach))
-    part = xp.concatenate([even, root - reach, root + reach], axis=-1)
-    lo, hi = lo[..., None], hi[..., None]
-    return xp.clip(lo + (hi - lo) * part, xp.minimum(lo, hi), xp.maximum(lo, hi))
+    near = WIDTH // 4
+    spaced = WIDTH - 2 * near
+    root = above / jnp.where(above > below, above - below, 1.0)
+    even, reach = np.arange(1, spaced + 1) / (spaced + 1), np.logspace(-9, -1, near)
+    part = jnp.concatenate([even, root - reach, root + reach])
+    return jnp.clip(lo + (hi - lo) * part, jnp.minimum(lo, hi), jnp.maximum(lo, hi))
 
 
 def _first(margin: Array) -> tuple[Array, Array]:

@@ -23,10 +23,24 @@ def around(x: float) -> np.ndarray:
     return np.array([x - FAR, *(x + k * np.spacing(x) for k in ULPS), x + FAR])
 
 
+def side_by_side(function, y, times) -> tuple[np.ndarray, np.ndarray]:
+    """`function(y, time)` and its Jacobian by y at all times, solved once for both."""
+
+    def at(time):
+        def twice(y):
+            value = function(y, time)
+            return value, value
+
+        slopes, values = jax.jacfwd(twice, has_aux=True)(y)
+        return values, slopes
+
+    values, slopes = jax.jit(jax.vmap(at))(jnp.asarray(times))
+    return np.asarray(values), np.asarray(slopes)
+
+
 def continuous(function, y, times, rtol: float = 1e-6) -> np.ndarray:
     """Check `function(y, time)`, an array of answers, and its Jacobian by y. Returns the Jacobians."""
-    at = jax.jit(jax.vmap(lambda time: (function(y, time), jax.jacfwd(function)(y, time))))
-    values, slopes = (np.asarray(a) for a in at(jnp.asarray(times)))
+    values, slopes = side_by_side(function, y, times)
     assert np.all(np.isfinite(values))
     assert np.all(np.isfinite(slopes))
     scale = np.abs(values).max(axis=0) + np.abs(slopes).max(axis=(0, 2))
@@ -141,8 +155,7 @@ def test_an_uplift_on_a_sample(after):
         return jnp.stack([peak.peak_rotation, jnp.where(peak.uplifted, peak.uplift_time, 0.0)])
 
     scales = threshold + np.spacing(threshold) * np.array([1, 2, 5, 64, 4_000_000])
-    at = jax.jit(jax.vmap(lambda scale: (answers(y, scale), jax.jacfwd(answers)(y, scale))))
-    values, slopes = at(jnp.asarray(scales))
+    values, slopes = side_by_side(answers, y, scales)
     np.testing.assert_allclose(values[:, 1], 0.4, rtol=1e-8)
     np.testing.assert_allclose(slopes, np.broadcast_to(slopes[-1], slopes.shape), rtol=1e-6, atol=1e-9)
     # the last rise of the record: a(t) = scale · t/(4 dt)

@@ -504,10 +504,11 @@ TARGETS = {
     "rotation": optimise.PeakRotation(0.4, MOTIONS),
     "shear": optimise.PeakShear(0.5, MOTIONS),
     "overturning": optimise.NoOverturning(MOTIONS),
-    # What the acceleration is over moves too; the median takes in every scale.
-    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True),
-    "median": optimise.MedianCapacity(1.5, MOTIONS),
-    "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS),
+    # What the acceleration is over moves too; the median takes in every scale. No window here is so narrow
+    # that the usual width would find another boundary.
+    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True, width=1e-3),
+    "median": optimise.MedianCapacity(1.5, MOTIONS, width=1e-3),
+    "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS, width=1e-3),
     "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
 }
 
@@ -520,6 +521,8 @@ def test_margins_have_exact_derivatives(name):
     target = TARGETS[name]
     elastic = name in ("rotation", "shear")
     podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
+    if name == "risk":  # records up to many times their strength: fewer impacts where more is lost at them
+        podium = podium.replace(restitution=0.9)
     options = rj.Options(rtol=1e-11, atol=1e-13, throw=False)
 
     def margins(width):
