@@ -16,8 +16,8 @@ import numpy as np
 from .looked import Known, Look
 
 SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
-TRUST = 0.5  # of the reaches of two neighbours
-FARTHEST = 12  # spacings that neighbours are apart at most
+TRUST = 0.25  # of the reaches of two neighbours
+FARTHEST = 6  # spacings that neighbours are apart at most
 PARTS = 16  # of an interval at once
 ROUND = 2048  # scenes of all lines that go up side by side …
 LEAST = 64  # … of one line at least

@@ -126,7 +126,7 @@ class Smooth(Motion):
 
 
 def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch):
-    """Some six widths wide, at depths that let them open: they are found with a tenth of the places."""
+    """Some six widths wide, at depths that let them open: they are found with a quarter of the places."""
     motions = [Smooth(dip=dip) for dip in np.linspace(0.2, 0.9, 12)]
     found = scanned(motions, monkeypatch)
     first, _ = found.crossings.table(len(motions))
@@ -136,7 +136,7 @@ def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch)
         expected = over[0] if over.size else math.nan
         assert first[k, 0] == pytest.approx(expected, abs=1e-5, nan_ok=True)
     assert np.all(found.certain <= WIDTH)
-    assert found.scenes < len(motions) * 0.15 / WIDTH
+    assert found.scenes < len(motions) * 0.25 / WIDTH
 
 
 def test_nothing_below_the_uplift_is_looked_at(monkeypatch):
@@ -222,3 +222,16 @@ def test_windows_of_records_under_jit_and_vmap():
 def test_searches_that_make_no_sense(change, words):
     with pytest.raises(ValueError, match=words):
         rj.overturning_boundary(RIGID, SHAKEN, **change)
+
+
+@pytest.mark.slow
+def test_a_window_that_neighbours_twice_as_far_apart_miss():
+    """2.4 widths wide; the next boundary is 2.8257, where the column overturns as well."""
+    podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Elastic(50.0, 0.2, 0.05))
+    pulse = rj.MavroeidisPapageorgiou(0.15, 1.0, 3.0, 1.0)
+    shaken = rj.synthetic_motions(24, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulse)
+    record = shaken.records()[23]
+    limit = 10 * G * 0.15 / float(np.abs(np.asarray(record.acceleration)).max())
+    found = rj.overturning_boundary(podium, record, max_scale=limit)
+    assert float(found.scale) == pytest.approx(2.819391740192, rel=1e-10)
+    assert float(found.certain_width) <= 1e-4 * limit
