@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.together import apparent_mass, stiffness
-from rockjax._structures import Elastic, Podium
+from rockjax._structures import Podium
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values
 
@@ -145,14 +145,12 @@ def _vibration(podium: Podium) -> Vibration | None:
     if modes is None:
         return None
     gamma, _ = podium.apart
-    # Of several modes without derivatives: it is for the lengths of steps.
-    own = podium if isinstance(modes, Elastic) else jax.lax.stop_gradient(podium)
     return Vibration(
         coupling=1.5 * modes.eta / podium.R,
         demand=2 * modes.eta / (1 + 2 * gamma),
         omega2=modes.omega_s**2,
         damping=2 * modes.zeta * modes.omega_s,
-        uplifted_frequency=own.uplifted_frequency,
+        uplifted_frequency=podium.fastest_frequency(),
         several=_several(modes) if isinstance(modes, Oscillators) else None,
     )
 

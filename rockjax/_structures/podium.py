@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -30,7 +31,14 @@ from rockjax._types import Number
 from .building import ShearBuilding
 from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
 from .restitution import Restitution, as_restitution
-from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, uplifted_squares
+from .superstructures import (
+    AbstractSuperstructure,
+    Elastic,
+    Oscillators,
+    Rigid,
+    largest_uplifted_square,
+    uplifted_squares,
+)
 
 
 class Podium(eqx.Module):
@@ -270,15 +278,28 @@ class Podium(eqx.Module):
         Linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
         """
         modes = self._vibrating("uplifted_frequencies")
+        squares = uplifted_squares(modes, *self._lifted())
+        if stiffness(self.restrainers) is None:  # but for rounding
+            squares = squares.at[..., 0].set(0.0)
+        return jnp.sqrt(squares)
+
+    def _lifted(self) -> tuple[Number, Number, Number]:
+        """Of (C15): Λ, k and cos α."""
         gamma, eta = self.apart
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 3 * gamma + 0.75 * (1 + self.lam) + 3 * (eta + (0.0 if mu is None else mu)) * sin2
         against = jnp.zeros_like(sin2) if kappa is None else 4 * self.p**2 * kappa * sin2
-        squares = uplifted_squares(modes, inertia, against, jnp.cos(self.alpha))
-        if kappa is None:  # but for rounding
-            squares = squares.at[..., 0].set(0.0)
-        return jnp.sqrt(squares)
+        return inertia, against, jnp.cos(self.alpha)
+
+    def fastest_frequency(self) -> Number:
+        """`uplifted_frequency` of one podium, for the lengths of steps: without derivatives where there are
+        several modes."""
+        top = self._vibrating("uplifted_frequency")
+        if isinstance(top, Elastic):
+            return self.uplifted_frequency
+        lifted = jax.lax.stop_gradient((top, *self._lifted()))
+        return jnp.sqrt(largest_uplifted_square(*lifted))
 
     def _vibrating(self, name: str) -> Elastic | Oscillators:
         top = self.superstructure

@@ -89,6 +89,17 @@ def test_frequencies_on_lifted_columns():
     )
 
 
+@pytest.mark.parametrize(
+    "top", [TWO, rj.Modes([24.0, 0.0], [0.5, 0.15]), rj.Modes([20.0, 10.0], [0.5, 0.5]), BUILDING]
+)
+def test_the_largest_frequency_on_lifted_columns_alone(top):
+    """Without the eigenvalues: where modes are alike or without mass, too."""
+    for devices in ((), (rj.Tendon(1.0, 50.0), rj.Inerter(3.0))):
+        structure = podium(top, *devices)
+        found, expected = structure.fastest_frequency(), structure.uplifted_frequency
+        assert float(found) == pytest.approx(float(expected), rel=1e-14)
+
+
 def test_what_is_left_out_moves_with_the_beam():
     kept = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=1)
     assert kept.modes.residual == pytest.approx(float(BUILDING.modes.eta[1:].sum()), rel=1e-14)
@@ -141,9 +152,13 @@ def test_modes_of_one_period_are_one_mode():
 def test_a_mode_without_mass_changes_nothing():
     pulse = rj.OneSine(PULSE, T_P)
     whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=FINE)
-    more = rj.peak_response(podium(rj.Modes((0.0, 30.0), (0.2, 0.5))), pulse, options=FINE)
+    structure = podium(rj.Modes((0.0, 30.0), (0.2, 0.5)))
+    more = rj.peak_response(structure, pulse, options=FINE)
     check_same(more, whole)
     assert float(more.peak_deformation[1]) == pytest.approx(float(whole.peak_deformation), abs=1e-10)
+    # At rest each mode swings for itself, and its largest deformation is certain without any mass.
+    survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=FINE)
+    assert survives.result == rj.RESULTS.settled
     none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, t_end=2.0)
     assert np.isfinite(none.peak_shear)
     assert np.all(np.isfinite(none.peak_deformation))
