@@ -10,7 +10,7 @@ from ._design import design
 from ._explore import Explorer, explore
 from ._failure import FailureProbability
 from ._fit import Fit, fit
-from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
+from ._objectives import AbstractObjective, ExpectedLoss, WorstDeformation, WorstRotation, WorstShear
 from ._pictures import before_after, convergence
 from ._problem import Problem, load
 from ._results import RESULTS
@@ -34,6 +34,7 @@ __all__ = [
     "AnnualFrequency",
     "Design",
     "Dimensions",
+    "ExpectedLoss",
     "Explorer",
     "FailureProbability",
     "Fit",

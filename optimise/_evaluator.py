@@ -131,13 +131,17 @@ def _passed(item: Any) -> Any:
 def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
     """A function of the user's own is traced by itself: what it makes of a podium tells later processes
     which one it is."""
-    if not isinstance(objective, OfPodium) or isinstance(objective.function, TracedFunction):
-        return objective
     like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
-    try:
-        return OfPodium(TracedFunction(objective.function, like))
-    except Exception:  # whatever is wrong with it is said where it is evaluated
-        return objective
+
+    def named(part: Any) -> Any:
+        if not isinstance(part, OfPodium) or isinstance(part.function, TracedFunction):
+            return part
+        try:
+            return OfPodium(TracedFunction(part.function, like))
+        except Exception:  # whatever is wrong with it is said where it is evaluated
+            return part
+
+    return jax.tree.map(named, objective, is_leaf=lambda part: isinstance(part, OfPodium))
 
 
 @functools.partial(KeptProgram, arrays_only=True)
@@ -179,8 +183,11 @@ class Evaluator:
         self.sampled = sampled
         self.width, self.inside, self.bar = len(points), inside, bar
         self.options, self.certain = traced(options), problem
+        objective = problem.objective
         self.problem = dataclasses.replace(
-            problem, targets=tuple(target.while_searching() for target in problem.targets)
+            problem,
+            objective=None if objective is None else objective.while_searching(),
+            targets=tuple(target.while_searching() for target in problem.targets),
         )
         self.evaluations, self.sizes = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
 
 import rockjax as rj
+from rockjax.internal import of_kind
 
+from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
-from ._targets import AbstractResponses, severity
+from ._targets import AbstractResponses, check_limit, severity
 
 
 class AbstractObjective(eqx.Module):
@@ -26,6 +28,10 @@ class AbstractObjective(eqx.Module):
     @abc.abstractmethod
     def describe(self) -> str:
         """The objective in words."""
+
+    def while_searching(self) -> Self:
+        """What is cheaper while the design is searched, and close enough there."""
+        return self
 
     @property
     def scenes(self) -> int:
@@ -109,3 +115,39 @@ class OfPodium(AbstractObjective):
     def describe(self) -> str:
         name = getattr(self.function, "__name__", "")
         return "objective" if name in ("", "<lambda>") else name
+
+
+class ExpectedLoss(AbstractObjective):
+    """What the columns cost, and what is lost in a year when they overturn: function(podium) + loss · λ_f.
+
+    - `function`: of the podium, a number in the currency of the loss: the cost of building it, a year
+    - `loss`: in one overturning, > 0 [in that currency]
+    - `risk`: how often they overturn, λ_f [1/year]; its `at_most` is not looked at. It may be a target too.
+
+    Raises `ValueError` for arguments that make no sense.
+    """
+
+    cost: OfPodium
+    loss: Any
+    risk: AnnualFrequency
+
+    def __init__(self, function: Callable[[rj.Podium], Any], loss, risk: AnnualFrequency):
+        owner = type(self).__name__
+        if not callable(function):
+            raise ValueError(f"{owner}: function must be a function of a podium, got {function!r}")
+        check_limit(owner, "loss", loss)
+        of_kind(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
+        self.cost, self.loss, self.risk = OfPodium(function), float(loss), risk
+
+    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        return self.cost.values(podium, options) + self.loss * self.risk.frequency(podium, options)
+
+    def while_searching(self) -> Self:
+        return eqx.tree_at(lambda o: o.risk, self, self.risk.while_searching())
+
+    @property
+    def scenes(self) -> int:
+        return self.risk.scenes
+
+    def describe(self) -> str:
+        return f"{self.cost.describe()} and expected loss"

@@ -80,7 +80,10 @@ class SampledTargets:
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
             podium, slopes = self._numbers(x)
-            self._known[key] = {k: self._row(sampled, podium, slopes) for k, sampled in self._all().items()}
+            still = np.zeros(np.size(x))
+            self._known[key] = {
+                k: self._row(sampled, podium, slopes, still) for k, sampled in self._all().items()
+            }
         return self._known[key]
 
     def _all(self) -> dict[int, Sampled]:
@@ -92,9 +95,9 @@ class SampledTargets:
         return self._sampled
 
     @staticmethod
-    def _row(sampled: Sampled, podium: rj.Podium, slopes: dict[str, Vector]) -> Row:
+    def _row(sampled: Sampled, podium: rj.Podium, slopes: dict[str, Vector], still: Vector) -> Row:
         found = sampled.at(podium, tuple(slopes))
-        return Row(found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), np.zeros(1)))
+        return Row(found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), still))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
         """Take independent samples at a point: whether there are new ones, and whether one differs from what
