@@ -132,7 +132,7 @@ class Given:
         if table is None and by_dimensions:
             return _over_dimensions({}, explicit)
         if table is None:
-            left_out = ("T_s", "zeta") if isinstance(flags, Panels) else ()
+            left_out = ("T_s", "zeta", "stories") if isinstance(flags, Panels) else ()
             values = {
                 name: value
                 for name, value in flags.values().items()

@@ -28,6 +28,7 @@ from rockjax._structures import (
     GivenRestitution,
     Podium,
     Rigid,
+    ShearBuilding,
     g_tan_alpha,
 )
 
@@ -78,6 +79,8 @@ def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
     if top is None or not top.rows:
         return about
     about["eta"] = float(top.mass_ratio)
+    if isinstance(top, ShearBuilding):
+        about["stories"] = top.stories
     if top.oscillators is not None:
         about["T_s_s"] = float(np.max(np.asarray(top.oscillators.T_s)))  # the longest
     numbers = {field.name: getattr(top, field.name) for field in dataclasses.fields(top)}

@@ -63,7 +63,9 @@ def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
 def title_of(panels: xarray.Dataset) -> str:
     a = panels.attrs
     beam = "" if _is_block(panels) else rf"$\gamma = {a['gamma']:g}$, "
-    return rf"{a['pulse']} pulse, {beam}$R = {a['R_m']:.4g}$ m, $\tan\alpha = {math.tan(a['alpha_rad']):.4g}$"
+    stories = f", {a['stories']:g} stories" if "stories" in a else ""
+    columns = rf"$R = {a['R_m']:.4g}$ m, $\tan\alpha = {math.tan(a['alpha_rad']):.4g}$"
+    return f"{a['pulse']} pulse, {beam}{columns}{stories}"
 
 
 def mass_of(panels: xarray.Dataset, ratio: float) -> str:

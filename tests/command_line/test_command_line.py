@@ -161,6 +161,13 @@ def panels(*arguments, table=None):
     return given.panels(flags)
 
 
+def test_panels_of_buildings():
+    found = panels("--eta", 30, "--gamma", 10, "--T-s", "0.5,1", "--stories", 3)
+    assert [each.superstructure.stories for each in found.podiums] == [3, 3]
+    assert [float(each.superstructure.modes.T[0]) for each in found.podiums] == pytest.approx([0.5, 1.0])
+    assert float(found.podiums[0].eta) == pytest.approx(30.0)
+
+
 def test_panels_are_what_options_and_file_say():
     every = panels()
     assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)

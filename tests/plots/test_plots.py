@@ -21,6 +21,7 @@ from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import energy, potential
 from rockjax._parameters.table import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
+from rockjax.plots._panels import title_of
 from rockjax.plots._style import symbol_of
 from tests.scenes import PODIUMS, G, pulse, shaking
 
@@ -409,3 +410,12 @@ def test_files_know_their_command(tmp_path):
     with xarray.open_dataset(tmp_path / "r.nc") as data:
         assert data.attrs["command"] == " ".join(["rockjax", *flags])
         assert data.attrs["kind"] == "response"
+
+
+def test_title_says_how_many_stories():
+    about = {"pulse": "Ricker"}
+    building = rj.Podium(0.15, 1.5, 10.0, rj.ShearBuilding.uniform(5, 30.0, 0.5))
+    panels = [
+        xarray.Dataset(attrs=about | describe_podium(each)) for each in (building, rj.Podium(0.15, 1.5))
+    ]
+    assert [", 5 stories" in title_of(each) for each in panels] == [True, False]
