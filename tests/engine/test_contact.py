@@ -148,3 +148,15 @@ def test_interpolation(degree):
         np.testing.assert_allclose(
             np.stack(_combine(to_tail, jnp.asarray(values))), exact, rtol=1e-7, atol=1e-9
         )
+
+
+def test_scenes_side_by_side_share_the_samples_of_records():
+    """Of rigid podiums the whole table was copied into every lane in every step."""
+    table = rj.Records.of([shaking(61, seed=k) for k in range(3)])
+
+    def peak(scale):
+        return rj.peak_response(PODIUMS["rigid"], table.pick(1).scaled(scale)).peak_rotation
+
+    program = jax.jit(jax.vmap(peak)).lower(jnp.linspace(0.5, 2.0, 5)).as_text()
+    assert "tensor<3x61xf64>" in program
+    assert "tensor<5x3x61xf64>" not in program
