@@ -104,7 +104,7 @@ MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "dri
 
 
 # What has a tangent besides, once a step has been taken.
-_TOLD = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
+_REPORTED = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
 
 
 @jax.custom_jvp
@@ -134,7 +134,7 @@ def ready_for_tangents(state: LoopState) -> LoopState:
     JAX differentiates the body of a loop again whenever it finds another number that moves, and batches it
     again: three times instead of once.
     """
-    return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_TOLD)}))
+    return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_REPORTED)}))
 
 
 def moving(state: LoopState) -> dict[str, Any]:

@@ -126,13 +126,12 @@ def machine() -> str:
 
 
 def _settings() -> str:
-    said = sorted(jax.config.values.items())
-    told = [
+    settings = [
         (name, getattr(jax.config, name, value))
-        for name, value in said
+        for name, value in sorted(jax.config.values.items())
         if not any(w in name for w in _SAY_NOTHING)
     ]
-    return f"{os.environ.get('XLA_FLAGS', '')} {told!r}"
+    return f"{os.environ.get('XLA_FLAGS', '')} {settings!r}"
 
 
 @functools.cache
@@ -162,7 +161,7 @@ def source() -> str:
 
 
 def _processor() -> str:
-    """What a compiler looks at of this machine; where it cannot be told, the machine itself."""
+    """What a compiler looks at of this machine; where that is not known, the machine itself."""
     try:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         wanted = (
@@ -175,9 +174,9 @@ def _processor() -> str:
             "cpu implementer",
             "cpu part",
         )
-        told = [line for line in lines if line.split(":")[0].strip().lower() in (*wanted, "model name")]
+        found = [line for line in lines if line.split(":")[0].strip().lower() in (*wanted, "model name")]
     except OSError:
-        told = []
+        found = []
     return f"{platform.system()} {platform.machine()} " + (
-        " ".join(told) or f"{platform.processor()} {platform.node()}"
+        " ".join(found) or f"{platform.processor()} {platform.node()}"
     )

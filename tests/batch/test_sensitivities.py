@@ -128,8 +128,8 @@ def test_what_is_said_to_be_constant_is():
         return trial(scene, plan, trial(scene, plan, state)[0])[0]
 
     _, slopes = jax.jvp(after, (jnp.ones(1),), (jnp.ones(1),))
-    told = {"peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak"}
-    for name in set(slopes._fields) - set(MOVING) - told:
+    reported = {"peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak"}
+    for name in set(slopes._fields) - set(MOVING) - reported:
         for slope in jax.tree.leaves(getattr(slopes, name)):
             assert slope.dtype == jax.dtypes.float0 or slope == 0, name
     assert all(slopes.x[1:])
