@@ -315,4 +315,6 @@ def test_no_weight():
     traced = jax.jit(lambda a: rj.peak_response(RIGID, pair(2.5, a), t_end=3.0, options=FINE).result)
     assert traced(-12.0) == rj.RESULTS.weightless
     assert traced(12.0) == rj.RESULTS.weightless
-    assert traced(-4.0) == rj.RESULTS.settled
+    # At t_end the energy is that of the peak: rounding says which of both.
+    result = traced(-4.0)
+    assert (result == rj.RESULTS.settled) | (result == rj.RESULTS.end_of_time)

@@ -90,7 +90,7 @@ def test_pictures_of_sensitivities(spectrum):
     panels = data.expand_dims({"eta_over_gamma": [10.0], "T_s": [0.0]})
     figure = plots.sensitivity_spectra(panels)
     titles = [ax.get_title() for ax in figure.axes]
-    assert [title.split("$")[1] for title in titles if title] == [r"\ln \alpha", r"\ln T_p"]
+    assert [title.split("$")[1] for title in titles if title] == [r"\ln α", r"\ln T_p"]
     with pytest.raises(ValueError, match=r"no sensitivities of the peak rotation to 'R', it has \['alpha'"):
         plots.sensitivity_spectrum(data, parameter="R")
     with pytest.raises(ValueError, match="to any parameter, it has"):
