@@ -11,7 +11,6 @@ import jax
 import pytest
 
 import rockjax as rj
-from rockjax._programs.kept import QUICK
 from rockjax._programs.program import forget
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -48,24 +47,6 @@ def _forget_programs():
     jax.clear_caches()
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
-
-
-# Where programs of single scenes run a few times only: compiling them without optimisation takes less time.
-# Batches are optimised everywhere; the accuracy is that of programs as users have them.
-UNOPTIMISED, EXCEPT = ("engine", "excitations"), ("test_accuracy",)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compile_quickly(request):
-    usual, quickly = QUICK.copy(), request.path.parent.name in UNOPTIMISED
-    quickly = quickly and request.path.stem not in EXCEPT
-    if quickly:
-        QUICK["xla_backend_optimization_level"] = 0
-        jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    if quickly:
-        QUICK.update(usual)
-        jax.config.update("jax_disable_most_optimizations", False)
 
 
 # Where numbers of different types meet only on purpose. (Of the engine, tests/engine/typed.py looks at that.)
