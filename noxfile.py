@@ -10,18 +10,18 @@ nox.needs_version = ">=2025.2.9"
 nox.options.default_venv_backend = "uv|virtualenv"
 
 
-@nox.session(default=False)
+@nox.session(default=True)
 def tests(session: nox.Session) -> None:
-    """All tests, on all cores."""
+    """The tests but for the slow ones, on all cores."""
     session.install("-e", ".[test]")
     session.run("pytest", *session.posargs)
 
 
-@nox.session(default=True)
-def fast(session: nox.Session) -> None:
-    """The tests that take no more than a few seconds each."""
+@nox.session(default=False)
+def slow(session: nox.Session) -> None:
+    """The slow tests: more structures, methods, motions and pages."""
     session.install("-e", ".[test]")
-    session.run("pytest", "-m", "not slow", *session.posargs)
+    session.run("pytest", "-m", "slow", *session.posargs)
 
 
 @nox.session(default=True)

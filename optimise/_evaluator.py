@@ -131,11 +131,11 @@ def _passed(item: Any) -> Any:
 def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
     """A function of the user's own is traced by itself: what it makes of a podium tells later processes
     which one it is."""
-    like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
 
     def named(part: Any) -> Any:
         if not isinstance(part, OfPodium) or isinstance(part.function, TracedFunction):
             return part
+        like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
         try:
             return OfPodium(TracedFunction(part.function, like))
         except Exception:  # whatever is wrong with it is said where it is evaluated

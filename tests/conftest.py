@@ -1,4 +1,5 @@
 import collections
+import fnmatch
 import os
 import sys
 from pathlib import Path
@@ -24,9 +25,15 @@ def pytest_configure(config):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Modules with most slow tests first: the workers then end at about the same time (with
-    `--no-loadscope-reorder`)."""
+    """`slow(but=[…])`: the cases whose names match one of these are not. Modules with most tests first: the
+    workers then end at about the same time (with `--no-loadscope-reorder`)."""
+    for item in items:
+        mark = item.get_closest_marker("slow")
+        kept = mark.kwargs.get("but", ()) if mark else ()
+        if kept and any(fnmatch.fnmatchcase(item.callspec.id, name) for name in kept):
+            item.own_markers[:] = [m for m in item.own_markers if m.name != "slow"]
     slow = collections.Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])
 

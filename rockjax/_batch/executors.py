@@ -14,7 +14,6 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from rockjax._options import Options
-from rockjax._programs.kept import QUICK
 from rockjax._programs.program import KeptProgram
 
 from .chunk import LaneLayout
@@ -95,7 +94,7 @@ class DeviceExecutor(AbstractExecutor):
         return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
 
 
-_on_one = KeptProgram(advance, donate=[0], compiler_options=QUICK | _COMPILER["cpu"])
+_on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 
 
 @functools.cache

@@ -22,7 +22,7 @@ from .settings import device
 _LOG = logging.getLogger("rockjax")
 # How programs are compiled that do not say otherwise: a quarter less compiling, and they take the same time,
 # for most of what LLVM does at its higher levels is done by then.
-QUICK: dict[str, Any] = {"xla_backend_optimization_level": 1}
+QUICK = {"xla_backend_optimization_level": 1}
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
 ANEW = threading.Event()  # set while nothing is kept, see `program.anew`
 

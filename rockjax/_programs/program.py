@@ -55,6 +55,8 @@ class KeptProgram:
         functools.update_wrapper(self, function)
         self.name = name or f"{function.__module__}.{function.__qualname__}"
         self._function, self._donate, self._options = function, tuple(donate), compiler_options or {}
+        self._kept_options = QUICK | self._options
+        self._how = f"donated {self._donate}, compiler options {self._kept_options}"
         self._passed = ARRAYS if arrays_only else _NUMBERS
         self._traced: dict[_Fixed, Any] = {}
         self._ready: dict[Hashable, Callable] = {}
@@ -98,12 +100,6 @@ class KeptProgram:
         passed, fixed = self._split(arguments, named)
         return self._jitted(fixed)(*passed)
 
-    def _compiled_with(self) -> dict[str, Any]:
-        return QUICK | self._options
-
-    def _how(self) -> str:
-        return f"donated {self._donate}, compiler options {self._compiled_with()}"
-
     def _split(self, arguments: tuple, named: dict[str, Any]) -> tuple[list, _Fixed]:
         leaves, structure = jax.tree.flatten(arguments)
         kept = tuple(None if isinstance(y, self._passed) else y for y in leaves)
@@ -146,7 +142,7 @@ class KeptProgram:
             place = store()
             if place:
                 folder.discard(place, self._text(passed, fixed) or self._text_of(lowered))
-            self._ready[key], _ = compile_quickly(lowered, self._compiled_with())
+            self._ready[key], _ = compile_quickly(lowered, self._kept_options)
             return self._ready[key]
 
     def _kept(self, passed: list, fixed: _Fixed) -> Callable:
@@ -163,7 +159,7 @@ class KeptProgram:
                 found = load(place, text)
             if found is not None:
                 return found
-            compiled, whole = compile_quickly(lowered, self._compiled_with())
+            compiled, whole = compile_quickly(lowered, self._kept_options)
         COUNTS["compiled"] += 1
         if place and text and whole:
             keep(place, text, compiled)
@@ -172,14 +168,14 @@ class KeptProgram:
     def _text(self, passed: list, fixed: _Fixed) -> str | None:
         try:
             what = f"{kind.describe(tuple(fixed))}\n{kind.numbers(passed)}"
-            return f"{self.name}\n{self._how()}\n{kind.source()}\n{kind.machine()}\n{what}"
+            return f"{self.name}\n{self._how}\n{kind.source()}\n{kind.machine()}\n{what}"
         except kind.Unknown as unknown:
             _LOG.debug("%s is traced in every process: no name in all of them has %s", self.name, unknown)
             return None
 
     def _text_of(self, lowered: Any) -> str:
         """With classes of the user's own, a program is known by what tracing has made of them."""
-        return f"{self.name}\n{self._how()}\n{kind.machine()}\n{lowered.as_text()}"
+        return f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
 
     def forget(self) -> None:
         """Let go of what this process holds."""

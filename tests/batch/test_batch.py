@@ -30,6 +30,7 @@ def same(a, b, rtol=1e-7):
     np.testing.assert_array_equal(a.uplifted, b.uplifted)
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_one_scene_is_its_place_in_the_batch(name):
     podium = PODIUMS[name]
@@ -64,6 +65,7 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
         rj.peak_responses(PODIUMS["rigid"], rj.Ricker(axis[:, None], axis))
 
 
+@pytest.mark.slow
 def test_order_size_and_lanes_do_not_matter(monkeypatch):
     podium = elastic(0.4)
     a_p = amplitudes(700)
@@ -78,6 +80,7 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     same(chunks, alone, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_everything_broadcasts():
     R = np.array([1.0, 1.5, 2.5])
     podiums = rj.Podium(alpha=0.2, R=R[:, None], gamma=3.0)
@@ -104,6 +107,7 @@ def test_records_shared_and_of_their_own():
         assert own.peak_rotation[k] == pytest.approx(float(b.peak_rotation), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_one_scene_without_answer_does_not_cost_the_others():
     podium = elastic(0.5)
     with pytest.warns(RuntimeWarning, match="out_of_steps"):
@@ -147,6 +151,7 @@ class _no_compiles:
         assert not big
 
 
+@pytest.mark.slow
 def test_lanes_are_busy_and_no_scene_is_lost():
     """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
     from rockjax._batch.batch import run_batch

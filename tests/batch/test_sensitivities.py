@@ -118,6 +118,7 @@ def test_a_scene_moves_with_its_parameters():
         np.testing.assert_allclose(slopes, known, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_what_is_said_to_be_constant_is():
     """Slopes are carried for what `MOVING` names: nothing else of a state may move and tell on a peak."""
     podium, motion = PODIUMS["elastic"], rj.Ricker(3.0, 1.0)

@@ -39,6 +39,7 @@ ROOTS = {
 }
 
 
+@pytest.mark.slow(but=["one-sine, b=.5 h=1.5", "*p=2*"])
 @pytest.mark.parametrize("name", ROOTS)
 def test_published_roots(name):
     alpha, p, e, pulse, T_p, linear, full = ROOTS[name]
@@ -92,7 +93,7 @@ def test_thin_bands_are_found():
     assert published[[0, 1, -1]] == pytest.approx([2.1038, 2.3107, 2.528], abs=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(but=["rigid-bracket0"])
 @pytest.mark.parametrize(("name", "bracket"), [("rigid", (2.8, 2.95)), ("elastic", (2.5, 2.7))])
 def test_against_bisection_with_an_independent_integrator(name, bracket):
     podium, T_p = PODIUMS[name], 1.0
@@ -108,6 +109,7 @@ def test_against_bisection_with_an_independent_integrator(name, bracket):
     assert ours == pytest.approx(0.5 * (lo + hi), abs=2 * (hi - lo) + 1e-9)
 
 
+@pytest.mark.slow(but=["frame", "elastic"])
 @pytest.mark.parametrize("name", ["block", "frame", "rigid", "elastic"])
 def test_margin_vanishes_on_the_boundary_and_has_one_slope_there(name):
     podium = PODIUMS[name]
@@ -141,6 +143,7 @@ def test_margin_far_from_the_boundary():
         assert float(slope(ratio * UNIT)) == pytest.approx((at(h) - at(-h)) / (2 * h), rel=1e-6)
 
 
+@pytest.mark.slow(but=["frame"])
 @pytest.mark.parametrize("name", ["frame", "elastic"])
 def test_margin_changes_nothing_else(name):
     podium, motions = PODIUMS[name], rj.Ricker(np.linspace(1, 4, 40) * UNIT, 1.0)
@@ -186,6 +189,7 @@ def random_structures(count, kind, rng):
     ("kind", "pulse", "number"),
     [("none", rj.Ricker, 20), ("rigid", rj.AntisymmetricRicker, 20), ("elastic", rj.Ricker, 10)],
 )
+@pytest.mark.slow(but=["none-Ricker-20"])
 def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
     """Every number of random structures of each kind, to 1e-5 where the boundary is not at a fold.
 
@@ -271,6 +275,7 @@ def test_nothing_overturns():
     assert not boundary.one_sided
 
 
+@pytest.mark.slow
 def test_the_jump_to_another_branch_is_flagged():
     """Where the lower branch of the frame is about to open, the dip of the margin below the minimum
     vanishes."""
@@ -289,6 +294,7 @@ def test_the_jump_to_another_branch_is_flagged():
     assert float(boundary(hi + 1e-7).dip) < 1e-4 < float(boundary(hi + 0.1).dip)
 
 
+@pytest.mark.slow
 def test_scale_of_a_record():
     podium, record = PODIUMS["rigid"], shaking()
     scale = float(rj.overturning_scale(podium, record, max_scale=8.0))

@@ -657,7 +657,6 @@ def test_a_response_of_the_example(run):
     assert said["files"] == ["rockjax-response.nc", "rockjax-response.png"]
 
 
-@pytest.mark.slow
 def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     prefix = tmp_path / "study"
     flags = [
@@ -702,7 +701,7 @@ def test_design_that_cannot_be_ends_with_one(tmp_path):
     assert (tmp_path / "out.json").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(but=["trace"])
 @pytest.mark.parametrize("method", ["scan", "trace"])
 def test_chart_of_the_slimmest_safe_column(method):
     block = rj.Podium(alpha=0.15, R=1.5)

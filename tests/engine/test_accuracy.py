@@ -61,6 +61,7 @@ def truths():
     ("rtol", "method", "within"),
     [(1e-8, "tsit5", 1e-6), (1e-10, "tsit5", 1e-8), (1e-10, "dopri8", 1e-8)],
 )
+@pytest.mark.slow(but=["1e-10-dopri8*"])
 def test_against_an_independent_implementation(truths, name, rtol, method, within):
     podium, motion = SCENES[name]
     truth = truths(name)
@@ -81,6 +82,7 @@ def test_against_an_independent_implementation(truths, name, rtol, method, withi
         assert float(response.peak_shear) == pytest.approx(truth.peak_shear, rel=max(within, 3e-7))
 
 
+@pytest.mark.slow(but=["tsit5-T_s = 0.5 s", "dopri8-rigid, record"])
 @pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s", "rigid, record"])
 @pytest.mark.parametrize("method", ["tsit5", "dopri8"])
 def test_error_falls_with_the_tolerance(name, method):
@@ -105,6 +107,7 @@ def test_error_falls_with_the_tolerance(name, method):
         assert slope < (-4.0 if method == "tsit5" else -5.5)
 
 
+@pytest.mark.slow(but=["rigid, record"])
 @pytest.mark.parametrize("name", ["block, cosine with jumps", "rigid, record", "light top, record"])
 def test_breakpoints_cost_no_order(name):
     """Steps end on jumps, kinks and samples: errors stay at the tolerance."""
@@ -127,7 +130,7 @@ def test_breakpoints_cost_no_order(name):
         ("light top, record", "tsit5"),
     ],
 )
-@pytest.mark.slow
+@pytest.mark.slow(but=["T_s = 0.5 s-dopri8"])
 def test_segments_engine_agrees(name, method):
     podium, motion = SCENES[name]
     end = float(motion.support[1]) + 1.5
@@ -149,6 +152,7 @@ def test_segments_engine_agrees(name, method):
 @pytest.mark.parametrize(
     "name", ["rigid, Ricker", "T_s = 0.5 s", "light top, record", "block, cosine with jumps"]
 )
+@pytest.mark.slow(but=["light top, record"])
 def test_peak_response_is_simulate_without_history(name):
     podium, motion = SCENES[name]
     """To the tolerance of the solve: without a history, full contact is crossed, not stepped through."""
@@ -175,6 +179,7 @@ def test_peak_response_is_simulate_without_history(name):
 @pytest.mark.parametrize(
     "name", ["T_s = 0.1 s", "T_s = 0.5 s", "T_s = 1 s", "rigid, Ricker", "light top, record"]
 )
+@pytest.mark.slow(but=["T_s = 0.1 s-outputs2", "rigid, Ricker-outputs2"])
 def test_certificate_changes_nothing(name, outputs):
     """A scene that ends settled gives what it gives when run to the end, within the tolerance: landings
     differ."""

@@ -84,6 +84,7 @@ def own_motion(kind: str):
         ),
     ],
 )
+@pytest.mark.slow(but=["jump"])
 def test_an_impact_on_a_breakpoint(kind):
     """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40
     %."""
@@ -141,7 +142,6 @@ def test_the_end_on_an_uplift():
     assert np.abs(slopes[..., 6]).min() > 1e-3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("after", [0.6, 1.4])
 def test_an_uplift_on_a_sample(after):
     """The time of the uplift moves with the piece in which the ground exceeds the threshold."""

@@ -50,6 +50,7 @@ def stepped_to(scene, plan, lane, t):
         (3.0, 0.05, shaking(200, peak=3.0)),
     ],
 )
+@pytest.mark.slow(but=["0.5-0.0-motion2", "0.3-0.05-motion6"])
 def test_panels_are_exact(T_s, zeta, motion):
     """Against high-accuracy steps, from stiff to soft, for smooth pulses, one that starts with a jump, and
     records."""
@@ -107,6 +108,7 @@ def test_more_damping_than_panels_know_is_left_to_the_steps():
         assert float(quick.peak_rotation) == pytest.approx(float(whole.peak_rotation), rel=1e-7)
 
 
+@pytest.mark.slow(but=["record"])
 @pytest.mark.parametrize("motion", [pulse(ratio=1.8), shaking(200, peak=4.0)], ids=["pulse", "record"])
 def test_derivatives_through_panels(motion):
     """Forward = reverse = finite differences, also with respect to what moves the panels' ends."""

@@ -228,6 +228,7 @@ def test_smallest_impact_speed_is_before_the_peak():
     assert math.isinf(float(rj.peak_response(BLOCK, rj.Rest()).smallest_impact_speed))
 
 
+@pytest.mark.slow
 def test_rigid_limit_of_the_compatible_restitution():
     """As T_s → 0 the compatible law tends to the rigid superstructure after ring-down, the paper's does
     not."""

@@ -65,6 +65,7 @@ CASES = {
         ("rigid, cosine with jumps", "tsit5"),
     ],
 )
+@pytest.mark.slow(but=["elastic, Ricker-dopri8"])
 def test_every_number_of_structure_and_pulse(case, method):
     """Through several impacts and re-contact: forward and reverse, within 1e-6 of finite differences; and
     batched."""
@@ -94,7 +95,6 @@ def test_every_number_of_structure_and_pulse(case, method):
     ]
 
 
-@pytest.mark.slow
 def test_against_an_independent_solution():
     """Finite differences of the SciPy implementation, which knows nothing of this package's events."""
     T_p, t_end = 1.0, 2.6
@@ -215,7 +215,7 @@ def test_a_peak_at_the_end_moves_with_it():
     assert float(jax.grad(peak)(0.1)) == pytest.approx(slope, rel=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(but=["rigid-tsit5"])
 @pytest.mark.parametrize(("name", "method"), [("rigid", "tsit5"), ("elastic", "dopri8")])
 def test_all_samples_of_a_record(name, method):
     """Reverse mode with respect to every sample: right, and no matter how the compiler rounds."""
@@ -266,6 +266,7 @@ def test_records_side_by_side_have_the_gradients_of_each_alone():
         np.testing.assert_allclose(gradient, single(own), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_history_can_be_differentiated():
     podium = PODIUMS["rigid"]
     t = np.array([-0.2, 0.3, 0.9, 1.6, 2.4])
@@ -284,6 +285,7 @@ def test_history_can_be_differentiated():
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_grazing_and_hopeless_scenes_give_finite_derivatives():
     """Near grazing impacts derivatives grow; they are never NaN. Nor are they for scenes that never lift, or
     overturn."""

@@ -128,6 +128,7 @@ def test_free_rocking_to_rest():
     assert float(peak.stats.end_time) == pytest.approx(total, abs=1e-8)
 
 
+@pytest.mark.slow(but=["*chattering"])
 @pytest.mark.parametrize(("T_s", "e", "cause"), [(1.0, 1.0, "chattering"), (0.004, 0.9, "too_stiff")])
 def test_what_runs_out_of_steps_says_why(T_s, e, cause):
     """Vibration without end, impacts without end where restrainers hold: named, and raised where nobody looks
@@ -196,6 +197,7 @@ def finely(record, times):
     return rj.Record(fine, record.dt / times)
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("podium", [PODIUMS["rigid"], elastic(0.4, eta=10.0)], ids=["rigid", "elastic"])
 def test_a_record_of_200000_samples(podium):
     """A record with 200 000 samples: the same answer as the same motion with 2000, in steps of its
@@ -240,6 +242,7 @@ def test_sampling_unequal_to_the_step(dt):
     assert float(one.peak_rotation) == pytest.approx(float(other.peak_rotation), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_single_precision_on_purpose():
     """float32 on purpose: answers to single precision, in batches as well; tolerances below it are
     refused."""
@@ -258,6 +261,7 @@ def test_single_precision_on_purpose():
     assert np.all((single.overturned == double.overturned) | single.errors.undecided)
 
 
+@pytest.mark.slow
 def test_estimated_errors_are_an_output_like_others():
     """Estimated errors: in every way of asking, without derivatives, and never without the rotation."""
     o = rj.Options(outputs=("peak_rotation", "peak_shear", "errors"))
@@ -313,6 +317,7 @@ def test_estimates_on_records_see_errors_of_landing():
     assert np.mean(error > 10 * peaks.errors.peak_rotation[stands] + 1e-10) < 0.01
 
 
+@pytest.mark.slow
 def test_estimates_on_records_do_not_repeat_the_steps_of_the_first_solution():
     """Where a short period sets the steps, both solutions halved every interval of the record: shears had
     errors up to 1e-5 in common, and 49 of 68 estimates were below a tenth of the error."""

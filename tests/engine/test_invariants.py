@@ -83,6 +83,7 @@ def assert_same(a, b, length=1.0):
         assert x == pytest.approx(y / factor, abs=doubt + 1e-9 * abs(x) + 1e-12)
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_mirrored_motion_mirrors_the_response(kind):
     @examples(25)
@@ -103,6 +104,7 @@ def test_mirrored_motion_mirrors_the_response(kind):
     check()
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_time_has_no_origin(kind):
     record = shaking(120, peak=1.0)
@@ -170,6 +172,7 @@ def pushed(draw, kind):
     )
 
 
+@pytest.mark.slow(but=["none"])
 @pytest.mark.parametrize("kind", ["none", "elastic"])
 def test_without_shaking_energy_only_falls(kind):
     """… between impacts by the damper, at each impact by exactly what Eq. (27) takes, and never through
@@ -246,6 +249,7 @@ def test_uplifted_frequency_of_the_linearised_engine():
     check()
 
 
+@pytest.mark.slow(but=["none"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_batch_single_and_reversed_order_agree(kind):
     @examples(4)

@@ -121,6 +121,7 @@ def test_what_is_left_out_moves_with_the_beam():
 # One mode, equal modes, modes without mass
 
 
+@pytest.mark.slow
 def test_one_mode_is_an_elastic_superstructure_to_the_last_bit():
     pulses = rj.OneSine(np.linspace(2.0, 5.0, 40), 0.8)
     one, elastic = podium(rj.Modes([30.0], [0.5], 0.04)), podium(rj.Elastic(30.0, 0.5, 0.04))
@@ -185,6 +186,7 @@ def test_peaks_of_two_modes_with_tendon_damper_and_vertical_motion():
     check(found, independent(frame_of(TWO, tau=5.0, kappa=60.0, delta=3.0), 2.8, vertical=0.4))
 
 
+@pytest.mark.slow(but=["2"])
 @pytest.mark.parametrize("modes", [None, 2])
 def test_peaks_of_a_building(modes):
     building = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, 0.04, modes)
@@ -226,7 +228,6 @@ def test_derivatives_with_respect_to_every_number_of_modes():
         assert abs(float(forward[k]) - exact) * float(size) < 1e-6, k
 
 
-@pytest.mark.slow
 def test_derivatives_with_respect_to_masses_and_stiffnesses():
     pulse, masses, stiffnesses = (
         rj.OneSine(2.2, T_P),

@@ -170,6 +170,7 @@ def test_stiffness_alone_is_a_block_of_another_slenderness():
     ],
     ids=["linear", "square root", "with tendons and inerters"],
 )
+@pytest.mark.slow(but=["square root"])
 def test_what_dampers_take(structure, impact, taken, within):
     response = free(structure, 0.12, t_end=6.0)
     assert float(response.impact_times[0]) == pytest.approx(impact, abs=20 * within)
@@ -195,6 +196,7 @@ SCENES = {
 @pytest.mark.parametrize(
     "name", [pytest.param("all"), pytest.param("power law"), pytest.param("elastic", marks=pytest.mark.slow)]
 )
+@pytest.mark.slow(but=["elastic"])
 def test_peaks_of_an_independent_integration(name):
     frame, structure, a_p = SCENES[name]
     answer = restrained.simulate(frame, 2.0, restrained.one_sine(a_p, 0.8), breaks=(0.8,), rest=1e-8)
@@ -263,7 +265,6 @@ def test_only_prestress_moves_uplift():
     assert time(5.0, 0.0, 0.0, 1.0, 0.0) == time(5.0, 400.0, 9.0, 1.0, 20.0)
 
 
-@pytest.mark.slow
 def test_equivalent_block_goes_on():
     structure = all_three(nu=0.5, superstructure=rj.Rigid(3.0), lam=0.4)
     motion = rj.OneSine(3.6, 0.8)
@@ -349,7 +350,6 @@ def test_boundary_with_tendons():
 # Derivatives
 
 
-@pytest.mark.slow
 def test_derivatives_by_every_number_of_a_restrainer():
     motion, values = rj.OneSine(3.6, 0.8), jnp.array([5.0, 100.0, 4.0, 0.5, 8.0])
 
@@ -430,7 +430,6 @@ def test_linear_dampers_have_no_exponent_in_the_program():
     assert not rj.Damper(4.0, jnp.ones(())).linear
 
 
-@pytest.mark.slow
 def test_written_and_read_again():
     structure = all_three(nu=0.5, superstructure=ELASTIC)
     assert repr(podium_of(describe_podium(structure))) == repr(structure)

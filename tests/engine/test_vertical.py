@@ -156,6 +156,7 @@ def test_records(step):
 # Exact statements about scenes
 
 
+@pytest.mark.slow(but=["None"])
 @pytest.mark.parametrize("top", [None, pytest.param(ELASTIC, marks=pytest.mark.slow)])
 def test_a_constant_is_another_gravity(top):
     """Fact 18."""
@@ -209,6 +210,7 @@ def test_energy_balance():
     assert float(restoring_moment(c, jnp.ones(()), ground, x, v)) == pytest.approx(held, rel=1e-13)
 
 
+@pytest.mark.slow
 def test_settled_answers_stand():
     """The certificate with both impulses: what it ends early is what the whole scene gives."""
     a_p = np.linspace(1.6, 5.0, 18)
@@ -223,7 +225,6 @@ def test_settled_answers_stand():
     assert float(one.peak_rotation) == pytest.approx(float(short.peak_rotation[3]), rel=1e-12)
 
 
-@pytest.mark.slow
 def test_segments_engine():
     options = rj.Options(rtol=1e-10, atol=1e-12, engine="segments", outputs=("peak_rotation",))
     found = rj.peak_response(RIGID, PAIR, t_end=3.0, options=options)

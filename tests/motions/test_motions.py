@@ -575,6 +575,7 @@ def test_problems_take_suites(folder, suite):
             optimise.load(path)
 
 
+@pytest.mark.slow
 def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     """The blocks of the page follow one another, in a folder of their own."""
     page = Path(__file__).parents[2] / "docs" / "records.md"
@@ -589,6 +590,7 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     assert names["suite"].names == ["third", "first"]
 
 
+@pytest.mark.slow
 # ----------------------------------------------------------------------------------------- what takes motions
 def test_what_readers_return_goes_into_everything(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)

@@ -513,7 +513,7 @@ TARGETS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(but=["rotation"])
 @pytest.mark.parametrize("name", list(TARGETS))
 def test_margins_have_exact_derivatives(name):
     """Under an elastic building where the target is about it or about the rotation, or about records, which
@@ -566,7 +566,6 @@ def motion_samples(motion):
     return [part.scale * part.acceleration for part in (motion.horizontal, motion.vertical)]
 
 
-@pytest.mark.slow
 def test_severity_goes_on_where_the_columns_fall():
     pulses = [rj.Ricker(a, 1.0) for a in (2.0, 8.0, 14.0)]
     margins = optimise.PeakRotation(0.5, pulses).margins(BLOCK, OPTIONS)
@@ -607,7 +606,6 @@ def test_smoothed_quantile_has_the_sign_of_the_probability():
         assert np.isclose((bumped - m) / 1e-5, slope[7], atol=1e-4)
 
 
-@pytest.mark.slow
 def test_probability_counts_and_smooths():
     suite = [rj.Ricker(a, 1.0) for a in np.linspace(2.0, 8.0, 13)]
     target = optimise.OverturningProbability(0.5, suite, smoothing=0.05)
@@ -818,7 +816,6 @@ def test_a_missing_file_is_named(tmp_path):
         optimise.load(tmp_path / "none.toml")
 
 
-@pytest.mark.slow
 def test_the_command_writes_everything(folder, capsys):
     from optimise._cli import design_command
 

@@ -293,6 +293,7 @@ def test_motions_are_linear_repeatable_and_batched():
     assert MOTION.record(u).acceleration.shape == (4, 601)
 
 
+@pytest.mark.slow
 def test_response_spectra_of_sampled_motions():
     motion = rj.GaussianMotion(201, 0.04, 0.01)
     periods = (0.0, 0.4, 1.0)

@@ -38,6 +38,7 @@ def test_a_wide_width_needs_no_more_places_than_the_first():
     assert np.all(rough["capacity"] >= close["capacity"] * (1 - 1e-9))
 
 
+@pytest.mark.slow(but=["rigid"])
 # --------------------------------------------------------------------------------------- records in one table
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_a_table_answers_as_its_records_do(kind):
@@ -81,6 +82,7 @@ def test_derivatives_of_a_scene_of_a_table():
     np.testing.assert_allclose(*both, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_segments_engine_takes_a_table():
     options = rj.Options(rtol=1e-10, atol=1e-12, engine="segments")
     motion = TABLE.pick(2).scaled(1.3)
@@ -89,6 +91,7 @@ def test_segments_engine_takes_a_table():
     assert b.peak_rotation > 0
 
 
+@pytest.mark.slow(but=["0.5-2", "2.0-65", "20.0-300"])
 @pytest.mark.parametrize("n", [2, 3, 64, 65, 300])
 @pytest.mark.parametrize("threshold", [0.5, 2.0, 20.0])
 def test_next_exceedance_against_fine_sampling(n, threshold):
@@ -330,6 +333,7 @@ def counted(capacity, levels) -> xarray.Dataset:
     )
 
 
+@pytest.mark.slow(but=["10-1.2"])
 @pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
 def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
     """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of

@@ -54,6 +54,7 @@ def test_the_overturning_acceleration_follows_the_known_laws():
     assert least[0] / least[1] == pytest.approx(2.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_vertical_motions_are_not_left_out():
     """Of pairs the spectrum is that of each pair."""
     pairs = RECORDS.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))

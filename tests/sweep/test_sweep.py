@@ -561,7 +561,6 @@ def large():
     return rj.peak_responses(*LARGE[:2], options=OPTIONS)
 
 
-@pytest.mark.slow
 def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large, counted):
     store = tmp_path / "a.zarr"
     process = start([sys.executable, "-c", textwrap.dedent(SCRIPT), str(store), ""], tmp_path, cache)
