@@ -56,8 +56,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     highest = scene.lookahead.peak(state.t, state.piece, jnp.abs(horizontal(shaking)))
     nodes, to_powers, to_tail = _interpolation(degree)
 
-    def panel(carry: tuple[LoopState, Index]) -> tuple[LoopState, Index]:
-        state, level = carry
+    def panel(carry: tuple[LoopState, Index, Value, Index]) -> tuple[LoopState, Index, Value, Index]:
+        state, level, _, _ = carry
+        began = state.t, level
         half, over = kinds[0]
         for k, kind in enumerate(kinds[1:], start=1):
             half, over = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, over))
@@ -92,14 +93,17 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         event_time = jnp.where(reaches, edge, state.t + length)
         crossed = _past_panel(scene, modes, state, event_time, reaches, move)
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
-        return state, level + (~goes).astype(jnp.int32)
+        return state, level + (~goes).astype(jnp.int32), *began
 
-    def may(carry: tuple[LoopState, Index]) -> Flag:
-        state, level = carry
+    def may(carry: tuple[LoopState, Index, Value, Index]) -> Flag:
+        state, level, before, level_before = carry
+        # A comparison that is worked out twice may come out either way: neither on nor to the next kind.
+        moved = (state.t > before) | (level > level_before)
         down = (level < len(kinds)) & (state.code == results.RUNNING) & (state.sigma == 0)
-        return down & (state.t < scene.quiet)
+        return down & (state.t < scene.quiet) & moved
 
-    return jax.lax.while_loop(may, panel, (state, jnp.zeros((), jnp.int32)))[0]
+    level = jnp.zeros((), jnp.int32)
+    return jax.lax.while_loop(may, panel, (state, level, jnp.full_like(state.t, -jnp.inf), level))[0]
 
 
 class _Moves(NamedTuple):

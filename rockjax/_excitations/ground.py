@@ -271,6 +271,7 @@ class PairLookahead(AbstractLookahead):
         motion, begin, resolution = self.motion, t, 8 * jnp.finfo(t.dtype).eps
         curved = curvature > 0
         scale = jnp.where(curved, jnp.sqrt(level / jnp.where(curved, curvature, 1.0)), 0.0)
+        start, end = motion.support
 
         def safe(spare: Value, slope: Value) -> Value:
             """Until a signal that is `spare` below the level can reach it."""
@@ -284,7 +285,7 @@ class PairLookahead(AbstractLookahead):
             )
 
         def advance(carry):
-            t, _ = carry
+            _, t, _ = carry
             near = self.horizontal.next_exceedance(t, motion.horizontal.locate(t))
             comes = jnp.isfinite(near)
             s = jnp.where(comes, near, t)
@@ -292,7 +293,8 @@ class PairLookahead(AbstractLookahead):
             now, rate = jax.jvp(motion.piece(here), (s,), (jnp.ones_like(s),))
             sides = [(level - (side * now.horizontal - tilt * now.vertical)) for side in (1.0, -1.0)]
             slopes = [side * rate.horizontal - tilt * rate.vertical for side in (1.0, -1.0)]
-            least = jnp.maximum(TOUCH * scale, resolution * jnp.abs(s))
+            digit = resolution * jnp.maximum(jnp.abs(s), end - start)
+            least = jnp.maximum(TOUCH * scale, digit)
             step = jnp.maximum(jnp.minimum(*map(safe, sides, slopes)), least)
             spare = jnp.minimum(*sides)
             found = comes & (spare < 0)
@@ -302,11 +304,14 @@ class PairLookahead(AbstractLookahead):
             last = motion.before(here)
             jumped = jnp.where(last == here, -jnp.inf, motion.breakpoint(last))
             floor = jnp.maximum(jnp.maximum(begin, s - 2 * least), jnp.minimum(jumped, s))
-            on = jnp.minimum(s + step, motion.breakpoint(here))
-            return jnp.where(found, jnp.maximum(back, floor), jnp.where(comes, on, jnp.inf)), found
+            # Past where it looked in any case: what is worked out twice may differ in the last digit,
+            # breakpoints as well as comparisons.
+            on = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(here)), s + digit)
+            return jnp.maximum(back, floor), jnp.where(comes, on, jnp.inf), found
 
-        none = jnp.zeros((), bool)
-        t, found = jax.lax.while_loop(lambda carry: ~carry[1] & jnp.isfinite(carry[0]), advance, (t, none))
+        t, _, found = jax.lax.while_loop(
+            lambda carry: ~carry[2] & jnp.isfinite(carry[1]), advance, (t, t, jnp.zeros((), bool))
+        )
         return jnp.where(found, t, jnp.inf)
 
 

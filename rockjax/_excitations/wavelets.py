@@ -37,23 +37,24 @@ class _BoundedLookahead(AbstractLookahead):
         resolution = 4 * jnp.finfo(t.dtype).eps
 
         def safe_step(a, slope, sign):
-            margin = threshold - sign * a
+            margin = jnp.maximum(threshold - sign * a, 0.0)
             return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * margin)) / self.curvature
 
         def advance(carry):
-            t, _ = carry
+            _, t, _ = carry
             formula = self.motion.piece(self.motion.locate(t))
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
             found = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
-            # Never stand still: a touch that does not exceed is passed in steps of the resolution of time.
+            # Never stand still: a touch that does not exceed is passed in steps of the resolution of time. On
+            # even where it was found: a comparison that is worked out twice may come out either way.
             least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
-            return jnp.where(found, t, t + jnp.maximum(step, least)), found
+            return t, t + jnp.maximum(step, least), found
 
         t = jnp.maximum(t, self.motion.support[0])
         quiet = self.amplitude <= threshold
-        t, found = jax.lax.while_loop(
-            lambda carry: ~carry[1] & (carry[0] < end) & ~quiet, advance, (t, jnp.zeros((), bool))
+        t, _, found = jax.lax.while_loop(
+            lambda carry: ~carry[2] & (carry[1] < end) & ~quiet, advance, (t, t, jnp.zeros((), bool))
         )
         return jnp.where(found, t, jnp.inf)
 

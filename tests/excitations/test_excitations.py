@@ -1,3 +1,4 @@
+import functools
 import math
 
 import jax
@@ -101,6 +102,32 @@ def test_lookahead_is_true(motion):
     after = jnp.asarray(end + 1.0)
     assert float(lookahead.impulse(after, motion.locate(after))) < 1e-15
     assert float(lookahead.peak(after, motion.locate(after), jnp.abs(motion(after)))) < 1e-15
+
+
+@pytest.mark.parametrize("level", [None, 0], ids=["usual", "not optimised"])
+@pytest.mark.parametrize("kind", ["wavelet", "pair"])
+def test_a_search_ends_however_it_is_compiled(kind, level):
+    """Rounding differs with how it is compiled, and at a crossing it decides: on Python 3.11, without
+    optimisation, the search of a wavelet stood still there."""
+    wavelet = rj.MavroeidisPapageorgiou(A=0.5, f_p=1.2, gamma=2.3, nu=0.7)
+    motion = wavelet if kind == "wavelet" else rj.GroundMotion(wavelet, shaking(100))
+    highest = float(np.abs(np.asarray(wavelet(grid(wavelet, over=0.0)))).max())
+    tilt = () if kind == "wavelet" else (jnp.asarray(0.2),)
+    options = None if level is None else {"xla_backend_optimization_level": level}
+
+    start, end = (float(t) for t in wavelet.support)
+    for share in (0.3, 0.7):
+        lookahead = motion.lookahead(jnp.asarray(share * highest), *tilt)
+
+        @functools.partial(jax.jit, compiler_options=options)
+        def following(t, lookahead=lookahead):
+            return lookahead.next_exceedance(t, motion.locate(t))
+
+        for t in np.linspace(start - 0.1, end - 1e-9, 23):
+            found = float(following(t))
+            assert found >= t
+            if kind == "wavelet" and np.isfinite(found):
+                assert abs(float(wavelet(found))) >= share * highest * (1 - 1e-12)
 
 
 @pytest.mark.parametrize("pulse", PULSES)
