@@ -44,6 +44,7 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, error):
         write_whole(target / "below", fails)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
     """A limit on the size of files makes writing fail as a full disk does, after the first kilobytes."""
@@ -111,6 +112,7 @@ def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
     assert np.isnan(some.peak_rotation[left]).all()
 
 
+@pytest.mark.slow
 def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     monkeypatch.setattr(_batch, "CHUNK", 128)
     podiums = [PODIUMS["block"], PODIUMS["rigid"], PODIUMS["rigid"].replace(R=2.0)]

@@ -187,6 +187,7 @@ def test_the_segments_engine_is_not_silently_replaced():
         )
 
 
+@pytest.mark.slow
 def test_podiums_of_several_kinds_share_one_call():
     x, y = np.linspace(2, 6, 5), np.linspace(1, 5, 4)
     podiums = [elastic(0.3), PODIUMS["rigid"], elastic(0.6), PODIUMS["block"]]

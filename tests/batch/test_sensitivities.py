@@ -53,6 +53,7 @@ def compare(podium, rtol, landed):
     return batch
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch_are_those_of_its_scenes():
     podium = PODIUMS["rigid"]
     batch = compare(podium, rtol=1e-12, landed=1e-9)

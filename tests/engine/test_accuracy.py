@@ -130,7 +130,7 @@ def test_breakpoints_cost_no_order(name):
         ("light top, record", "tsit5"),
     ],
 )
-@pytest.mark.slow(but=["T_s = 0.5 s-dopri8"])
+@pytest.mark.slow(but=["rigid, Ricker-dopri8"])
 def test_segments_engine_agrees(name, method):
     podium, motion = SCENES[name]
     end = float(motion.support[1]) + 1.5

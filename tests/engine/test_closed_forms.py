@@ -147,6 +147,7 @@ def test_elastic_contact_is_a_linear_oscillator():
     assert not bool(response.uplifted)
 
 
+@pytest.mark.slow
 def test_derivatives_of_linearised_rocking():
     """Forty impacts of slender blocks, α = 1e-6, from bouncing (θ₀ ≪ α) to wide swings, under a constant push
     κ g tan α: between impacts φ'' = φ − (1 + σκ) in φ = |θ|/α and time 1/p, so a half swing of speed v lasts

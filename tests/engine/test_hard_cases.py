@@ -286,6 +286,7 @@ def test_estimated_errors_are_an_output_like_others():
             rj.Options(**bad)
 
 
+@pytest.mark.slow
 def test_scenes_on_the_boundary_are_undecided():
     """Within the error of the overturning boundary the class is left open, on both of its sides; away from
     it, never."""
@@ -297,6 +298,7 @@ def test_scenes_on_the_boundary_are_undecided():
     np.testing.assert_array_equal(peaks.errors.undecided, np.abs(away) < 1e-9)
 
 
+@pytest.mark.slow
 def test_estimates_on_records_see_errors_of_landing():
     """Where samples set the steps, both solutions landed on impacts alike, and one estimate in twenty was far
     too small."""

@@ -47,6 +47,7 @@ def solved():
     return {many: program(1.0, many) for many in (True, False)}
 
 
+@pytest.mark.slow
 def test_the_same_as_hop_by_hop(solved):
     """Answers, the number of impacts, and the time of the last of them, to the tolerance; in fewer steps."""
     (floats, integers), _ = solved[True]

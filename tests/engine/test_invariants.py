@@ -294,6 +294,7 @@ def test_tolerances_converge_and_estimates_hold(kind):
     assert not any(flips)
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_derivatives_agree():
     def rotation(y):
         podium = rj.Podium(y[0], y[1], y[2], rj.Elastic(y[3], y[4], 0.05), restitution=0.9)

@@ -228,6 +228,7 @@ def test_derivatives_with_respect_to_every_number_of_modes():
         assert abs(float(forward[k]) - exact) * float(size) < 1e-6, k
 
 
+@pytest.mark.slow
 def test_derivatives_with_respect_to_masses_and_stiffnesses():
     pulse, masses, stiffnesses = (
         rj.OneSine(2.2, T_P),

@@ -71,6 +71,7 @@ def test_what_is_done_to_a_motion_is_done_to_its_vertical_one():
         dataclasses.replace(motion, vertical=3.0)
 
 
+@pytest.mark.slow
 def test_tables_of_pairs():
     suite = rj.Motions(
         tuple(dataclasses.replace(named(f"m{k}", k), vertical=named("v", k + 3, 0.6)) for k in range(3))

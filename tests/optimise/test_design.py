@@ -566,6 +566,7 @@ def motion_samples(motion):
     return [part.scale * part.acceleration for part in (motion.horizontal, motion.vertical)]
 
 
+@pytest.mark.slow
 def test_severity_goes_on_where_the_columns_fall():
     pulses = [rj.Ricker(a, 1.0) for a in (2.0, 8.0, 14.0)]
     margins = optimise.PeakRotation(0.5, pulses).margins(BLOCK, OPTIONS)

@@ -123,6 +123,7 @@ def test_a_file_says_the_same(tmp_path):
         optimise.load(path)
 
 
+@pytest.mark.slow
 def test_margins_have_derivatives_by_the_variables():
     """Also by a number that is zero, and by one that moves several numbers of the podium. Windows that open
     and close on rays make the margin rough by 1e-3 or so."""

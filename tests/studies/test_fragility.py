@@ -38,7 +38,7 @@ def test_a_wide_width_needs_no_more_places_than_the_first():
     assert np.all(rough["capacity"] >= close["capacity"] * (1 - 1e-9))
 
 
-@pytest.mark.slow(but=["rigid"])
+@pytest.mark.slow
 # --------------------------------------------------------------------------------------- records in one table
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_a_table_answers_as_its_records_do(kind):
@@ -68,6 +68,7 @@ def test_a_table_is_the_same_motion():
     assert len(list(TABLE)) == len(TABLE) == 3
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_scene_of_a_table():
     podium = PODIUMS["rigid"]
 

@@ -19,6 +19,7 @@ def spectrum():
     return rj.record_spectrum(BLOCK, RECORDS, SIZES, width=1e-3)
 
 
+@pytest.mark.slow
 def test_every_size_is_a_structure_of_its_own(spectrum):
     assert np.allclose(np.sqrt(0.75 * 9.80665 / spectrum["R"]), SIZES)
     podium = BLOCK.replace(R=float(spectrum["R"][2]))

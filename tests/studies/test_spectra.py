@@ -135,6 +135,7 @@ def run(*arguments, cwd, **more):
     )
 
 
+@pytest.mark.slow
 def test_command_line_spectrum(tmp_path):
     arguments = ("--points", "8", "--eta-over-gamma", "1,10", "--T-s", "0,0.5", "-o", "out/s")
     done = run("spectrum", *arguments, cwd=tmp_path)
@@ -163,6 +164,7 @@ def test_command_line_spectrum(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_command_line_response(tmp_path):
     done = run("response", "--acceleration-ratio", "2.0", "--t-end", "3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
