@@ -55,7 +55,9 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
     )
 
 
-IMPACTS_LATER, LEAST_REST = 3, 1e-4  # of a closer look: impacts, and at most this much of the rest velocity
+# Of a closer look: the rest velocity reached so many impacts later, half of the usual one at most, and
+# the least part of it, for columns that hop on for long, where an impact takes less than this times rtol.
+IMPACTS_LATER, LATEST_REST, LEAST_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
 FIRST_LOOK = 1024  # impacts, after which many hops are looked for
@@ -119,7 +121,9 @@ def _rest_velocity(c: Coefficients, options: Options) -> Value:
     A closer look lets them rest some impacts later: what the rest velocity takes away shows in it.
     """
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
-    later = jnp.maximum(jnp.clip(c.restitution, 0.0, 1.0) ** IMPACTS_LATER, LEAST_REST)
+    left = jnp.clip(c.restitution, 0.0, 1.0)
+    later = jnp.clip(left**IMPACTS_LATER, LEAST_REST, LATEST_REST)
+    later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, LEAST_REST, later)
     return rest * c.p * c.alpha * _closer(options, later, 1.0)
 
 

@@ -400,3 +400,17 @@ def test_what_the_rest_velocity_takes_away_is_estimated():
     assert 1e-10 < error < 1e-6
     assert peak.errors is not None
     assert 0.1 * error < float(peak.errors.peak_rotation) < 10 * error
+
+
+def test_hops_that_would_not_end_are_estimated():
+    """Columns that lose nothing hop below the rest velocity until the ground lifts them. Both solutions that
+    the error estimate compares had let them rest, and it was a hundred-thousandth of the error."""
+    block = BLOCK.replace(restitution=1.0)
+    motion = rj.Record(UP * np.r_[np.full(8, 0.8), np.full(20, 1.2), np.full(10, -0.9)], 0.02)
+    initial = rj.State(0.0, 0.9e-4 * float(block.p * block.alpha))
+    how = lambda rtol: options(rtol, "dopri8", outputs=("peak_rotation", "errors"))
+    peak, truth = (rj.peak_response(block, motion, initial=initial, options=how(r)) for r in (1e-4, 1e-12))
+    error = abs(float(peak.peak_rotation) - float(truth.peak_rotation))
+    assert error > 1e-6
+    assert peak.errors is not None
+    assert 0.1 * error < float(peak.errors.peak_rotation) < 10 * error
