@@ -53,9 +53,9 @@ def step(
     """
     if plan.elastic:
         return trial(scene, plan, state, replayed)
-    if replayed is None and not plan.shear:
+    if replayed is None:
         # Side by side both are worked out anyway, and `cond` would copy the samples of records into every
-        # lane in every step. (Shear looks at all samples up to the uplift: a scene alone has to skip that.)
+        # lane in every step.
         ways = advance_to_uplift(scene, plan, state), trial(scene, plan, state)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *ways)
     return jax.lax.cond(

@@ -4,6 +4,7 @@ included."""
 from __future__ import annotations
 
 import abc
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -60,10 +61,6 @@ class AbstractSampled(AbstractExcitation):
     @abc.abstractmethod
     def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
         """Entry i of this motion in a table of the form of `table`."""
-
-    @abc.abstractmethod
-    def row(self, table: Float[Array, "*table n"]) -> Float[Array, " n"]:
-        """The entries of this motion, and what fills up the row."""
 
     def counts_of_rows(self) -> Int[Array, "*rows 1"]:
         """How many of a row of the table are samples, for every row of it."""
@@ -175,11 +172,34 @@ class SampledLookahead(AbstractLookahead):
         record = self.record
         first, last = record.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
-        size = jnp.abs(record.row(record.table))  # what fills up the row is past the end
-        samples = first + jnp.arange(size.shape[0], dtype=size.dtype) * record.sampling.dt
-        inside = jnp.where((samples >= start) & (samples <= end), size, -1.0)
-        times = jnp.stack([samples[jnp.argmax(inside)], start, end])
+        inside = record.breakpoint(self._highest_sample(record.locate(start), record.locate(end)))
+        times = jnp.stack([jnp.clip(inside, start, end), start, end])
         return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
+
+    def _highest_sample(self, first: Index, end: Index) -> Index:
+        """The sample of largest size from `first` on and before `end`, along the tree of maxima."""
+        tree = self.tree
+        assert tree is not None
+        leaves = tree.shape[-1] // 2
+        levels = leaves.bit_length()
+        size = functools.partial(self.record.among, tree)
+
+        def up(_, carry):
+            left, right, best = carry
+            # Nodes at the ends of the range that their parents do not stand for.
+            for odd, node in ((left, left), (right, right - 1)):
+                best = jnp.where((left < right) & (odd % 2 == 1) & (size(node) > size(best)), node, best)
+            return (left + left % 2) // 2, (right - right % 2) // 2, best
+
+        def down(_, node):
+            left, right = 2 * node, 2 * node + 1
+            larger = jnp.where(size(right) > size(left), right, left)
+            return jnp.where(node < leaves, larger, node)
+
+        first = jnp.clip(first, 0, leaves - 1)
+        start = leaves + first, leaves + jnp.clip(end, 0, leaves), leaves + first
+        best = jax.lax.fori_loop(0, levels, up, start)[2]
+        return (jax.lax.fori_loop(0, levels, down, best) - leaves).astype(first.dtype)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         """A linear piece exceeds the threshold where one of its ends does: at t, or at the next such

@@ -94,9 +94,6 @@ class Record(AbstractSampled):
     def among(self, table: Float[Array, " n"], i: Index) -> Value:
         return table[i]
 
-    def row(self, table: Float[Array, " n"]) -> Float[Array, " n"]:
-        return table
-
     def sizes(self) -> Float[Array, " n"]:
         return jnp.abs(self.acceleration)
 

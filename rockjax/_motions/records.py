@@ -120,9 +120,6 @@ class Records(AbstractSampled):
     def among(self, table: Float[Array, "k n"], i: Index) -> Value:
         return table[self.which, i]
 
-    def row(self, table: Float[Array, "k n"]) -> Float[Array, " n"]:
-        return table[self.which]
-
     def of_row(self, rows: Array) -> Array:
         return rows[self.which]
 

@@ -152,12 +152,14 @@ def test_interpolation(degree):
         )
 
 
-def test_scenes_side_by_side_share_the_samples_of_records():
-    """Of rigid podiums the whole table was copied into every lane in every step (with the shear it is)."""
+@pytest.mark.parametrize("shear", [False, True])
+def test_scenes_side_by_side_share_the_samples_of_records(shear):
+    """Of rigid podiums the whole table was copied into every lane in every step."""
     table = rj.Records.of([shaking(61, seed=k) for k in range(3)])
 
     def peak(scale):
-        motion, options = table.pick(1).scaled(scale), rj.Options(outputs=("peak_rotation",))
+        outputs = ("peak_rotation", "peak_shear") if shear else ("peak_rotation",)
+        motion, options = table.pick(1).scaled(scale), rj.Options(outputs=outputs)
         return rj.peak_response(PODIUMS["rigid"], motion, options=options).peak_rotation
 
     program = jax.jit(jax.vmap(peak)).lower(jnp.linspace(0.5, 2.0, 5)).as_text()

@@ -130,6 +130,24 @@ def test_a_search_ends_however_it_is_compiled(kind, level):
                 assert abs(float(wavelet(found))) >= share * highest * (1 - 1e-12)
 
 
+@pytest.mark.parametrize("n", [2, 3, 64, 65, 300])
+def test_the_highest_sample_of_any_part(n):
+    rng = np.random.default_rng(n)
+    record = rj.Record(rng.normal(size=n), 0.01, scale=-2.0, t_start=0.3)
+    lookahead = record.lookahead(jnp.asarray(0.5))
+    highest_time = jax.jit(jax.vmap(lambda start, end: lookahead.highest_time(start, end)))
+    samples = 0.3 + 0.01 * np.arange(n)
+    start, end = np.sort(rng.uniform(0.25, samples[-1] + 0.05, (2, 200)), axis=0)
+    start[::3] = rng.choice(samples, start[::3].size)
+    end[::5] = rng.choice(samples, end[::5].size)
+    end = np.maximum(start, end)
+    found = np.asarray(highest_time(start, end))
+    for t, a, b in zip(found, *np.clip([start, end], 0.3, samples[-1]), strict=True):
+        there = np.r_[a, b, samples[(a <= samples) & (samples <= b)]]
+        assert a <= t <= b
+        assert abs(float(record(t))) == pytest.approx(np.abs(np.asarray(record(there))).max(), rel=1e-12)
+
+
 @pytest.mark.parametrize("pulse", PULSES)
 def test_remaining_impulse_of_a_pulse_is_exact(pulse):
     motion = pulse(a_p=3.0, T_p=0.8)
