@@ -49,7 +49,7 @@ class AbstractLookahead(eqx.Module):
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value) -> Value:
-        """When |ü_g| is largest between two times [s]; `end` may be inf."""
+        """When |ü_g| is largest between two times [s], with a threshold; `end` may be inf."""
 
 
 class AbstractExcitation(eqx.Module):
