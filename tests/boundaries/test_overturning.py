@@ -143,7 +143,7 @@ def test_margin_far_from_the_boundary():
         assert float(slope(ratio * UNIT)) == pytest.approx((at(h) - at(-h)) / (2 * h), rel=1e-6)
 
 
-@pytest.mark.slow(but=["frame"])
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["frame", "elastic"])
 def test_margin_changes_nothing_else(name):
     podium, motions = PODIUMS[name], rj.Ricker(np.linspace(1, 4, 40) * UNIT, 1.0)

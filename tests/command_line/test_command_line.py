@@ -701,7 +701,7 @@ def test_design_that_cannot_be_ends_with_one(tmp_path):
     assert (tmp_path / "out.json").exists()
 
 
-@pytest.mark.slow(but=["trace"])
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["scan", "trace"])
 def test_chart_of_the_slimmest_safe_column(method):
     block = rj.Podium(alpha=0.15, R=1.5)

@@ -29,6 +29,7 @@ RECORDS = suite()
 TABLE = rj.Records.of(RECORDS)
 
 
+@pytest.mark.slow
 def test_a_wide_width_needs_no_more_places_than_the_first():
     """Changes are then solved again, more sharply, among the answers of the first places."""
     levels = np.linspace(1.0, 12.0, 3)
