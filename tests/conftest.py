@@ -27,8 +27,11 @@ def pytest_configure(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """`slow(but=[…])`: the cases whose names match one of these are not. Modules with most tests first: the
-    workers then end at about the same time (with `--no-loadscope-reorder`)."""
+    """`slow(but=[…])`: the cases whose names match one of these are not.
+
+    Modules with most slow tests first, whether they run or not: what is left of them takes longest as well,
+    and the workers then end at about the same time (with `--no-loadscope-reorder`).
+    """
     for item in items:
         mark = item.get_closest_marker("slow")
         kept = mark.kwargs.get("but", ()) if mark else ()

@@ -590,8 +590,8 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     assert names["suite"].names == ["third", "first"]
 
 
-@pytest.mark.slow
 # ----------------------------------------------------------------------------------------- what takes motions
+@pytest.mark.slow
 def test_what_readers_return_goes_into_everything(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
     records = suite.records()

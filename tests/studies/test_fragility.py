@@ -39,8 +39,8 @@ def test_a_wide_width_needs_no_more_places_than_the_first():
     assert np.all(rough["capacity"] >= close["capacity"] * (1 - 1e-9))
 
 
-@pytest.mark.slow
 # --------------------------------------------------------------------------------------- records in one table
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_a_table_answers_as_its_records_do(kind):
     podium = PODIUMS[kind]
