@@ -1,14 +1,17 @@
 """Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations
-[words]`.
+[words] [--list] [--every K]`.
 
 One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the
 impact map and the formulas of the structures is changed in a copy of the project, and the tests are run on it
-until one fails: first those of the equations themselves, then those of what follows from them.
+until one fails: first those of the equations themselves, then those of what follows from them. With `--list`
+nothing is run: how many there are. With `--every` a sample of them.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import collections
 import copy
 import os
 import queue
@@ -37,6 +40,11 @@ FUNCTIONS = {
         "shear",
         "_elongation",
         "_restraint",
+        "restraint_at_most",
+        "beam_absolute",
+        "_carried",
+        "drift_weights",
+        "floor_accelerations",
         "_weight",
         "_relief",
         "horizontal_demand",
@@ -60,16 +68,38 @@ FUNCTIONS = {
     "_restrainers/damper.py": ("_growth", "_force", "_power", "of_block"),
     "_restrainers/inerter.py": ("of_block",),
     "_restrainers/dimensions.py": ("restrainers_of",),
+    "_restrainers/together.py": ("prestress", "stability_angle", "_search"),
+    "_engine/settled.py": (
+        "certificate",
+        "_some",
+        "_demand_of_springs",
+        "of_sum",
+        "of_each",
+        "_angular_at_most",
+        "_several_stand",
+        "_steepest",
+    ),
+    "_structures/building.py": ("modal_analysis", "uniform", "modes", "_analysis"),
     "_excitations/ground.py": ("past", "before", "tie", "next_exceedance"),
     "_structures/restitution.py": ("factor",),
-    "_structures/superstructures.py": ("omega_s",),
+    "_structures/superstructures.py": (
+        "omega_s",
+        "largest_uplifted_square",
+        "uplifted_squares",
+        "_bordered",
+        "_squares_of_jvp",
+    ),
     "_structures/podium.py": (
         "p",
         "width",
         "height",
         "uplift_acceleration",
         "restitution_factor",
+        "uplift_ground_acceleration",
+        "critical_stiffness",
         "uplifted_frequency",
+        "_lifted",
+        "_restrained_frequency",
         "equivalent_block",
         "from_dimensions",
     ),
@@ -81,8 +111,12 @@ FUNCTIONS = {
 # why.
 HARMLESS: dict[tuple[str, str, str], str] = {
     ("_engine/coefficients.py", "finfo", "64 → 70.4"): "rounding that is allowed to the threshold",
+    ("_engine/settled.py", "vertical = 0.0", "0.0 → 0.1"): "stands for none, and is not looked at",
+    ("_engine/settled.py", "base = 0.0", "0.0 → 0.1"): "stands for none, and is not looked at",
+    ("_engine/settled.py", "contact, 0.0), swing)", "0.0 → 0.1"): "counts in full contact only",
 }
 STAGES = (
+    ("engine/test_certificate.py",),
     ("engine/test_model.py", "test_structures.py"),
     (
         "engine/test_closed_forms.py",
@@ -90,7 +124,7 @@ STAGES = (
         "engine/test_accuracy.py",
         "engine/test_hard_cases.py",
     ),
-    ("engine/test_restrainers.py", "engine/test_vertical.py"),
+    ("engine/test_restrainers.py", "engine/test_vertical.py", "engine/test_modes.py"),
 )
 OPERATORS = {ast.Add: (ast.Sub, "+ → -"), ast.Sub: (ast.Add, "- → +")}
 COMPARISONS = {
@@ -177,13 +211,13 @@ def _changes(node: ast.AST, power: bool) -> Iterator[tuple[str, Any]]:
         yield f"{node.value} → {other}", constant
 
 
-def verdict(mutant: Mutant, copy_of: Path) -> str:
+def verdict(mutant: Mutant, copy_of: Path, stages: int) -> str:
     """Which test notices, if any."""
     target = copy_of / "rockjax" / mutant.file
     original = target.read_text()
     try:
         target.write_text(mutant.source)
-        for stage in STAGES:
+        for stage in STAGES[:stages]:
             files = [f"tests/{name}" for name in stage]
             command = [
                 sys.executable,
@@ -214,8 +248,25 @@ def verdict(mutant: Mutant, copy_of: Path) -> str:
 
 
 def main() -> None:
-    words = sys.argv[1:]
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    arguments.add_argument("words", nargs="*", help="of file, function and change: those that have all")
+    arguments.add_argument("--list", action="store_true", help="count them")
+    arguments.add_argument("--every", type=int, default=1, help="one of so many")
+    arguments.add_argument(
+        "--stages", type=int, default=len(STAGES), help="of the tests, the quickest first: fewer notice less"
+    )
+    given = arguments.parse_args()
+    words = given.words
     chosen = [m for m in mutants() if all(w in f"{m.file} {m.function} {m.change}" for w in words)]
+    if given.list:
+        counts = collections.Counter((m.file, m.function) for m in chosen)
+        listed = [{"file": file, "function": name, "changes": k} for (file, name), k in counts.items()]
+        total = {"file": "all", "function": "", "changes": len(chosen)}
+        show([*listed, total], {"file": "", "function": "", "changes": "d"})
+        return
+    chosen = chosen[:: given.every]
     copies: queue.Queue[Path] = queue.Queue()
     with tempfile.TemporaryDirectory() as folder:
         for k in range(2):
@@ -229,7 +280,7 @@ def main() -> None:
         def one(mutant: Mutant) -> str:
             place = copies.get()
             try:
-                return verdict(mutant, place)
+                return verdict(mutant, place, given.stages)
             finally:
                 copies.put(place)
                 bar.update()
@@ -267,7 +318,7 @@ def main() -> None:
     print("\nnot noticed:" if survivors else "\nevery change is noticed")
     for row in survivors:
         print(f"  {row['where']}  {row['change']}:  {row['line']}  {row['why']}")
-    if not words:
+    if not words and given.every == 1:
         keep("mutations", [*table, {"survivors": survivors}])
 
 

@@ -41,7 +41,9 @@ from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES
 from tests import reference
 
+from . import stress_control as control
 from .campaign import Answers, Kept, scan
+from .draws import log_uniform, some
 from .measure import keep, show
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
@@ -69,10 +71,16 @@ class Group:
     law: str
     motion: str
     method: str = "dopri8"
+    added: str = ""  # restrainers, vertical motion
 
     @property
     def name(self) -> str:
-        return f"{self.top}, {self.law}, {self.motion}, {self.method}"
+        return f"{self.top}, {self.law}, {self.motion}, {self.method}" + (self.added and f", {self.added}")
+
+    @property
+    def controlled(self) -> bool:
+        """Whether it is one of `--control`."""
+        return bool(self.added) or self.top == "modes"
 
 
 def groups() -> Iterator[Group]:
@@ -84,19 +92,12 @@ def groups() -> Iterator[Group]:
         yield Group(top, "paper", motion, method)
 
 
+def control_groups() -> Iterator[Group]:
+    for top, law, motion, added in control.groups():
+        yield Group(top, law, motion, added=added)
+
+
 # ----------------------------------------------------------------------------------------------------- scenes
-def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np.ndarray:
-    return np.exp(rng.uniform(math.log(low), math.log(high), n))
-
-
-def some(
-    rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15
-) -> np.ndarray:
-    """The values, a share of them replaced by special ones."""
-    chosen = rng.choice(special, len(values))
-    return np.where(rng.random(len(values)) < share, chosen, values)
-
-
 def samples(motion: str) -> np.ndarray:
     """Synthetic records of peak 1, of different length and roughness."""
     n, seed = {"record": (240, 1), "offset record": (400, 2), "coarse record": (24, 3)}[motion]
@@ -131,14 +132,20 @@ class Batch:
 
 
 def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
-    alpha = log_uniform(rng, 0.01, 1.2, n)
+    alpha = log_uniform(rng, 0.01, control.WIDEST if group.controlled else 1.2, n)
     gamma = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
     eta = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
     zeta = some(rng, log_uniform(rng, 1e-3, 1.0, n), (0.0, 0.05, 1.0), 0.5)
     T_s = some(rng, log_uniform(rng, 0.01, 10.0, n), (0.01, 10.0))
-    top = {"none": None, "rigid": rj.Rigid(eta), "elastic": rj.Elastic(eta, T_s, zeta)}[group.top]
+    tops: dict[str, Callable[[], Any]] = {
+        "none": lambda: None,
+        "rigid": lambda: rj.Rigid(eta),
+        "elastic": lambda: rj.Elastic(eta, T_s, zeta),
+        "modes": lambda: control.modes(rng, eta, T_s, zeta),
+    }
+    top = tops[group.top]()
     e = some(rng, rng.uniform(0.5, 1.0, n), (0.0, 1e-9, 0.2, 1.0), 0.3)
-    return rj.Podium(
+    podium = rj.Podium(
         alpha=alpha,
         R=log_uniform(rng, 0.05, 50.0, n),
         gamma=gamma,
@@ -147,6 +154,7 @@ def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
         restitution=e if group.law == "given" else group.law,
         g=some(rng, np.full(n, 9.80665), (1.62, 3.71), 0.1),
     )
+    return control.restrained_podium(rng, podium, group.added) if group.added else podium
 
 
 def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -> rj.AbstractExcitation:
@@ -155,6 +163,16 @@ def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -
     factor = some(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
     a = np.asarray(lifts) * factor * rng.choice([-1.0, 1.0], n)
     T = 2 * math.pi / (np.asarray(podium.p) * log_uniform(rng, 0.2, 40.0, n))
+    horizontal = _horizontal(rng, group, a, T)
+    if "vertical" in group.added:
+        return control.with_vertical(rng, horizontal, T, np.asarray(podium.g))
+    return horizontal
+
+
+def _horizontal(
+    rng: np.random.Generator, group: Group, a: np.ndarray, T: np.ndarray
+) -> rj.AbstractExcitation:
+    n = len(a)
     if group.motion in PULSES:
         return getattr(rj, group.motion)(a, T)
     if group.motion == "Gabor":
@@ -173,14 +191,16 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     rng = np.random.default_rng([seed, *group.name.encode(), round(-math.log10(rtol))])
     podium = podiums(rng, group, n)
     motion = motions(rng, group, podium, n)
-    ratio = float(rng.choice([1.0, 1.0, 0.5, 1.3]))
+    ratio = float(rng.choice(control.RATIOS if group.controlled else (1.0, 1.0, 0.5, 1.3)))
     moves = np.ones(n, bool) if group.motion == "Rest" else rng.random(n) < 0.15
     alpha, p = np.asarray(podium.alpha), np.asarray(podium.p)
     theta = np.where(rng.random(n) < 0.3, 0.0, rng.uniform(-1, 1, n)) * min(ratio, 1.0) * alpha
     theta_dot = np.where(rng.random(n) < 0.5, 0.0, rng.normal(size=n)) * p * alpha
     sway = 0.3 * rng.normal(size=n) * np.asarray(podium.width)
     speed = sway * p
-    initial = rj.State(*(np.where(moves, y, 0.0) for y in (theta, theta_dot, sway, speed)))
+    initial = [np.where(moves, y, 0.0) for y in (theta, theta_dot, sway, speed)]
+    if group.top == "modes":
+        initial[2:] = (np.tile(y[:, None], control.MODES) for y in initial[2:])
     options = rj.Options(
         rtol=rtol,
         atol=0.01 * rtol,
@@ -188,7 +208,7 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
         outputs=OUTPUTS,
         overturn_ratio=ratio,
     )
-    return Batch(podium, motion, initial, options)
+    return Batch(podium, motion, rj.State(*initial), options)
 
 
 def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
@@ -198,11 +218,7 @@ def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State
         y = np.asarray(y)
         return jnp.asarray(y[k] if y.ndim and y.shape[0] == len(of.initial.theta) else y)
 
-    podium = jax.tree.map(pick, of.podium)
-    if isinstance(of.motion, rj.Record):
-        motion = rj.Record(of.motion.acceleration, pick(of.motion.dt), pick(of.motion.scale))
-    else:
-        motion = jax.tree.map(pick, of.motion)
+    podium, motion = jax.tree.map(pick, of.podium), control.over_parts(of.motion, pick)
     return podium, motion, jax.tree.map(pick, of.initial)
 
 
@@ -270,23 +286,32 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     end = min(
         float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
     )
-    truth = by_reference(podium, motion, initial, end)
+    if group.controlled:
+        limit = float(of.options.overturn_ratio * podium.alpha)
+        known = control.by_restrained(podium, motion, initial, end, limit)
+        rotation, overturn_time = known.peak, known.overturn_time
+    else:
+        truth = by_reference(podium, motion, initial, end)
+        rotation, overturn_time = truth.peak_rotation, truth.overturn_time
     errors = peak.errors
     assert errors is not None
-    same = bool(peak.overturned) == math.isfinite(truth.overturn_time)
-    error = abs(float(peak.peak_rotation) - truth.peak_rotation)
+    same = bool(peak.overturned) == math.isfinite(overturn_time)
+    error = abs(float(peak.peak_rotation) - rotation)
     return error, float(errors.peak_rotation), same, bool(errors.undecided)
 
 
-def sample_for_reference(seed: int, number: int) -> list[tuple[Group, float, int, int, int]]:
+def sample_for_reference(
+    seed: int, number: int, among: list[Group]
+) -> list[tuple[Group, float, int, int, int]]:
     """Scenes that SciPy can do in seconds: not too stiff, not too many impacts."""
     rng = np.random.default_rng(seed)
     jobs = []
-    chosen = [g for g in groups() if g.motion in PULSES and g.method == "dopri8"]
+    chosen = [g for g in among if g.motion in PULSES and g.method == "dopri8"]
     while len(jobs) < number:
         group, rtol, n = chosen[rng.integers(len(chosen))], float(rng.choice([1e-9, 1e-10])), 64
         of = batch(group, rtol, n, seed + 1)
-        if float(of.options.overturn_ratio) != 1:  # all that SciPy's implementation knows
+        # All that SciPy's implementation of podiums without devices knows.
+        if float(of.options.overturn_ratio) != 1 and not group.controlled:
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
@@ -315,12 +340,15 @@ def vibration(of: Batch) -> np.ndarray:
     Where damping there is more than twice critical, the radians that its decay counts for: both bound a step.
     """
     top, shape = of.podium.superstructure, np.shape(of.initial.theta)
-    if not isinstance(top, rj.Elastic):
+    if not isinstance(top, rj.Elastic | rj.Modes):
         return np.zeros(shape)
     start, quiet = (np.asarray(y) for y in of.motion.support)
-    after = np.maximum(30 / np.asarray(of.podium.p), 10 * np.asarray(top.T_s))  # `default_end`
     frequency = np.asarray(of.podium.uplifted_frequency)
-    damping = np.asarray(top.zeta) * frequency / np.asarray(top.omega_s)
+    if isinstance(top, rj.Modes):
+        longest, damping = control.longest_vibration(of.podium)
+    else:
+        longest, damping = np.asarray(top.T_s), np.asarray(top.zeta) * frequency / np.asarray(top.omega_s)
+    after = np.maximum(30 / np.asarray(of.podium.p), 10 * longest)  # `default_end`
     return np.broadcast_to(frequency * (quiet - start + after) * np.maximum(1.0, 0.5 * damping), shape)
 
 
@@ -354,7 +382,8 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
     found.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, known = code <= 2, true_code <= 2
     ratio = float(of.options.overturn_ratio)
-    values = {name: peak[name] for name in QUANTITIES}
+    # Of several modes, the largest; NaN where one is.
+    values = {name: np.reshape(peak[name], (code.size, -1)).max(axis=-1) for name in QUANTITIES}
     for name, value in values.items():
         found.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
         found.fail(f"{name} is negative", answered & (value < 0), line)
@@ -420,29 +449,29 @@ def run(
 
 def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
     rows = []
-    for name, some in parts.items():
-        ratios = np.concatenate([ratio for f in some for ratio in f.ratios])
-        trials = np.concatenate([count for f in some for count in f.trials])
-        total = sum(f.scenes for f in some)
+    for name, several in parts.items():
+        ratios = np.concatenate([ratio for f in several for ratio in f.ratios])
+        trials = np.concatenate([count for f in several for count in f.trials])
+        total = sum(f.scenes for f in several)
         rows.append(
             {
                 "scenes": name,
                 "number": total,
                 **{
-                    kind: sum(f.results.get(kind, 0) for f in some)
+                    kind: sum(f.results.get(kind, 0) for f in several)
                     for kind in ("settled", "end_of_time", "overturned")
                 },
                 **{
-                    NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in some)
+                    NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in several)
                     for k in OUT_OF_STEPS
                 },
-                "beyond": sum(f.beyond for f in some),
-                "within, out of steps": sum(f.within for f in some),
-                "not finite": sum(f.results.get("not_finite", 0) for f in some),
+                "beyond": sum(f.beyond for f in several),
+                "within, out of steps": sum(f.within for f in several),
+                "not finite": sum(f.results.get("not_finite", 0) for f in several),
                 "within 10 x": float(np.mean(ratios <= 10)),
-                "undecided": sum(f.undecided for f in some) / total,
-                "flips": sum(f.flips for f in some),
-                "unflagged": sum(f.unflagged for f in some),
+                "undecided": sum(f.undecided for f in several) / total,
+                "flips": sum(f.flips for f in several),
+                "unflagged": sum(f.unflagged for f in several),
                 "trials median": float(np.median(trials)),
                 "trials most": int(trials.max()),
             }
@@ -458,12 +487,12 @@ FORMATS = {
 }  # fmt: skip
 
 
-def compared_with_reference(seed: int, number: int) -> dict[str, Any]:
+def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[str, Any]:
     """Random scenes against the independent implementation, in processes of their own."""
     if not number:
         return {}
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
-        jobs = sample_for_reference(seed, number)
+        jobs = sample_for_reference(seed, number, among)
         results = list(tqdm(pool.map(against_reference, jobs, chunksize=4), total=number, unit=" references"))
     rows = np.array(results, float)
     error, estimate, same, undecided = rows.T
@@ -527,6 +556,9 @@ def main() -> None:
     arguments.add_argument(
         "--references", type=int, default=120, help="scenes for the independent implementation"
     )
+    arguments.add_argument(
+        "--control", action="store_true", help="restrainers, vertical motion and several modes instead"
+    )
     arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
     arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
@@ -534,8 +566,9 @@ def main() -> None:
         arguments.error("--so-far is of a --store")
     scenes, seed, words = int(given.scenes), given.seed, given.words
     kept = None if given.store is None else Kept(given.store)
+    every_group = control_groups() if given.control else groups()
     chosen = [
-        group for group in groups() if all(word in group.name.replace(",", "").split() for word in words)
+        group for group in every_group if all(word in group.name.replace(",", "").split() for word in words)
     ]
     chosen = chosen[:: given.every]
     per_group = -(-scenes // len(chosen))
@@ -553,8 +586,10 @@ def main() -> None:
     if not found:
         raise SystemExit("no batch is whole yet")
     parts = {"all": list(found.values())}
-    for top in SUPERSTRUCTURES:
+    for top in control.TOPS if given.control else SUPERSTRUCTURES:
         parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
+    for added in control.ADDED:
+        parts[added] = [f for g, f in found.items() if g.added == added]
     for motion in MOTIONS:
         parts[motion] = [f for g, f in found.items() if g.motion == motion and g.method == "dopri8"]
     for method in OTHERS:
@@ -571,15 +606,18 @@ def main() -> None:
         print(f"  {cause}: from benchmarks import stress as s")
         for line in lines[:6]:
             print(f"    {line}")
-    beside = compared_with_reference(seed, given.references if not words else 0)
-    beside |= of_exhausted([job for f in found.values() for job in f.exhausted], seed, given.references // 10)
-    if kept is not None and not given.so_far:
+    compared = chosen if given.control else list(groups())
+    beside = compared_with_reference(seed, given.references if not words else 0, compared)
+    exhausted = [job for f in found.values() for job in f.exhausted if not job[0].controlled]
+    beside |= of_exhausted(exhausted, seed, given.references // 10)
+    if kept is not None and not given.so_far and not given.control:
         beside |= boundaries(kept, seed, max(1, scenes // PER_BOUNDARY))
     slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - began:.0f} s")
     if not words:
-        keep("stress" if kept is None else "campaign", [*rows, {"failures": failures, **beside}])
+        name = "stress" if kept is None else "campaign"
+        keep(name + "-control" * given.control, [*rows, {"failures": failures, **beside}])
 
 
 if __name__ == "__main__":

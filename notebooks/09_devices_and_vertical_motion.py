@@ -68,6 +68,22 @@ ax.set(xlabel=r"$\ddot v_g/\ddot u_g$", ylabel=r"peak rotation $|\theta|/\alpha$
 ax.legend()
 
 # %% [markdown]
+# ## Spectra
+#
+# Over all pulses at once, by the same call as for bare columns: peak rotation over $\omega_p/p$ and
+# $a_p/(g\tan\alpha)$, white where the columns overturn.
+
+# %%
+points = 9 if REDUCED else 50
+frequency, acceleration = np.linspace(0.5, 8.0, points), np.linspace(1.0, 12.0, points)
+fig, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+for ax, podium, label in zip(axes, (bare, held), ("bare columns", "tendons and dampers"), strict=True):
+    data = rj.rocking_spectrum(podium, rj.Ricker, frequency, acceleration, options=options)
+    plots.rocking_spectrum(data, ax)
+    ax.set_title(f"{label}: {float(data['overturned'].mean()):.0%} overturn")
+plots.rotation_bar(axes)
+
+# %% [markdown]
 # ## What to change
 #
 # The derivative of the peak by every number of the devices, in one pass: what a little more of each would do.

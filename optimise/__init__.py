@@ -10,7 +10,15 @@ from ._design import design
 from ._explore import Explorer, explore
 from ._failure import FailureProbability
 from ._fit import Fit, fit
-from ._objectives import AbstractObjective, ExpectedLoss, WorstDeformation, WorstRotation, WorstShear
+from ._objectives import (
+    AbstractObjective,
+    ExpectedLoss,
+    WorstDeformation,
+    WorstDrift,
+    WorstFloorAcceleration,
+    WorstRotation,
+    WorstShear,
+)
 from ._pictures import before_after, convergence
 from ._problem import Problem, load
 from ._results import RESULTS
@@ -22,6 +30,8 @@ from ._targets import (
     OverturningProbability,
     OverturningScale,
     PeakDeformation,
+    PeakDrift,
+    PeakFloorAcceleration,
     PeakRotation,
     PeakShear,
 )
@@ -44,10 +54,14 @@ __all__ = [
     "OverturningProbability",
     "OverturningScale",
     "PeakDeformation",
+    "PeakDrift",
+    "PeakFloorAcceleration",
     "PeakRotation",
     "PeakShear",
     "Problem",
     "WorstDeformation",
+    "WorstDrift",
+    "WorstFloorAcceleration",
     "WorstRotation",
     "WorstShear",
     "before_after",

@@ -23,6 +23,7 @@ from jaxtyping import Array, ArrayLike, Float
 import rockjax as rj
 from rockjax.internal import (
     DIMENSIONS,
+    PEAKS,
     STRUCTURE,
     AbstractPeak,
     AnyMotion,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "margin")
+OUTPUTS = (*PEAKS, "margin")
 POINTS = 1001  # of the curves
 SHOWN = 12.0  # of the time after the motion, over 1/p
 _WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
@@ -223,12 +224,12 @@ class _Study(eqx.Module):
 
 
 class _Answer(eqx.Module):
-    """Peaks, and curves over time: rotation over α, deformation [m], ground acceleration [g]."""
+    """Peaks, and curves over time: rotation over α, sway [m], ground acceleration [g]."""
 
     peak: rj.Peak
     t: Float[Array, " n"]
     rotation: Float[Array, " n"]
-    deformation: Float[Array, " n"]
+    sway: Float[Array, " n"]
     ground: Float[Array, " n"]
 
 
@@ -242,9 +243,25 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     peak = rj.Peak(
         **{field.name: getattr(response, field.name) for field in dataclasses.fields(AbstractPeak)}
     )
+    ground = excitation.horizontal if isinstance(excitation, rj.GroundMotion) else excitation
     return _Answer(
-        peak, t, response(t).theta / podium.alpha, response.deformation(t), excitation(t) / podium.g
+        peak, t, response(t).theta / podium.alpha, _sway(response, podium, t), ground(t) / podium.g
     )
+
+
+def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
+    """What moves over the beam: one mass, the roof of a building, or the first of several modes."""
+    if isinstance(podium.superstructure, rj.ShearBuilding):
+        return jnp.sum(response.drift(t), axis=-1)
+    deformation = response.deformation(t)
+    return deformation if deformation.ndim == 1 else deformation[:, 0]
+
+
+def _of_sway(podium: rj.Podium) -> str:
+    """What `_sway` is called."""
+    if isinstance(podium.superstructure, rj.ShearBuilding):
+        return "roof\n[mm]"
+    return "mode 1\n[mm]" if isinstance(podium.superstructure, rj.Modes) else "deformation\n[mm]"
 
 
 class _Grid(NamedTuple):
@@ -302,13 +319,13 @@ class _Drawing:
 
         from rockjax.plots import COLOURS, ROTATION, STYLE, plt
 
-        elastic = isinstance(as_podium(structure).superstructure, rj.Elastic)
+        podium = as_podium(structure)
         rows = [
             (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
-            (lambda a: 1e3 * np.asarray(a.deformation), "deformation\n[mm]", COLOURS[3]),
+            (lambda a: 1e3 * np.asarray(a.sway), _of_sway(podium), COLOURS[3]),
             (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
         ]
-        if not elastic:
+        if not podium.vibrates:
             del rows[1]
         with plt.style.context(STYLE):
             # Laid out by hand: solving for the layout takes longer than the drawing.
@@ -344,6 +361,8 @@ _ROWS = {
     "overturning margin": ("margin", 1.0),
     "impacts": ("impacts", 1.0),
     "peak deformation [mm]": ("peak_deformation", 1e3),
+    "peak drift [mm]": ("peak_drift", 1e3),
+    "peak floor acceleration [m/s²]": ("peak_floor_acceleration", 1.0),
     "peak shear over weight": ("peak_shear", 1.0),
 }
 
@@ -352,9 +371,10 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     """A table of the peaks at first and now."""
 
     def number(peak: rj.Peak, field: str, factor: float) -> str:
-        return f"{factor * float(getattr(peak, field)):.3g}"
+        return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # of modes or stories the largest
 
-    rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in _ROWS.items()]
+    known = {name: of for name, of in _ROWS.items() if getattr(first, of[0]) is not None}
+    rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in known.items()]
     rows += [("the scene", _end(first), _end(now))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
     head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))

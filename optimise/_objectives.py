@@ -14,7 +14,7 @@ from rockjax.internal import of_kind
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
-from ._targets import AbstractResponses, check_limit, severity
+from ._targets import AbstractResponses, check_limit, of_building, severity
 
 
 class AbstractObjective(eqx.Module):
@@ -67,36 +67,56 @@ class WorstRotation(AbstractWorst):
         return "worst peak rotation / α"
 
 
-class WorstShear(AbstractWorst):
+class AbstractWorstPeak(AbstractWorst):
+    """The largest of a peak of the superstructure, where it has several of all of them."""
+
+    suite: Suite
+    words: ClassVar[str]
+
+    def __init__(self, excitations):
+        self.suite = Suite.of(excitations, type(self).__name__)
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return of_building(self, peaks)
+
+    def describe(self) -> str:
+        return self.words
+
+
+class WorstShear(AbstractWorstPeak):
     """The largest shear of the superstructure over its weight under a motion or a list of them [–]."""
 
-    suite: Suite
     outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
-
-    def __init__(self, excitations):
-        self.suite = Suite.of(excitations, type(self).__name__)
-
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return peaks.peak_shear
-
-    def describe(self) -> str:
-        return "worst peak shear / m_t g"
+    words: ClassVar[str] = "worst peak shear / m_t g"
 
 
-class WorstDeformation(AbstractWorst):
-    """The largest deformation of the superstructure under a motion or a list of them [m]."""
+class WorstDeformation(AbstractWorstPeak):
+    """The largest deformation of the superstructure, of any of its modes, under a motion or a list of them
+    [m]."""
 
-    suite: Suite
     outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+    words: ClassVar[str] = "worst peak deformation [m]"
 
-    def __init__(self, excitations):
-        self.suite = Suite.of(excitations, type(self).__name__)
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return peaks.peak_deformation
+class WorstDrift(AbstractWorstPeak):
+    """The largest drift of any story of a building under a motion or a list of them [m].
 
-    def describe(self) -> str:
-        return "worst peak deformation [m]"
+    Raises `ValueError` where it is evaluated for a podium without stories.
+    """
+
+    outputs: ClassVar[tuple[str, ...]] = ("peak_drift",)
+    words: ClassVar[str] = "worst peak drift [m]"
+
+
+class WorstFloorAcceleration(AbstractWorstPeak):
+    """The largest absolute horizontal acceleration of any floor of a building under a motion or a list of
+    them [m/s²].
+
+    Raises `ValueError` where it is evaluated for a podium without stories.
+    """
+
+    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration",)
+    words: ClassVar[str] = "worst peak floor acceleration [m/s²]"
 
 
 class OfPodium(AbstractObjective):

@@ -9,10 +9,12 @@ width = [0.2, 1.5]
 
 [minimise]                       # optional
 quantity = "alpha"               # a parameter of the podium: alpha, R, gamma, width, height, eta …, or
-                                 # peak-rotation, peak-shear, peak-deformation with motions = "…"
+                                 # peak-rotation, peak-shear, peak-deformation, peak-drift,
+                                 # peak-floor-acceleration with motions = "…"
 
 [[targets]]
-kind = "peak-rotation"           # peak-shear, peak-deformation: limit, motions
+kind = "peak-rotation"           # peak-shear, peak-deformation, and of buildings peak-drift,
+                                 # peak-floor-acceleration: limit, motions
 limit = 0.4
 motions = "pulses"
 [[targets]]
@@ -56,7 +58,14 @@ from ._annual import AnnualFrequency
 from ._answer import Design, aligned
 from ._design import design
 from ._failure import FailureProbability
-from ._objectives import AbstractObjective, WorstDeformation, WorstRotation, WorstShear
+from ._objectives import (
+    AbstractObjective,
+    WorstDeformation,
+    WorstDrift,
+    WorstFloorAcceleration,
+    WorstRotation,
+    WorstShear,
+)
 from ._targets import (
     AbstractTarget,
     MedianCapacity,
@@ -65,6 +74,8 @@ from ._targets import (
     OverturningProbability,
     OverturningScale,
     PeakDeformation,
+    PeakDrift,
+    PeakFloorAcceleration,
     PeakRotation,
     PeakShear,
 )
@@ -101,6 +112,8 @@ WORST: dict[str, type] = {
     "peak-rotation": WorstRotation,
     "peak-shear": WorstShear,
     "peak-deformation": WorstDeformation,
+    "peak-drift": WorstDrift,
+    "peak-floor-acceleration": WorstFloorAcceleration,
 }
 
 
@@ -229,6 +242,8 @@ class _Reader(Reader):
             "peak-rotation": (PeakRotation, ("limit", "motions"), ()),
             "peak-shear": (PeakShear, ("limit", "motions"), ()),
             "peak-deformation": (PeakDeformation, ("limit", "motions"), ()),
+            "peak-drift": (PeakDrift, ("limit", "motions"), ()),
+            "peak-floor-acceleration": (PeakFloorAcceleration, ("limit", "motions"), ()),
             "no-overturning": (NoOverturning, ("motions",), ()),
             "overturning-acceleration": (
                 OverturningAcceleration,

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import AnyMotions, several
+from rockjax.internal import PEAKS, AnyMotions, several
 
 Margins = Float[Array, " k"]
 
@@ -82,11 +82,11 @@ class Suite(eqx.Module):
             (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time) | peaks.overturned
         )
 
-        def known(y):
-            return jnp.where(answered, y, jnp.nan)
+        def known(y):  # of modes and stories along a last axis
+            return jnp.where(answered[:, None] if y.ndim == 2 else answered, y, jnp.nan)
 
-        fields = ("peak_rotation", "peak_deformation", "peak_shear", "margin")
-        return dataclasses.replace(peaks, **{name: known(getattr(peaks, name)) for name in fields})
+        fields = {name: getattr(peaks, name) for name in (*PEAKS, "margin")}
+        return dataclasses.replace(peaks, **{name: known(y) for name, y in fields.items() if y is not None})
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Overturning margins of all motions on all cores (host, without derivatives)."""

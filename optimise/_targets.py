@@ -111,48 +111,81 @@ class PeakRotation(AbstractResponseTarget):
         return f"peak rotation ≤ {self.limit:g} α"
 
 
-class PeakShear(AbstractResponseTarget):
+class AbstractPeakLimit(AbstractResponseTarget):
+    """A peak of the superstructure stays at most `limit` under every motion; where it has several, of modes,
+    stories or floors, each of them, with a margin of its own: (limit − peak)/limit."""
+
+    limit: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    words: ClassVar[str]  # what stays at most {}
+
+    def __init__(self, limit, excitations, name: Name = None):
+        owner = type(self).__name__
+        check_limit(owner, "limit", limit)
+        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        return (self.limit - of_building(self, peaks)) / self.limit
+
+    def describe(self) -> str:
+        return self.words.format(f"{self.limit:g}")
+
+
+def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
+    """The one output that is wanted, of all motions and of all modes, stories or floors in a row."""
+    (output,) = wanted.outputs
+    values = getattr(peaks, output)
+    if values is None:
+        raise ValueError(
+            f"{type(wanted).__name__}: expected a podium with stories, a rockjax.ShearBuilding as its "
+            f"superstructure; only these have a {output}"
+        )
+    return values.ravel()
+
+
+class PeakShear(AbstractPeakLimit):
     """The shear of the superstructure over its weight stays at most `limit`: max|V_s|/(m_t g) ≤ limit.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    limit: Any
-    suite: Suite
-    name: Name = eqx.field(static=True)
     outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
-
-    def __init__(self, limit, excitations, name: Name = None):
-        check_limit("PeakShear", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
-
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return (self.limit - peaks.peak_shear) / self.limit
-
-    def describe(self) -> str:
-        return f"peak shear ≤ {self.limit:g} m_t g"
+    words: ClassVar[str] = "peak shear ≤ {} m_t g"
 
 
-class PeakDeformation(AbstractResponseTarget):
-    """The deformation of the superstructure stays at most `limit`: max|u_t − u_b| ≤ limit.
+class PeakDeformation(AbstractPeakLimit):
+    """The deformation of the superstructure, of all its modes, stays at most `limit`: max|u_t − u_b| ≤ limit.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    limit: Any
-    suite: Suite
-    name: Name = eqx.field(static=True)
     outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+    words: ClassVar[str] = "peak deformation ≤ {} m"
 
-    def __init__(self, limit, excitations, name: Name = None):
-        check_limit("PeakDeformation", "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return (self.limit - peaks.peak_deformation) / self.limit
+class PeakDrift(AbstractPeakLimit):
+    """The drifts of all stories of a building stay at most `limit`.
 
-    def describe(self) -> str:
-        return f"peak deformation ≤ {self.limit:g} m"
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
+
+    Raises `ValueError` where it is evaluated for a podium without stories.
+    """
+
+    outputs: ClassVar[tuple[str, ...]] = ("peak_drift",)
+    words: ClassVar[str] = "peak drift ≤ {} m"
+
+
+class PeakFloorAcceleration(AbstractPeakLimit):
+    """The absolute horizontal accelerations of all floors of a building stay at most `limit`.
+
+    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: in reports
+
+    Raises `ValueError` where it is evaluated for a podium without stories.
+    """
+
+    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration",)
+    words: ClassVar[str] = "peak floor acceleration ≤ {} m/s²"
 
 
 class NoOverturning(AbstractResponseTarget):

@@ -16,9 +16,25 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax import internal
-from rockjax.internal import DIMENSIONS, Parameter, as_exponent, card, clash, find, readable, written
+from rockjax.internal import (
+    DIMENSIONS,
+    ROWS_OF_DIMENSIONS,
+    Parameter,
+    as_exponent,
+    as_float,
+    card,
+    clash,
+    find,
+    numbered,
+    readable,
+    written,
+)
 
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
+
+
+def _row(values: Any, name: str) -> Any:
+    return None if values is None else as_float(values, f"Dimensions: {name}")
 
 
 class Dimensions(eqx.Module):
@@ -33,6 +49,9 @@ class Dimensions(eqx.Module):
     - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
     - `damper_coefficient`: C of the damper of each column [N(s/m)^ν]; `damper_exponent`: its ν [–]
     - `inertance`: b of the inerter of each column [kg]
+    - `stories`, or `story_masses` [kg] and `story_stiffnesses` [N/m], with `story_heights` [m] and `modes`: a
+      building, as in `rockjax.Podium.from_dimensions`. What varies of it is `story_mass_1`,
+      `story_stiffness_2` …, numbered from the bottom
 
     Raises `ValueError` for numbers that are no podium.
     """
@@ -55,6 +74,13 @@ class Dimensions(eqx.Module):
         converter=functools.partial(as_exponent, what="Dimensions: damper_exponent"), default=1.0
     )
     inertance: Any = 0.0
+    stories: int | None = eqx.field(static=True, default=None)
+    story_masses: Any = eqx.field(converter=functools.partial(_row, name="story_masses"), default=None)
+    story_stiffnesses: Any = eqx.field(
+        converter=functools.partial(_row, name="story_stiffnesses"), default=None
+    )
+    story_heights: Any = eqx.field(converter=functools.partial(_row, name="story_heights"), default=None)
+    modes: int | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
         self.podium()
@@ -145,7 +171,7 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
         raise ValueError(
             f'{owner}: vary must name at least one variable with its bounds, e.g. {{"alpha": (0.1, 0.2)}}'
         )
-    shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(base) if not isinstance(leaf, str)} - {()}
+    shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(as_podium(base).split())} - {()}
     if shapes:
         raise ValueError(f"{owner}: podium must hold single numbers, got arrays of shape {shapes}")
     for name in vary:
@@ -217,7 +243,9 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
+    rows = [(entry, getattr(base, entry.place)) for entry in ROWS_OF_DIMENSIONS.values()]
     may_vary = [entry.name for entry in DIMENSIONS.values() if not entry.whole]
+    may_vary += [numbered(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)]
     if name not in may_vary:
         raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(may_vary)}")
     if name == "restitution" and isinstance(base.restitution, str):
@@ -241,18 +269,40 @@ def _no_factor(owner: str, law) -> str:
 def parameter(base: Structure, name: str) -> Parameter:
     """What a name of a variable is. Raises `KeyError` for a name that is none."""
     if isinstance(base, Dimensions):
-        return DIMENSIONS[name]
+        row, number = _in_row(name)
+        return DIMENSIONS[name] if row is None else numbered(row, number)
     found = find(name)
     if found is None:
         raise KeyError(name)
     return found
 
 
+def _in_row(name: str) -> tuple[Parameter | None, int]:
+    """The row of a drawing that a number belongs to, and which of it, counted from 1; None for one that is in
+    none."""
+    row, _, number = name.rpartition("_")
+    known = row in ROWS_OF_DIMENSIONS and number.isdecimal()
+    return (ROWS_OF_DIMENSIONS[row], int(number)) if known else (None, 0)
+
+
 def value_of(base: Structure, name: str):
     """The number that a variable is."""
-    return getattr(base, name) if isinstance(base, Dimensions) else internal.read(base, name)
+    if not isinstance(base, Dimensions):
+        return internal.read(base, name)
+    row, number = _in_row(name)
+    return getattr(base, name) if row is None else getattr(base, row.place)[number - 1]
 
 
 def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
     """A variant with other numbers."""
-    return base.replace(**values) if isinstance(base, Dimensions) else internal.varied(base, values)
+    if not isinstance(base, Dimensions):
+        return internal.varied(base, values)
+    changes: dict[str, Any] = {}
+    for name, value in values.items():
+        row, number = _in_row(name)
+        if row is None:
+            changes[name] = value
+        else:
+            before = changes.get(row.place, getattr(base, row.place))
+            changes[row.place] = before.at[number - 1].set(value)
+    return base.replace(**changes)

@@ -117,7 +117,6 @@ from ._problem_keys import (
     DESIGN,
     MODES,
     NUMBER,
-    OF_BUILDINGS,
     ONE_OR_MORE,
     OPTIONS,
     RECORDED,
@@ -259,11 +258,6 @@ class Reader:
             self.table(value, key, needed, tuple(name for name in BY_DIMENSIONS if name not in needed))
             self.typed(value, key, BY_DIMENSIONS)
             with self.at(key):
-                if self.by_dimensions != Podium.from_dimensions and OF_BUILDINGS.keys() & value.keys():
-                    raise ValueError(
-                        "a building by its dimensions cannot vary; give the structure by ratios, with a "
-                        "superstructure of masses and stiffnesses"
-                    )
                 return self.by_dimensions(**value)
         slenderness = [name for name in ("alpha", "tan_alpha") if name in value]
         if len(slenderness) != 1:

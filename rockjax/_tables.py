@@ -38,7 +38,7 @@ def _cells(row: Sequence[str], k: int, heads: str) -> str:
     return "".join(found)
 
 
-_UNITS = {"m s-2": "m/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
+_UNITS = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
 
 def written(unit: str) -> str:

@@ -8,7 +8,17 @@ from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
 from ._motions.intensity import measured_as
-from ._parameters.table import DIMENSIONS, STRUCTURE, Parameter, about, clash, of_motion
+from ._options import PEAKS
+from ._parameters.table import (
+    DIMENSIONS,
+    ROWS_OF_DIMENSIONS,
+    STRUCTURE,
+    Parameter,
+    about,
+    clash,
+    numbered,
+    of_motion,
+)
 from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
@@ -30,7 +40,9 @@ __all__ = [
     "BOUNDARY",
     "DIMENSIONS",
     "NARROWEST",
+    "PEAKS",
     "POSITIVE",
+    "ROWS_OF_DIMENSIONS",
     "STRUCTURE",
     "TEXT",
     "TRUTH",
@@ -67,6 +79,7 @@ __all__ = [
     "lines",
     "load_table",
     "measured_as",
+    "numbered",
     "of_kind",
     "of_motion",
     "parameters_of",

@@ -26,17 +26,26 @@ def pytest_configure(config):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """`slow(but=[…])`: the cases whose names match one of these are not.
 
     Modules with most slow tests first, whether they run or not: what is left of them takes longest as well,
     and the workers then end at about the same time (with `--no-loadscope-reorder`).
     """
+    without_a_case: dict[tuple[str, str], set[str]] = {}
     for item in items:
         mark = item.get_closest_marker("slow")
         kept = mark.kwargs.get("but", ()) if mark else ()
-        if kept and any(fnmatch.fnmatchcase(item.callspec.id, name) for name in kept):
+        if not kept:
+            continue
+        own = {name for name in kept if fnmatch.fnmatchcase(item.callspec.id, name)}
+        without_a_case.setdefault((str(item.path), item.originalname), set(kept)).difference_update(own)
+        if own:
             item.own_markers[:] = [m for m in item.own_markers if m.name != "slow"]
+    if not any("::" in argument for argument in config.args):  # all cases are there
+        for (path, test), names in without_a_case.items():
+            if names:
+                raise pytest.UsageError(f"{path}: {test}: slow(but={sorted(names)}) is the name of no case")
     slow = collections.Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])
 

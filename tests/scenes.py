@@ -2,9 +2,12 @@
 
 import math
 
+import jax
 import numpy as np
 
 import rockjax as rj
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.step import trial
 
 G = 9.80665
 ALPHA = math.atan(0.15)
@@ -36,6 +39,24 @@ def shaking(n: int = 400, dt: float = 0.02, peak: float = 3.5, seed: int = 0) ->
 
 def options(rtol: float, method: str = "tsit5", **more) -> rj.Options:
     return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, **more)
+
+
+def _operations(jaxpr) -> int:
+    """Of a program, with those of the functions that it calls."""
+    count = 0
+    for equation in jaxpr.eqns:
+        inner = [getattr(y, "jaxpr", y) for y in equation.params.values() if hasattr(y, "jaxpr")]
+        count += sum(map(_operations, inner)) if inner else 1
+    return count
+
+
+def operations_of_trial(podium: rj.Podium, motion: rj.AbstractExcitation, options: rj.Options) -> int:
+    """How many operations a trial step of a scene has; one on a row of modes counts once."""
+    structure = podium.split()
+    plan = plan_for(structure, options, history=False)
+    start = lambda: prepare(structure, motion, rj.State(), None, options, plan)
+    scene, state = jax.eval_shape(start)
+    return _operations(jax.make_jaxpr(lambda scene, state: trial(scene, plan, state))(scene, state).jaxpr)
 
 
 class Stops:

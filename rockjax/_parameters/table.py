@@ -173,6 +173,11 @@ DIMENSIONS = _named(
     Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR),
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
 )
+# Arguments that are rows of numbers: one for each story, numbered from 1.
+ROWS_OF_DIMENSIONS = _named(
+    Parameter("story_mass", "m", "kg", POSITIVE, "mass of the floor", "story_masses"),
+    Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
+)
 
 # Of ground motions: fields of their classes, and the ratios of pulses, worked out in variants.py.
 MOTION = _named(

@@ -55,7 +55,8 @@ def design_points(
     """The most likely ground motions of a Gaussian model that make a structure fail (host).
 
     - `podium`: of single numbers; `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or `("rotation", max|θ|/α)`, `("deformation", m)`, `("shear", V_s/(m_t g))`
+    - `limit`: `"overturning"`, or `("rotation", max|θ|/α)`, `("deformation", m)`, `("shear", V_s/(m_t g))`,
+      and of a building `("drift", m)`, `("floor acceleration", m/s²)`: the worst of its stories
     - `starts`: directions from which is searched; `seed`: the same gives the same
 
     Returns local minima of |u| on the limit state, nearest first; where no pulse is on top each has its

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +19,7 @@ from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._responses.simulate import REST
-from rockjax._structures import Podium
+from rockjax._structures import Podium, ShearBuilding
 
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
@@ -40,15 +40,29 @@ class Limit(NamedTuple):
 class _Kind(NamedTuple):
     output: str  # of `rockjax.Options`
     unit: str
-    elastic: bool  # of elastic superstructures only
-    superstructure: bool
+    of: str  # what has it, one of `OWNERS`
 
+
+def _has_stories(podium: Podium) -> bool:
+    return podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
+
+
+# What has a limit state → whether a podium has it.
+OWNERS: dict[str, Callable[[Podium], bool]] = {
+    "columns": lambda podium: True,
+    "a superstructure": lambda podium: podium.superstructure is not None,
+    "an elastic superstructure": lambda podium: podium.vibrates,
+    "a building of stories, a rockjax.ShearBuilding": _has_stories,
+}
+SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
 
 # Limit states besides overturning: a new one is a line here.
 LIMITS = {
-    "rotation": _Kind("peak_rotation", "max|θ|/α", False, False),
-    "deformation": _Kind("peak_deformation", "m", True, True),
-    "shear": _Kind("peak_shear", "over the weight", False, True),
+    "rotation": _Kind("peak_rotation", "max|θ|/α", "columns"),
+    "deformation": _Kind("peak_deformation", "m", ELASTIC),
+    "shear": _Kind("peak_shear", "over the weight", SUPERSTRUCTURE),
+    "drift": _Kind("peak_drift", "m", BUILDING),
+    "floor acceleration": _Kind("peak_floor_acceleration", "m/s²", BUILDING),
 }
 
 
@@ -59,12 +73,8 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
         name, value = limit
         kind = LIMITS[name]
-        if podium is not None and kind.superstructure and podium.superstructure is None:
-            raise ValueError(f"{owner}: limit {name!r} is of a superstructure, and this podium has none")
-        if podium is not None and kind.elastic and not podium.vibrates:
-            raise ValueError(
-                f"{owner}: limit {name!r} is of an elastic superstructure, and this one is rigid"
-            )
+        if podium is not None and not OWNERS[kind.of](podium):
+            raise ValueError(f"{owner}: limit {name!r} is of {kind.of}, and this podium has none")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
@@ -118,14 +128,13 @@ class OfStructure(AbstractLimitState):
         peaks = self._peaks(u, names)
         slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         value = np.asarray(getattr(peaks, self.limit.output))
-        return (
-            (value, slopes)
-            if self.limit.output == "margin"
-            else (
-                1 - value / self.limit.value,
-                -slopes / self.limit.value,
-            )
-        )
+        if value.ndim > 1:
+            worst = np.argmax(value, axis=1)[:, None]
+            value = np.take_along_axis(value, worst, axis=1)[:, 0]
+            slopes = np.take_along_axis(slopes, worst[..., None], axis=1)[:, 0]
+        if self.limit.output == "margin":
+            return value, slopes
+        return 1 - value / self.limit.value, -slopes / self.limit.value
 
     def _gradients(self, u):
         value, slope, _ = self.with_sensitivities(u)
@@ -155,7 +164,9 @@ def _records(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
 
 
 def _signed(value, overturned, limit: Limit):
-    """G from what a scene answers: ≤ 0 just where it fails."""
+    """G from what a scene answers: ≤ 0 just where it fails. Of modes, stories or floors the worst counts."""
+    if np.ndim(value) > np.ndim(overturned):
+        value = jnp.max(jnp.asarray(value), axis=-1)
     if limit.output == "margin":
         return jnp.where(overturned, jnp.minimum(value, 0.0), jnp.maximum(value, 1e-300))
     return jnp.where(overturned, jnp.minimum(1 - value / limit.value, 0.0), 1 - value / limit.value)

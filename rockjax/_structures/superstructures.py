@@ -244,12 +244,44 @@ def uplifted_squares(
     if isinstance(oscillators, Elastic):
         squares, masses = squares[..., None], masses[..., None]
     inertia, stiffness, cos_alpha = (jnp.asarray(y)[..., None] for y in (inertia, stiffness, cos_alpha))
+    return jnp.maximum(_squares_of(squares, masses, inertia, stiffness, cos_alpha), 0.0)
+
+
+def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
     corner = (stiffness + cos_alpha**2 * jnp.sum(masses * squares, axis=-1, keepdims=True)) / inertia
     border = -cos_alpha * jnp.sqrt(masses / inertia) * squares
-    size = oscillators.count + 1
+    size = squares.shape[-1] + 1
     matrix = jnp.zeros((*jnp.broadcast_shapes(corner.shape[:-1], border.shape[:-1]), size, size))
     matrix = matrix.at[..., 0, 0].set(corner[..., 0])
     matrix = matrix.at[..., 0, 1:].set(border).at[..., 1:, 0].set(border)
     places = jnp.arange(1, size)
-    matrix = matrix.at[..., places, places].set(squares)
-    return jnp.maximum(eigh(matrix)[0], 0.0)
+    return matrix.at[..., places, places].set(squares)
+
+
+@jax.custom_jvp
+def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
+    return jnp.asarray(eigh(_bordered(squares, masses, inertia, stiffness, cos_alpha))[0])
+
+
+@_squares_of.defjvp
+def _squares_of_jvp(primals, tangents):
+    """Of Rayleigh's quotient, which shapes of vibration leave as it is: it needs neither their derivatives,
+    which modes of one period do not have, nor those of roots of masses, which there are none of at zero."""
+    squares, masses, inertia, _, cos_alpha = primals
+    values, vectors = eigh(_bordered(*primals))
+    turn, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
+    weighs = masses[..., :, None] > 0
+    apart = squares[..., :, None] - values[..., None, :]
+    # What weighs nothing follows the beam, or vibrates alone.
+    follows = (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(apart == 0, 1.0, apart)
+    moves = shapes / jnp.sqrt(jnp.where(weighs, masses[..., :, None], 1.0))
+    moves = jnp.where(weighs, moves, jnp.where(apart == 0, 0.0, follows))
+    alone = jnp.where(weighs, 0.0, shapes**2)
+
+    def quotient(squares, masses, inertia, stiffness, cos_alpha):
+        squares, masses = squares[..., :, None], masses[..., :, None]
+        stretch = masses * (moves - (cos_alpha * turn)[..., None, :]) ** 2 + alone
+        held = stiffness * turn**2 + jnp.sum(squares * stretch, axis=-2)
+        return held / (inertia * turn**2 + jnp.sum(masses * moves**2 + alone, axis=-2))
+
+    return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]

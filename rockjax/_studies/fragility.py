@@ -26,7 +26,7 @@ from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
-from rockjax._responses.peak import peak_variables
+from rockjax._responses.peak import data_variables
 from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._threads import TABLES, import_meanwhile
@@ -170,10 +170,7 @@ def incremental_dynamic_analysis(
     import xarray
 
     data = xarray.Dataset(
-        {
-            name: (("record", "intensity"), y, attributes)
-            for name, y, attributes in peak_variables(peaks, options.outputs)
-        }
+        data_variables(peaks, options.outputs, ("record", "intensity"))
         | _of_records(places, impacts, found.certain, unit, of),
         coords={
             "record": ("record", labels, {"long_name": "record"}),

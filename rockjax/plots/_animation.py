@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,6 +15,7 @@ from matplotlib.patches import Polygon
 
 from rockjax._checks import require
 from rockjax._files import write_whole
+from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 
 from ._histories import TIME, as_history, vibrates
@@ -138,7 +139,10 @@ class _Stage:
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
         at = lambda values: exaggerate * np.interp(times, t, values)
         theta = data["theta"].values
-        self.theta, self.sway = at(theta), at(_sway(data))
+        self.theta, self.floors = at(theta), _floors(data, self.height)
+        self.sway = (
+            np.stack([at(floor.sway) for floor in self.floors]) if self.floors else np.zeros((0, times.size))
+        )
         self.ground = at(_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
@@ -174,16 +178,18 @@ class _Stage:
 
         self.columns = [part("0.82") for _ in self.feet]
         self.beam = part("0.6")
-        kind = attributes["superstructure"]
-        self.kind = "elastic" if vibrates(attributes) else "none" if kind == "none" else "rigid"
-        self.box = self.stick = None
-        if self.kind != "none":
+        self.box = None
+        if attributes["superstructure"] != "none" and not vibrates(attributes):
             self.box = part(COLOURS[2], alpha=0.75)
-        if self.kind == "elastic":
-            self.stick = [ax.plot([], [], color=COLOURS[0], ls="-", lw=2)[0] for _ in range(2)]
+        self.slabs = [part(COLOURS[2], alpha=0.75) for _ in self.floors]
+        self.sticks = [
+            [ax.plot([], [], color=COLOURS[0], ls="-", lw=2)[0] for _ in range(2)] for _ in self.floors
+        ]
         reach, lift = self._moves(np.arange(self.times.size))
-        aside = float(np.max(np.abs(reach + self.sway + self.ground)))
-        storey = {"none": 0.0, "rigid": 0.45, "elastic": 1.1}[self.kind] * self.height
+        aside = float(np.max(np.abs(reach + self.ground + np.vstack([0 * self.ground[None], self.sway]))))
+        storey = 0.45 * self.height if self.box is not None else 0.0
+        if self.floors:
+            storey = self.floors[-1].level + self.floors[-1].depth
         top = self.height + self.depth + storey + float(np.max(lift))
         soil = self.width * 0.6
         x = max(self.half + aside + 0.1 * self.height, 0.55 * (top + soil))
@@ -215,30 +221,52 @@ class _Stage:
         base, at = self.height + v, u + ground
         self.beam.set_xy(_box(at, base, self.half, self.depth))
         base += self.depth
-        if self.kind == "rigid" and self.box is not None:
+        if self.box is not None:
             self.box.set_xy(_box(at, base, 0.8 * self.half, 0.45 * self.height))
-        if self.stick and self.box is not None:
-            z = np.linspace(0, 1, 21)
-            for line, place in zip(self.stick, (-0.45, 0.45), strict=True):
-                line.set_data(
-                    at + place * self.half + self.sway[k] * (3 - 2 * z) * z**2, base + 0.8 * self.height * z
-                )
-            self.box.set_xy(
-                _box(at + self.sway[k], base + 0.8 * self.height, 0.6 * self.half, 0.3 * self.height)
-            )
+        self._show_floors(k, at, base)
         self.soil.set_xy(self.corners + np.array([ground, 0]))
         self.clock.set_text(f"t = {self.times[k]:6.2f} s")
         self.cursor.set_data([self.times[k]], [self.ratio[k]])
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
+
+    def _show_floors(self, k: int, at: float, base: float) -> None:
+        z, below, foot = np.linspace(0, 1, 21), 0.0, 0.0
+        for floor, sway, slab, sticks in zip(
+            self.floors, self.sway[:, k], self.slabs, self.sticks, strict=True
+        ):
+            bend = below + (sway - below) * (3 - 2 * z) * z**2
+            for line, place in zip(sticks, (-0.75, 0.75), strict=True):
+                line.set_data(
+                    at + place * floor.width * self.half + bend, base + foot + (floor.level - foot) * z
+                )
+            slab.set_xy(_box(at + sway, base + floor.level, floor.width * self.half, floor.depth))
+            below, foot = sway, floor.level + floor.depth
 
 
 def _box(x: float, y: float, half: float, height: float) -> np.ndarray:
     return np.array([(x - half, y), (x + half, y), (x + half, y + height), (x - half, y + height)])
 
 
-def _sway(data: xarray.Dataset) -> np.ndarray:
-    """How far the top is from the beam: of a building its roof, of modes without floors the first."""
+class _Floor(NamedTuple):
+    """A mass that moves against the beam, on two columns that bend."""
+
+    sway: np.ndarray  # from the beam, at all times [m]
+    level: float  # of its lower edge, above the beam [m]
+    depth: float  # [m]
+    width: float  # over that of the beam [–]
+
+
+def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
+    """What sways on the beam: the floors of a building, or one mass; of modes without floors the first."""
     if "drift" in data:
-        return data["drift"].values.sum(axis=1)
+        sways = data["drift"].values.cumsum(axis=1).T
+        known = getattr(podium_of(data.attrs).superstructure, "heights", None)
+        stories = np.full(len(sways), 0.6 * height) if known is None else np.asarray(known)
+        depth = 0.15 * float(np.min(stories))
+        levels = np.cumsum(stories) - depth
+        return [_Floor(*pair, depth, 0.75) for pair in zip(sways, map(float, levels), strict=True)]
+    if not vibrates(data.attrs):
+        return []
     deformation = data["deformation"].values
-    return deformation if deformation.ndim == 1 else deformation[:, 0]
+    sway = deformation if deformation.ndim == 1 else deformation[:, 0]
+    return [_Floor(sway, 0.8 * height, 0.3 * height, 0.6)]

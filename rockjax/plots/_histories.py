@@ -270,7 +270,7 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     residual = float(data["initial_energy"]) / unit + given - held - struck - damped - taken
     t = data["time"].values
     curves = [("work of the ground", given), ("mechanical energy", held), ("lost at impacts", struck)]
-    curves += [("lost in the damper", damped)] if vibrates(a) else []
+    curves += [("lost in the superstructure's damper", damped)] if vibrates(a) else []
     curves += [("lost in the columns' dampers", taken)] if taken.any() else []
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))

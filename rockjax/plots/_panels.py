@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+
+from rockjax._parameters.variants import find
+
+from ._style import symbol_of
 
 if TYPE_CHECKING:
     import xarray
@@ -65,7 +71,25 @@ def title_of(panels: xarray.Dataset) -> str:
     beam = "" if _is_block(panels) else rf"$\gamma = {a['gamma']:g}$, "
     stories = f", {a['stories']:g} stories" if "stories" in a else ""
     columns = rf"$R = {a['R_m']:.4g}$ m, $\tan\alpha = {math.tan(a['alpha_rad']):.4g}$"
-    return f"{a['pulse']} pulse, {beam}{columns}{stories}"
+    kind, vertical, ratio = a["pulse"].partition(" with ")
+    motion = f"{kind} pulse{vertical}{ratio}" + ("\n" if vertical else ", ")
+    return f"{motion}{beam}{columns}{stories}{_restrainers(a)}"
+
+
+def _restrainers(attributes: Mapping[str, Any]) -> str:
+    """The devices and their numbers, in a line of their own; none without."""
+    found = []
+    for device in json.loads(attributes.get("restrainers", "[]")):
+        kind = device["kind"]
+        known = {field: find(f"restrainers.{kind}.{field}") for field in device}
+        # What is 0 is not there, and an exponent of 1 is that of a linear damper.
+        said = [
+            rf"${symbol_of(entry.name)} = {device[field]:.3g}$"
+            for field, entry in known.items()
+            if entry is not None and device[field] and not (field == "exponent" and device[field] == 1)
+        ]
+        found.append(" ".join([kind.lower(), ", ".join(said)]))
+    return "\n" + "; ".join(found) if found else ""
 
 
 def mass_of(panels: xarray.Dataset, ratio: float) -> str:

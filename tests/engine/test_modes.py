@@ -9,15 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 
 import rockjax as rj
-from rockjax._engine.scene import plan_for, prepare
-from rockjax._engine.step import trial
 from rockjax._parameters import variants
 from rockjax._problem import Reader
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests import restrained
 from tests.restrained import Frame
+from tests.scenes import operations_of_trial
 
 S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
 FINE = rj.Options(rtol=1e-10, atol=1e-12)
@@ -165,6 +165,56 @@ def test_a_mode_without_mass_changes_nothing():
     assert np.all(np.isfinite(none.peak_deformation))
 
 
+def test_frequencies_where_modes_are_alike():
+    """Twenty modes, three of them of one period and one of them without mass: the frequencies of the linear
+    equations with masses and stiffnesses written out, and derivatives that are finite."""
+    T = np.linspace(1.2, 0.1, 20)
+    eta = np.linspace(6.0, 0.3, 20)
+    T[5:8], eta[11] = 0.7, 0.0
+    devices = rj.Tendon(1.0, 60.0), rj.Inerter(3.0)
+    found = podium(rj.Modes(eta, T), *devices)
+    # q = (u_b, deformations): T and V are quadratic forms; ½(1+λ+4γ+4μ sin²α)R²θ̇², u_b = 2R cos α θ.
+    sin, cos, p2 = math.sin(0.15), math.cos(0.15), 0.75 * 9.80665 / 1.5
+    spin = (4 / 3 + 40 + 4 * 3.0 * sin**2 + 4 * eta.sum() * sin**2) / (4 * cos**2)
+    mass = np.zeros((21, 21))
+    mass[0, 0] = spin + eta.sum()
+    mass[0, 1:] = mass[1:, 0] = eta
+    mass[1:, 1:] = np.diag(np.where(eta > 0, eta, 1.0))  # without mass: a mode of its own
+    stiff = np.diag(np.r_[4 * p2 / 3 * 60.0 * sin**2 / cos**2, np.diag(mass)[1:] * (2 * math.pi / T) ** 2])
+    expected = np.sqrt(scipy.linalg.eigh(stiff, mass, eigvals_only=True))
+    np.testing.assert_allclose(found.uplifted_frequencies, expected, rtol=1e-11)
+    assert float(found.fastest_frequency()) == pytest.approx(expected[-1], rel=1e-12)
+    # Alike or not, and up from no mass: slopes of differences along some directions.
+    for rotating in (0, 1, -1):  # roots that are simple
+        frequency = lambda eta, T, k=rotating: podium(rj.Modes(eta, T), *devices).uplifted_frequencies[k]
+        slopes = jax.grad(frequency, (0, 1))(jnp.asarray(eta), jnp.asarray(T))
+        for k in (0, 6, 11):
+            y = np.eye(20)[k]
+            up = [float(frequency(eta + h * y, T)) for h in (0.0, 1e-3, 2e-3)]
+            assert float(slopes[0][k]) == pytest.approx((4 * up[1] - 3 * up[0] - up[2]) / 2e-3, abs=1e-6)
+            down, above = (float(frequency(eta, T + h * y)) for h in (-1e-5, 1e-5))
+            assert float(slopes[1][k]) == pytest.approx((above - down) / 2e-5, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_derivatives_where_modes_are_alike():
+    """Of two modes of one period only the sum of masses counts; one without mass has no say by its period."""
+    pulse = rj.OneSine(PULSE, T_P)
+
+    def peak(y):
+        structure = podium(rj.Modes(y[:2], y[2:]))
+        return rj.peak_response(structure, pulse, t_end=1.6, options=FINE).peak_rotation
+
+    slope = jax.jit(jax.grad(peak))
+    both = slope(jnp.array([20.0, 10.0, 0.5, 0.5]))
+    alone = slope(jnp.array([0.0, 30.0, 0.5, 0.5]))
+    assert float(both[0]) == pytest.approx(float(both[1]), rel=1e-7)
+    assert float(both[2]) == pytest.approx(2 * float(both[3]), rel=1e-7)
+    assert float(alone[2]) == 0
+    assert float(alone[3]) == pytest.approx(float(both[2] + both[3]), rel=1e-7)
+    np.testing.assert_allclose(alone[:2], float(both[0]), rtol=1e-7)
+
+
 # An independent integrator
 
 
@@ -302,25 +352,10 @@ def test_twenty_stories():
         check(found, independent(frame_of(building.modes, building.shapes), 2.5))
 
 
-def operations(jaxpr) -> int:
-    """Of a program, with those of the functions that it calls."""
-    count = 0
-    for equation in jaxpr.eqns:
-        inner = [getattr(y, "jaxpr", y) for y in equation.params.values() if hasattr(y, "jaxpr")]
-        count += sum(map(operations, inner)) if inner else 1
-    return count
-
-
 def test_what_a_mode_costs():
     """Modes are rows: how many there are changes nothing in the program but their length."""
 
-    def of_trial(top) -> int:
-        structure, options = podium(top).split(), rj.Options()
-        plan = plan_for(structure, options, history=False)
-        start = lambda: prepare(structure, rj.OneSine(3.0, 1.0), rj.State(), None, options, plan)
-        scene, state = jax.eval_shape(start)
-        return operations(jax.make_jaxpr(lambda scene, state: trial(scene, plan, state))(scene, state).jaxpr)
-
+    of_trial = lambda top: operations_of_trial(podium(top), rj.OneSine(3.0, 1.0), rj.Options())
     one = of_trial(rj.Elastic(30.0, 0.5))
     assert of_trial(rj.Modes([30.0], [0.5])) == one
     of_many = [of_trial(rj.Modes([30.0 / n] * n, np.linspace(0.6, 0.1, n))) for n in (2, 20)]

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import rockjax as rj
 from rockjax._engine import energy, model, settled
@@ -315,6 +316,45 @@ def test_a_stiff_tendon_brings_columns_back_from_any_rotation():
     energy = 0.5 * float(c.spin) * 1.5**2
     highest = potential(c, jnp.ones(()), peak.peak_rotation * 0.15)
     assert float(highest) == pytest.approx(energy, rel=1e-11)
+
+
+def test_tendons_at_the_critical_stiffness():
+    """Just below, at and above κ_cr: a kick turns where V says, up to π/2, and from a higher rotation on it
+    falls."""
+    critical, ratio = float(podium().critical_stiffness), 0.5 * math.pi / 0.15
+    options = EXACT.replace(overturn_ratio=ratio)
+    angles = []
+    for change in (-1e-9, 0.0, 1e-9):
+        structure = podium(rj.Tendon(0.0, critical * (1 + change)), rj.Inerter(0.0))
+        angles.append(float(structure.stability_angle))
+        c = coefficients(structure)
+        # V/(2Rgw sin α) is sin A at κ_cr; the rest of it is the change.
+        V = lambda A, change=change: math.sin(A) + change * (1 - math.cos(A)) / math.tan(0.15)
+        for height, overturns in ((0.3, False), (0.999, False), (1.001, True)):
+            speed = math.sqrt(height * 2 * 1.5 * 9.80665 * 10.5 * math.sin(0.15) / (0.5 * float(c.spin)))
+            kick = rj.State(theta_dot=speed)
+            peak = rj.peak_response(structure, rj.Rest(), initial=kick, t_end=9.0, options=options)
+            assert bool(peak.overturned) is overturns
+            if not overturns:
+                turn = brentq(lambda A, V=V, height=height: V(A) - height, 0.0, 1.6, xtol=1e-15)
+                assert float(peak.peak_rotation) * 0.15 == pytest.approx(turn, rel=1e-10)
+    # tan θ_s = sin α/(cos α − 2κ sin²α/w)
+    assert angles[0] == pytest.approx(0.5 * math.pi - 1e-9 / math.tan(0.15), abs=1e-14)
+    assert angles[1] == pytest.approx(0.5 * math.pi, abs=1e-14)
+    assert math.isinf(angles[2])
+
+
+@pytest.mark.parametrize("nu", [0.999999, 0.5, 0.25])
+def test_steep_dampers_at_turning_points(nu):
+    """From rest on a rotation, where the slope of the force is infinite, over turning points between impacts
+    on both sides: impacts of an integration that begins anew at each turning point."""
+    response = free(podium(rj.Damper(1.0, nu)), 0.12, t_end=6.0)
+    answer = restrained.simulate(Frame(delta=1.0, nu=nu), 6.0, state=(0.12,), rest=1e-8)
+    few = answer.impacts[:3]
+    assert len(few) == 3
+    np.testing.assert_allclose(response.impact_times[:3], few, rtol=0, atol=2e-9)
+    assert np.all(np.diff(response.damper_energy(np.linspace(0, 6, 100))) >= 0)
+    assert float(response.damper_energy(6.0)) == pytest.approx(answer.damper, abs=2e-8)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from rockjax._engine import model, settled
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import restoring_moment, vertical_impulse
 from rockjax._excitations.base import Shaking
-from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.ground import GroundMotion, check_weight
 from tests import restrained
 from tests.restrained import Frame
 
@@ -302,6 +302,41 @@ def test_what_is_no_pair():
         rj.GroundMotion(3.0, rj.Rest())
     with pytest.raises(ValueError, match="GroundMotion: vertical must be one component"):
         rj.GroundMotion(rj.OneSine(2.5, 0.8), PAIR)
+
+
+def test_weight_that_touches_zero():
+    """g + v̈_g of 1e-9 g and of one unit in the last place is answered, at zero and below it is an error."""
+    most = lambda a: pair(2.0, -a)
+    found = peak(RIGID, most(G * (1 - 1e-9)))
+    motions = restrained.one_sine(2.0, 0.8), restrained.one_sine(-G * (1 - 1e-9), 0.5)
+    answer = restrained.simulate(Frame(), 3.0, *motions, breaks=(0.5, 0.8), rest=1e-8)
+    restrained.check_peaks(found, answer, Frame(), rotation=1e-9)
+    nearly = peak(RIGID, most(math.nextafter(G, 0.0)))
+    assert float(nearly.peak_rotation) == pytest.approx(float(found.peak_rotation), abs=1e-8)
+    for a in (G, math.nextafter(G, 99.0)):
+        with pytest.raises(ValueError, match=r"g \+ v̈_g must be positive at all times"):
+            peak(RIGID, most(a))
+        with pytest.warns(RuntimeWarning, match="weightless"):
+            batch = rj.peak_responses(RIGID, pair(2.0, np.array([-4.0, -a])), t_end=3.0, options=FINE)
+        assert [results.NAMES[int(k)] for k in results.code_of(batch.result)][1] == "weightless"
+        assert np.isfinite(batch.peak_rotation[0])
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        lambda a: rj.Ricker(-a, 0.5),
+        lambda a: rj.OneCosine(a, 0.5),
+        lambda a: rj.Record([0.0, 1.0, -a, 2.0], 0.1),
+        lambda a: rj.Gabor(-a, 0.5, 3.0, 0.0),
+    ],
+    ids=["ricker", "one cosine", "record", "gabor"],
+)
+def test_every_motion_knows_where_it_is_lowest(motion):
+    """What touches zero is an error whatever moves the ground; a 10⁻⁷th above is none."""
+    with pytest.raises(ValueError, match=r"g \+ v̈_g must be positive"):
+        check_weight("scene", rj.GroundMotion(rj.Rest(), motion(G)), jnp.asarray(G))
+    check_weight("scene", rj.GroundMotion(rj.Rest(), motion(G * (1 - 1e-7))), jnp.asarray(G))
 
 
 def test_no_weight():

@@ -111,6 +111,23 @@ def test_records_and_rigid_buildings():
     assert len(study._drawing.figure.axes) == 2  # nothing deforms
 
 
+@pytest.mark.slow
+def test_buildings_under_both_components():
+    building = COLUMN.replace(
+        top_mass=0.0, period=None, story_masses=[100e3, 80e3], story_stiffnesses=[40e6, 30e6]
+    )
+    motion = rj.GroundMotion(rj.OneSine(2.5, 0.8), rj.OneSine(-1.0, 0.5))
+    study = optimise.explore(building, motion, {"width": (0.2, 1.5), "story_stiffness_1": (1e7, 1e8)})
+    study.sliders["story_stiffness_1"].value = 2e7
+    expected = rj.peak_response(building.replace(story_stiffnesses=[2e7, 30e6]).podium(), motion)
+    for field in ("peak_rotation", "peak_drift", "peak_floor_acceleration"):
+        found, wanted = (np.asarray(getattr(peak, field)) for peak in (study.peak, expected))
+        np.testing.assert_allclose(found, wanted, rtol=1e-6)
+    assert [ax.get_ylabel() for ax in study._drawing.figure.axes][1] == "roof\n[mm]"
+    largest = 1e3 * float(np.max(expected.peak_drift))
+    assert f"{largest:.3g}" in study._text.value
+
+
 @pytest.mark.parametrize(
     ("vary", "said"),
     [

@@ -323,6 +323,27 @@ def test_film_is_drawn_to_scale(histories):
         assert beam[:4, 0].mean() == pytest.approx(moved, abs=1e-12)
 
 
+def test_film_of_a_building_has_its_floors(histories):
+    """Floors lie where the drifts add up to, at the heights of the stories."""
+    data = histories["elastic"]
+    drift = np.stack([data["deformation"].values, 0.5 * data["deformation"].values], axis=1)
+    building = rj.ShearBuilding([1.0, 1.0], [100.0, 100.0], heights=[3.0, 2.0])
+    attributes = describe_podium(PODIUMS["elastic"].replace(superstructure=building))
+    data = data.assign(drift=(("time", "story"), drift)).assign_attrs(attributes)
+    times = np.array([0.3, 0.9])
+    stage = plots._animation._Stage(data, times, 2, 2.0, 1.0, False)
+    for k, t in enumerate(times):
+        stage.show(k)
+        sways = [2.0 * np.interp(t, data["time"], y) for y in drift.cumsum(axis=1).T]
+        beam = stage.beam.get_xy()
+        for slab, sway, level in zip(stage.slabs, sways, (3.0, 5.0), strict=True):
+            corners = slab.get_xy()
+            assert corners[:4, 0].mean() - beam[:4, 0].mean() == pytest.approx(sway)
+            assert corners[:, 1].max() - beam[:, 1].max() == pytest.approx(level)
+        for sticks, slab in zip(stage.sticks, stage.slabs, strict=True):
+            assert sticks[0].get_ydata()[-1] == pytest.approx(slab.get_xy()[:, 1].min())
+
+
 def test_films_say_what_they_cannot_do(histories, tmp_path, monkeypatch):
     data = histories["rigid"]
     for change, words in (
@@ -410,6 +431,15 @@ def test_files_know_their_command(tmp_path):
     with xarray.open_dataset(tmp_path / "r.nc") as data:
         assert data.attrs["command"] == " ".join(["rockjax", *flags])
         assert data.attrs["kind"] == "response"
+
+
+def test_title_says_what_restrains_the_columns():
+    devices = (rj.Tendon(1.36, 0.0), rj.Damper(4.54), rj.Damper(2.0, 0.5), rj.Inerter(8.0))
+    attributes = describe_podium(rj.Podium(0.15, 1.5, 10.0, restrainers=devices))
+    title = title_of(xarray.Dataset(attrs={"pulse": "Ricker with vertical ratio 0.5"} | attributes))
+    first, _, last = title.split("\n")
+    assert first == "Ricker pulse with vertical ratio 0.5"
+    assert last == ("tendon $τ = 1.36$; damper $δ = 4.54$; damper $δ = 2$, $ν = 0.5$; inerter $μ = 8$")
 
 
 def test_title_says_how_many_stories():

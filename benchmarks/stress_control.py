@@ -1,0 +1,156 @@
+"""What the stress campaign has with `--control`: restrainers, vertical motion, three modes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+import rockjax as rj
+from tests import restrained
+
+from .draws import log_uniform, some
+
+TOPS = ("none", "rigid", "elastic", "modes")
+ADDED = (
+    "tendon",
+    "damper",
+    "power-damper",
+    "inerter",
+    "all",
+    "vertical",
+    "all vertical",
+    "power-damper vertical",
+)
+MOTIONS = ("Ricker", "OneCosine", "record")
+LAWS = ("paper", "compatible", "given")
+MODES = 3
+WIDEST = 0.5  # of α: overturning may then be at three times that
+RATIOS = (1.0, 1.0, 0.5, 3.0)  # of overturning
+
+
+def groups() -> Iterator[tuple[str, str, str, str]]:
+    """(superstructure, law, motion, what is added); a law for each."""
+    for k, top in enumerate(TOPS):
+        for j, added in enumerate(ADDED if top != "modes" else ("", *ADDED)):
+            for i, motion in enumerate(MOTIONS):
+                yield top, LAWS[(i + j + k) % len(LAWS)], motion, added
+
+
+def modes(rng: np.random.Generator, eta: np.ndarray, T_s: np.ndarray, zeta: np.ndarray) -> rj.Modes:
+    """The mass of a superstructure over modes of T_s and less: some of them equal, some without mass."""
+    n = len(eta)
+    shares = rng.dirichlet(np.ones(MODES + 1), n)
+    shares[rng.random(n) < 0.1, 1] = 0.0
+    shorter = log_uniform(rng, 0.05, 1.0, 2 * n).reshape(n, 2)
+    shorter[rng.random(n) < 0.1] = 1.0
+    periods = T_s[:, None] * np.c_[np.ones(n), shorter]
+    return rj.Modes(
+        eta[:, None] * shares[:, :MODES], periods, np.tile(zeta[:, None], MODES), eta * shares[:, -1]
+    )
+
+
+def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -> rj.Podium:
+    """With devices: prestress up to ten times the weight, stiffness from 0 to twice the critical one, dampers
+    up to some times of critical damping, exponents from .3 on, inertances up to a thousand columns."""
+    alpha = np.asarray(podium.alpha)
+    n = len(alpha)
+    weight = np.asarray(podium.gamma + podium.eta) + 0.5
+    every = "all" in added
+    devices: list[Any] = []
+    if every or "tendon" in added:
+        kappa = some(rng, rng.uniform(0.0, 2.0, n), (0.0, 1 - 1e-9, 1.0, 1 + 1e-9), 0.3)
+        tau = some(rng, weight * log_uniform(rng, 1e-3, 10.0, n), (0.0,))
+        devices.append(rj.Tendon(tau, kappa * np.asarray(podium.critical_stiffness)))
+    if every or "damper" in added:
+        nu = rng.uniform(0.3, 0.999, n) if "power" in added else np.ones(n)
+        strength = some(rng, log_uniform(rng, 1e-3, 10.0, n), (0.0,))
+        delta = strength * weight / (2 * np.sin(alpha) * alpha) ** nu
+        devices.append(rj.Damper(delta, nu if "power" in added else 1.0))
+    if every or "inerter" in added:
+        devices.append(rj.Inerter(some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0,))))
+    return podium.replace(restrainers=tuple(devices))
+
+
+def with_vertical(
+    rng: np.random.Generator, motion: rj.AbstractExcitation, T: np.ndarray, g: np.ndarray
+) -> rj.GroundMotion:
+    """With a vertical component of nearly g at most, of shorter or longer periods."""
+    n = len(T)
+    size = g * some(rng, rng.uniform(-0.95, 0.95, n), (0.0, -0.999999, 0.999999))
+    T = T * log_uniform(rng, 0.1, 3.0, n)
+    if not isinstance(motion, rj.Record):
+        return rj.GroundMotion(motion, rj.Ricker(size, T))
+    a = np.asarray(motion.acceleration)
+    return rj.GroundMotion(motion, rj.Record(a[::-3] / np.abs(a[::-3]).max(), 6 * T / len(a), scale=size))
+
+
+def by_restrained(
+    podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float, limit: float
+) -> restrained.Answer:
+    """The scene by the implementation of restrained podiums that shares nothing with the project."""
+    top, numbers = podium.superstructure, {}
+    rows: list[tuple[float, ...]] = []
+    gamma, residual = float(podium.gamma), 0.0
+    if isinstance(top, rj.Rigid):
+        gamma += float(top.eta)
+    elif isinstance(top, rj.Elastic):
+        rows = [(float(top.eta), float(top.T_s), float(top.zeta))]
+    elif isinstance(top, rj.Modes):
+        rows = [tuple(map(float, row)) for row in zip(top.eta, top.T, top.zeta, strict=True)]
+        residual = float(top.residual)
+    for device in podium.restrainers:
+        if isinstance(device, rj.Tendon):
+            numbers |= {"tau": float(device.prestress), "kappa": float(device.stiffness)}
+        elif isinstance(device, rj.Damper):
+            numbers |= {"delta": float(device.coefficient), "nu": float(device.exponent)}
+        elif isinstance(device, rj.Inerter):
+            numbers |= {"mu": float(device.inertance)}
+    frame = restrained.Frame(
+        float(podium.alpha), float(podium.R), gamma, float(podium.lam), tuple(rows), residual,
+        e=float(podium.restitution_factor), g=float(podium.g), **numbers,
+    )  # fmt: skip
+    parts = [motion.horizontal, motion.vertical] if isinstance(motion, rj.GroundMotion) else [motion]
+    start = float(motion.support[0])
+    breaks = [float(b) - start for part in parts for b in np.asarray(part.breakpoints)]
+    moves = [_acceleration(part, start) for part in parts]
+    u, speed = (np.broadcast_to(np.asarray(y), len(rows)) for y in (initial.u_t, initial.u_t_dot))
+    state = (float(initial.theta), float(initial.theta_dot), *u, *speed)
+    return restrained.simulate(frame, end - start, *moves, breaks=breaks, state=state, limit=limit)
+
+
+def _acceleration(motion: rj.AbstractExcitation, start: float):
+    assert isinstance(motion, rj.AbstractPulse)
+    a_p, T_p, (low, high) = float(motion.a_p), float(motion.T_p), motion.span
+
+    def of(t: float) -> float:
+        tau = (t + start) / T_p
+        return a_p * float(motion.shape(np.float64(tau))) if low <= tau <= high else 0.0
+
+    return of
+
+
+def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
+    """The longest period of modes, and the largest ζ_iω_up/ω_i."""
+    top = podium.superstructure
+    assert isinstance(top, rj.Modes)
+    damping = (
+        np.asarray(podium.uplifted_frequency)[:, None]
+        * np.asarray(top.zeta)
+        * np.asarray(top.T)
+        / (2 * math.pi)
+    )
+    return np.max(np.asarray(top.T), axis=-1), np.max(damping, axis=-1)
+
+
+def over_parts(motion: rj.AbstractExcitation, pick) -> rj.AbstractExcitation:
+    """A motion whose numbers are picked out of a batch, samples of records left as they are."""
+    if isinstance(motion, rj.GroundMotion):
+        return rj.GroundMotion(*(over_parts(part, pick) for part in (motion.horizontal, motion.vertical)))
+    if isinstance(motion, rj.Record):
+        return rj.Record(motion.acceleration, pick(motion.dt), pick(motion.scale))
+    numbers = {field.name: pick(getattr(motion, field.name)) for field in dataclasses.fields(motion)}
+    return dataclasses.replace(motion, **numbers)
