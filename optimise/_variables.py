@@ -49,9 +49,12 @@ class Dimensions(eqx.Module):
     - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
     - `damper_coefficient`: C of the damper of each column [N(s/m)^ν]; `damper_exponent`: its ν [–]
     - `inertance`: b of the inerter of each column [kg]
-    - `stories`, or `story_masses` [kg] and `story_stiffnesses` [N/m], with `story_heights` [m] and `modes`: a
-      building, as in `rockjax.Podium.from_dimensions`. What varies of it is `story_mass_1`,
-      `story_stiffness_2` …, numbered from the bottom
+    - `stories`: number of equal stories of a building, or None; `story_heights`: of a building [m]
+    - `story_masses`: of the floors of a building [kg]; `story_stiffnesses`: of its stories [N/m]
+    - `modes`: number of modes of the building that are kept; None keeps all
+
+    A building is as in `rockjax.Podium.from_dimensions`; what varies of it is `story_mass_1`,
+    `story_stiffness_2` …, numbered from the bottom.
 
     Raises `ValueError` for numbers that are no podium.
     """
