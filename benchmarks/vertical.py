@@ -2,8 +2,9 @@
 
 The folder holds horizontal and vertical components of stations, in files or in a table `suite.csv`, as
 `rockjax.read_suite(FOLDER).paired()` reads them. Every pair is scaled as a whole so that its horizontal PGA
-is a multiple of g tan α. Peak rotations with the vertical component over those without it; then the least
-prestress that keeps all of them under 0.4 α, with and without, from ten starts.
+is a multiple of g tan α. Peak rotations with the vertical component over those without it; then, for the
+shorter pairs, the least prestress that keeps all of them under 0.4 α, with and without, from ten starts, and
+beside it a scan of the prestress. `--design` does the second part only.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ RATIOS = (1.5, 2.0, 3.0)  # PGA over g tan α
 SIZES = (0.5, 1.0, 2.0)  # of the columns, over those of the other studies
 DESIGN = 2.0  # of the ratios, for the design
 UNMOVED = 1e-3  # of α: smaller rotations say nothing
+SHORT = 2000  # samples; of the design
+SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N]: below no design stands, above all do
+SCANNED = "least of the scan [N]", "throughout from [N]", "satisfied between", "changes"
 Pairs = list[rj.GroundMotion]
 
 
@@ -95,19 +99,29 @@ def summary(rows: list[dict]) -> dict:
     }
 
 
+def scanned(case: list[rj.AbstractExcitation]) -> dict[str, float]:
+    """Where the prestress of a scan satisfies the limit: from its least value there, and from which one on
+    throughout."""
+    podiums = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(SCAN))
+    peaks = [rj.peak_responses(podiums, motion, options=OPTIONS) for motion in case]
+    satisfied = np.all([(p.peak_rotation <= LIMIT) & ~p.overturned for p in peaks], axis=0)
+    first, last = np.argmax(satisfied), len(SCAN) - np.argmin(satisfied[::-1])
+    changes = np.sum(satisfied[1:] != satisfied[:-1])
+    values = SCAN[first], SCAN[last], satisfied[first:last].mean(), changes
+    return dict(zip(SCANNED, map(float, values), strict=True))
+
+
 def designs(motions: rj.Motions) -> list[dict]:
-    """The least prestress for all pairs, with and without the vertical component."""
+    """The least prestress for the shorter pairs, with and without the vertical component."""
     podium = rj.Podium.from_dimensions(**RIGID)
-    pairs = pairs_of(motions, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
-    cases = {"with": list(pairs), "without": horizontal(pairs)}
-    return [row_of(name, least_force(case)) for name, case in cases.items()]
+    short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT))
+    print(f"{len(short)} pairs of less than {SHORT} samples", flush=True)
+    pairs = pairs_of(short, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
+    cases: dict[str, list[rj.AbstractExcitation]] = {"with": list(pairs), "without": horizontal(pairs)}
+    return [row_of(name, least_force(case)) | scanned(case) for name, case in cases.items()]
 
 
-def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    arguments.add_argument("--records", type=Path, required=True, metavar="FOLDER")
-    motions = read(arguments.parse_args().records)
-    print(f"{len(motions)} pairs, {min(map(len, motions))} to {max(map(len, motions))} samples", flush=True)
+def comparison(motions: rj.Motions) -> None:
     tables = [compared(motions, size, ratio) for size in SIZES for ratio in RATIOS]
     rows = [row for table in tables for row in table]
     show(rows, {"record": "", "component": "", "PGA [g]": ".3f", "V/H": ".2f", "R [m]": ".2f", "ratio": "g"}
@@ -115,9 +129,21 @@ def main() -> None:
     keep("device-vertical", rows)
     sums = [{"R [m]": t[0]["R [m]"], "ratio": t[0]["ratio"]} | summary(t) for t in tables] + [summary(rows)]
     show(sums, {key: ".3f" if isinstance(value, float) else "" for key, value in sums[0].items()})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--records", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--design", action="store_true", help="the design only")
+    arguments = parser.parse_args()
+    motions = read(arguments.records)
+    print(f"{len(motions)} pairs, {min(map(len, motions))} to {max(map(len, motions))} samples", flush=True)
+    if not arguments.design:
+        comparison(motions)
     found = designs(motions)
-    show(found, {key: form for key, form in FORMATS.items() if any(key in row for row in found)})
     keep("device-vertical-design", found)
+    forms = FORMATS | dict.fromkeys(SCANNED, ".6g")
+    show(found, {key: form for key, form in forms.items() if any(key in row for row in found)})
     print(f"limit {LIMIT} α at PGA = {DESIGN:g} g tan α")
 
 
