@@ -117,11 +117,14 @@ def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = TIGHT
 
 def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
     """Values of the objective, margins of the targets, and the responses that they are of."""
-    peaks = fresh_peaks(podium, problem.motions)
+    read_off = [item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)]
+    outputs = {*TIGHT.outputs, *(name for item in read_off for name in item.outputs)}
+    tight = TIGHT.replace(outputs=tuple(sorted(outputs)))
+    peaks = fresh_peaks(podium, problem.motions, tight)
 
     def of(item, alone: str) -> np.ndarray:
         read = isinstance(item, AbstractResponses)
-        return np.atleast_1d(item.read(peaks, TIGHT) if read else getattr(item, alone)(podium, TIGHT))
+        return np.atleast_1d(item.read(peaks, tight) if read else getattr(item, alone)(podium, tight))
 
     margins = [of(target, "margins") for target in problem.targets]
     return of(problem.minimise, "values"), np.concatenate([np.zeros(0), *margins]), peaks
