@@ -18,6 +18,7 @@ from ._run import Flags, flag
 
 if TYPE_CHECKING:
     import rockjax as rj
+    from rockjax._structures import AbstractSuperstructure
 
 F = TypeVar("F", bound=Flags)
 
@@ -155,8 +156,8 @@ class Given:
         return self.reader.structure(self.structure_table(flags))
 
     def panels(self, flags: Panels) -> PanelsOf:
-        """Podiums for each mass ratio η/γ and each period T_s, 0 for a rigid superstructure."""
-        import rockjax as rj
+        """Podiums for each mass ratio η/γ and each period T_s, 0 for a rigid superstructure, the longest of a
+        building."""
         from rockjax._structures import superstructure_of
 
         podium, swept = self.podium(flags), self.settings(flags)
@@ -169,18 +170,21 @@ class Given:
         else:
             ratios = numbers("eta_over_gamma", swept.eta_over_gamma)
             etas = [ratio * gamma for ratio in ratios]
-        if whole and "T_s" not in swept.given:
-            periods = [float(top.T_s) if isinstance(top, rj.Elastic) else 0.0]
-        else:
-            periods = numbers("T_s", swept.T_s)
-        zeta = (
-            top.zeta if isinstance(top, rj.Elastic) and "zeta" not in flags.given else flags.values()["zeta"]
-        )
+        stories = _alike_stories(self.structure_table(flags)) or flags.values().get("stories")
+        of_top = ("T_s", "zeta", "eta", "eta_over_gamma")
+        changed = [name for name in of_top if name in flags.given or name in swept.given]
+        if whole and changed and not stories and top is not None and top.several:
+            raise ValueError(
+                f"{flag(changed[0])}: the superstructure has several modes or stories, each with its own "
+                "numbers, which no single one can change; give stories that are alike, or change its table"
+            )
+        period, damping = _longest(top)
+        zeta = flags.values()["zeta"] if damping is None or "zeta" in flags.given else damping
         zeta = float(0.05 if zeta is None else zeta)
-        if whole and not {"T_s", "eta_over_gamma"} & swept.given and "zeta" not in flags.given:
-            return PanelsOf([podium], ratios, periods, zeta)
+        if whole and not changed:
+            return PanelsOf([podium], ratios, [period], zeta)
+        periods = numbers("T_s", swept.T_s) if not whole or "T_s" in swept.given else [period]
         with self.reader.at("structure"):
-            stories = flags.values().get("stories")
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return PanelsOf([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
@@ -255,8 +259,28 @@ class Given:
 class PanelsOf(NamedTuple):
     podiums: list[rj.Podium]
     ratios: list[float]
-    periods: list[float]
-    zeta: float
+    periods: list[float]  # the longest ones
+    zeta: float  # of those
+
+
+def _alike_stories(table: Any) -> int | None:
+    """The number of stories of a structure's table where they are alike."""
+    if not isinstance(table, dict):
+        return None
+    top = table.get("superstructure")
+    return table.get("stories") or (top.get("stories") if isinstance(top, dict) else None)
+
+
+def _longest(top: AbstractSuperstructure | None) -> tuple[float, float | None]:
+    """The longest period of a superstructure, 0 where it is rigid, and the damping of that mode."""
+    import numpy as np
+
+    found = None if top is None else top.oscillators
+    if found is None:
+        return 0.0, None
+    periods, damping = np.atleast_1d(found.T_s), np.atleast_1d(found.zeta)
+    first = int(np.argmax(periods))
+    return float(periods[first]), float(damping[min(first, len(damping) - 1)])
 
 
 def _taken(values: Mapping[str, Any], wanted: tuple[str, ...]) -> dict[str, Any]:

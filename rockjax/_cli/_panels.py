@@ -33,7 +33,10 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
     ]
     panels = xarray.concat(rows, "eta_over_gamma", **join)
     panels.attrs["zeta"] = zeta
-    panels["T_s"].attrs = {"units": "s", "long_name": "superstructure period T_s, 0 is rigid"}
+    panels["T_s"].attrs = {
+        "units": "s",
+        "long_name": "superstructure period T_s, the longest of several, 0 is rigid",
+    }
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     return panels
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from rockjax._studies.spectra import minimum_overturning
 
-from ._panels import grid_of_panels, head, legend_beside, mass_of, period_of
+from ._panels import grid_of_panels, legend_beside, mass_of, period_of
 from ._spectra import dimensional_axes
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled, symbol_of
 
@@ -58,7 +58,7 @@ def overturning_boundaries(panels: xarray.Dataset) -> Figure:
 def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
     """One panel per η/γ, one curve per T_s."""
     count = panels.sizes["eta_over_gamma"]
-    figure, grid, _ = grid_of_panels(1, count, width=3.9, height=3.1, right=2.85)
+    figure, grid, _ = grid_of_panels(1, count, 3.9, 3.1, right=2.85, panels=panels, title=title)
     axes = grid[0]
     x = panels["frequency_ratio"].values
     for i, ax in enumerate(axes):
@@ -72,7 +72,6 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
         if i:
             ax.set_ylabel("")
     legend_beside(figure, grid, beside=0.7)
-    head(figure, title, panels)
     return figure
 
 
@@ -173,7 +172,10 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
     rows, columns = panels.sizes["parameter"], panels.sizes["eta_over_gamma"]
-    figure, axes, _ = grid_of_panels(rows, columns, width=3.9, height=2.4, right=2.4, sharey="row", left=0.85)
+    title = "Sensitivity of the least overturning acceleration"
+    figure, axes, _ = grid_of_panels(
+        rows, columns, 3.9, 2.4, right=2.4, panels=panels, title=title, sharey="row", left=0.85
+    )
     for i, parameter in enumerate(panels["parameter"].values):
         for j in range(columns):
             ax, ratio = axes[i, j], float(panels.eta_over_gamma[j])
@@ -193,7 +195,6 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
         symbol = symbol_of(str(parameter))
         axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
     legend_beside(figure, axes, beside=0.15)
-    head(figure, "Sensitivity of the least overturning acceleration", panels)
     return figure
 
 

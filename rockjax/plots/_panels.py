@@ -20,21 +20,32 @@ if TYPE_CHECKING:
     import xarray
 
 
+WIDE = 9.0  # inches
+
+
 def grid_of_panels(
     rows: int,
     columns: int,
     width: float,
     height: float,
     right: float,
+    panels: xarray.Dataset,
+    title: str = "",
     sharey: Literal["all", "row"] = "all",
     left=0.65,
 ) -> tuple[Figure, np.ndarray, float]:
-    """A figure of equal panels in inches, its axes, and where they end on the right (in parts of its width).
+    """A figure of equal panels in inches below a title that says of which structure and pulse they are, its
+    axes, and where they end on the right (in parts of its width).
 
     Laid out by hand: solving for the layout takes longer than the drawing.
     """
-    below, above, apart, stacked = 0.55, 1.05, 0.2, 0.45
+    apart, stacked = 0.2, 0.45
     w = left + columns * width + (columns - 1) * apart + right
+    head = title_of(panels)
+    if title:  # in a line of its own where one for both would be wider
+        head = f"{title}, {head}" if w > WIDE else f"{title}\n{head}"
+    # Room for two lines of it above the axes at the top, and for more.
+    below, above = 0.55, 1.05 + 0.2 * max(head.count("\n") - 1, 0)
     h = below + rows * height + (rows - 1) * stacked + above
     figure = plt.figure(figsize=(w, h))
     spacing = {"wspace": apart / width, "hspace": stacked / height}
@@ -42,13 +53,8 @@ def grid_of_panels(
     axes = figure.subplots(
         rows, columns, sharex=True, sharey=sharey, squeeze=False, gridspec_kw=sides | spacing
     )
+    figure.suptitle(head, fontsize=10 if title and w <= WIDE else None)
     return figure, axes, sides["right"]
-
-
-def head(figure: Figure, title: str, panels: xarray.Dataset) -> None:
-    """A title over the figure, in two lines where one would be wider."""
-    wide = figure.get_figwidth() > 9
-    figure.suptitle(f"{title}{', ' if wide else chr(10)}{title_of(panels)}", fontsize=None if wide else 10)
 
 
 def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, mass_of, period_of, title_of
+from ._panels import grid_of_panels, mass_of, period_of
 from ._spectra import dimensional_axes
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_of
 
@@ -63,7 +63,7 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
     """
     parameters, ratios = list(map(str, panels["parameter"].values)), panels.sizes["eta_over_gamma"]
     rows, columns = len(parameters) * ratios, panels.sizes["T_s"]
-    figure, axes, rest = grid_of_panels(rows, columns, width=2.7, height=2.2, right=1.75)
+    figure, axes, rest = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
     for i, j in np.ndindex(rows, columns):
         parameter, ax = parameters[i // ratios], cast(Axes, axes[i, j])
         panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
@@ -78,7 +78,6 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
         if bool(panel["overturned"].any()):
             ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
     _bar(figure, rest)
-    figure.suptitle(title_of(panels))
     return figure
 
 

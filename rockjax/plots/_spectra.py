@@ -11,7 +11,7 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, mass_of, period_of, title_of
+from ._panels import grid_of_panels, mass_of, period_of
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, on_axes, styled
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
     rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
-    figure, axes, rest = grid_of_panels(rows, columns, width=2.7, height=2.2, right=1.75)
+    figure, axes, rest = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
     for i in range(rows):
         for j in range(columns):
             panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
@@ -102,5 +102,4 @@ def spectra(panels: xarray.Dataset) -> Figure:
                 ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
     bar = figure.add_axes((rest + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
     rotation_bar(axes, cax=bar)
-    figure.suptitle(title_of(panels))
     return figure

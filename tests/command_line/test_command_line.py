@@ -168,6 +168,27 @@ def test_panels_of_buildings():
     assert float(found.podiums[0].eta) == pytest.approx(30.0)
 
 
+BUILDING = {"width": 0.6, "height": 3.0, "column_mass": 2.7e3, "beam_mass": 30e3}
+
+
+def test_panels_of_a_building_in_a_file():
+    """A panel has the longest period of a building, and no option takes the building away unseen."""
+    alike = {"structure": BUILDING | {"stories": 3, "top_mass": 60e3, "period": 0.4}}
+    (podium,), _, periods, zeta = panels(table=alike)
+    assert (podium.superstructure.stories, periods, zeta) == (3, [pytest.approx(0.4)], 0.05)
+    (podium,), _, periods, zeta = panels("--zeta", 0.02, table=alike)
+    assert (podium.superstructure.stories, periods, zeta) == (3, [pytest.approx(0.4)], 0.02)
+    found = panels("--T-s", "0,0.5", "--eta-over-gamma", 2, table=alike).podiums
+    assert [type(podium.superstructure).__name__ for podium in found] == ["Rigid", "ShearBuilding"]
+    assert float(found[1].superstructure.modes.T[0]) == pytest.approx(0.5)
+    own = {"structure": BUILDING | {"story_masses": [2e4, 1e4], "story_stiffnesses": [12e6, 9e6]}}
+    (podium,), _, (period,), _ = panels(table=own)
+    assert period == pytest.approx(float(podium.superstructure.modes.T[0]))
+    for option in ("--zeta", "--T-s", "--eta-over-gamma"):
+        with pytest.raises(ValueError, match=f"{option}: the superstructure has several modes or stories"):
+            panels(option, 0.1, table=own)
+
+
 def test_panels_are_what_options_and_file_say():
     every = panels()
     assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)

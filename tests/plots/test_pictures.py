@@ -11,6 +11,7 @@ from matplotlib.collections import PolyCollection
 import optimise
 import rockjax as rj
 from rockjax import _redraw, plots
+from rockjax._responses.datasets import describe_podium
 from rockjax._studies.grid_boundaries import with_boundaries
 from tests.scenes import PODIUMS
 
@@ -108,6 +109,18 @@ def test_panels_say_what_stands_on_the_columns(attrs, words):
     figure.canvas.draw()
     (legend,) = figure.legends
     assert not any(legend.get_window_extent().overlaps(ax.get_window_extent()) for ax in figure.axes)
+
+
+def test_a_title_of_many_lines_covers_nothing():
+    """Vertical motion, a building and devices, each of which is said above the panels."""
+    devices = rj.Tendon(0.8), rj.Damper(0.4)
+    podium = rj.Podium(0.2, 1.5, 3.0, rj.ShearBuilding.uniform(5, 10.0, 0.5), restrainers=devices)
+    panels = spectrum(pulse="Ricker with vertical ratio 0.5", **describe_podium(podium))
+    figure = _redraw.PICTURES["overturning-spectrum"]["boundaries"].draw(panels)
+    figure.canvas.draw()
+    lowest = figure._suptitle.get_window_extent().y0
+    assert figure.get_suptitle().count("\n") == 3
+    assert all(lowest > ax.title.get_window_extent().y1 for ax in figure.axes)
 
 
 def test_boundaries_of_a_grid_are_narrowed_down():
