@@ -50,7 +50,8 @@ OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
 PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
-TRUTH_STEPS = 50_000  # of the truth; scenes as asked for have the default
+TRUTH_STEPS = 50_000  # of the truth
+ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
 VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -413,7 +414,13 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
 
 
 def run(
-    number: int, group: Group, per_group: int, seed: int, kept: Kept | None = None, so_far: bool = False
+    number: int,
+    group: Group,
+    per_group: int,
+    seed: int,
+    kept: Kept | None = None,
+    so_far: bool = False,
+    steps: int = ASKED_STEPS,
 ) -> Findings:
     found = Findings()
     began = time.perf_counter()
@@ -431,7 +438,7 @@ def run(
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
-            peak = of.answers(of.options, kept, f"{name}-asked")
+            peak = of.answers(of.options.replace(max_steps=steps), kept, f"{name}-asked")
             tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
             finer = of.options.replace(
                 rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=TRUTH_STEPS
@@ -560,6 +567,9 @@ def main() -> None:
         "--control", action="store_true", help="restrainers, vertical motion and several modes instead"
     )
     arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
+    arguments.add_argument(
+        "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
+    )
     arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
     if given.so_far and given.store is None:
@@ -578,7 +588,7 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed, kept, given.so_far)
+            found[group] = run(number, group, per_group, seed, kept, given.so_far, given.steps)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))

@@ -25,11 +25,12 @@ class DesignPoint:
 
     - `u`: standard normal numbers, shape (dimension,); `beta`: |u|, the reliability index
     - `record`: the motion of u: the most likely one of its kind that causes failure
-    - `mode`: impacts before the fall, or in the scene
+    - `mode`: impacts before the fall, or in the scene; -1 where they go on beyond the steps of a scene
     - `smooth`: whether u is normal to the limit state there; else it is an edge, where the mode of failure
       changes
     - `sensitivities`: dβ/dy for every number y of structure and ground motion, from one reverse pass, to one
-      side where not smooth
+      side where not smooth; by where y is: `"alpha"`, `"restrainers[0].prestress"`,
+      `"superstructure.masses[2]"`
     """
 
     u: np.ndarray
@@ -79,7 +80,7 @@ def design_points(
             u=found.u[k],
             beta=float(found.beta[k]),
             record=motion.record(jnp.asarray(found.u[k])),
-            mode=int(impacts[k]),
+            mode=-1 if np.isnan(impacts[k]) else int(impacts[k]),
             smooth=bool(found.aligned[k]),
             sensitivities={name: float(y[k] / length[k]) for name, y in named.items()},
         )

@@ -104,10 +104,11 @@ class OfStructure(AbstractLimitState):
             np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value)
         )
 
-    def _peaks(self, u: np.ndarray, names: Sequence[str] = ()):
+    def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
         whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
         records = _records(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
-        return peak_responses(self.podium, records, options=self.options, sensitivities=names)
+        options = self.options.replace(outputs=(*self.options.outputs, *outputs))
+        return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named parameters
@@ -152,8 +153,12 @@ class OfStructure(AbstractLimitState):
         return value, slope, _named(*numbers)
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
-        """Impacts in the scenes of the rows of u: before the fall where they fail."""
-        return np.asarray(self._peaks(u).impacts)
+        """Impacts in the scenes of the rows of u: before the fall where they overturn, else all of them."""
+        counted = np.asarray(self._peaks(u).impacts)
+        if not np.isnan(counted).any():
+            return counted
+        # Scenes that stay up end as soon as the limit's peak stands.
+        return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
 @jax.jit
@@ -186,10 +191,12 @@ def _slopes(u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, opti
 
 
 def _named(*slopes: Any) -> dict[str, np.ndarray]:
-    """Derivatives (k,) by the names of their fields; those of the podium, then those of the motion."""
+    """Derivatives (k,) by where the numbers are, as Python says it: `alpha`, `restrainers[0].prestress`,
+    `superstructure.masses[2]`; those of the podium, then those of the motion."""
     named = {}
     for whole in slopes:
         for path, y in jax.tree_util.tree_leaves_with_path(whole):
-            name = ".".join(str(getattr(key, "name", key)).lstrip(".") for key in path)
-            named[name] = np.asarray(y)
+            name, values = jax.tree_util.keystr(path).lstrip("."), np.asarray(y)
+            for place in np.ndindex(values.shape[1:]):
+                named[name + "".join(f"[{i}]" for i in place)] = values[:, *place]
     return named

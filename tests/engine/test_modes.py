@@ -306,6 +306,22 @@ def test_derivatives_with_respect_to_masses_and_stiffnesses():
     np.testing.assert_allclose(forward @ direction, exact, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_size_and_time_scale():
+    """Fact 22, all parts: 2R ∂_R + Σ T_i ∂_{T_i} + T_p ∂_{T_p} + T_v ∂_{T_v} of the peak is 0."""
+
+    def peak(R, T, T_p, T_v):
+        structure = podium(rj.Modes((24.0, 6.0), T), rj.Tendon(5.0, 60.0), rj.Damper(3.0), R=R)
+        motion = rj.GroundMotion(rj.OneSine(2.8, T_p), rj.OneSine(1.1, T_v))
+        return rj.peak_response(structure, motion, options=FINE).peak_rotation
+
+    at = (1.5, jnp.array([0.5, 0.15]), T_P, 0.5)
+    by_R, *by_times = jax.grad(peak, (0, 1, 2, 3))(*at)
+    terms = [2 * 1.5 * float(by_R), *(float(jnp.sum(y * by)) for y, by in zip(at[1:], by_times, strict=True))]
+    assert min(map(abs, terms)) > 1e-4
+    assert sum(terms) == pytest.approx(0, abs=1e-7 * max(map(abs, terms)))
+
+
 # Every way through
 
 

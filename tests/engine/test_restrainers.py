@@ -2,6 +2,7 @@
 input."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -99,6 +100,14 @@ def test_elongation():
         assert float(found.lever) == pytest.approx(float(slope), rel=1e-14)
 
 
+def test_one_joint_is_half_as_long():
+    """Fact 2, by what a spring of 1 stores: ½ (ℓ/R)²."""
+    for joints, length in ((2, 0.04481276231035240), (1, 0.02240638115517620)):
+        tendon = rj.Tendon(0.0, 1.0, joints=joints)
+        stretch = model.elongation(coefficients(podium(tendon)), jnp.ones(()), jnp.asarray(0.1)).stretch
+        assert 1.5 * math.sqrt(2 * float(tendon.potential(stretch))) == pytest.approx(length, rel=1e-15)
+
+
 def test_one_joint_is_the_table_of_equivalents():
     stretch, rate, slip = jnp.asarray(0.02), jnp.asarray(0.3), jnp.asarray(1e-9)
     pairs = (
@@ -141,6 +150,14 @@ def test_potential_and_its_slope():
     assert float(potential(c, jnp.zeros(()), jnp.zeros(()))) == 0
 
 
+def turns(response: rj.Response, count: int) -> list[float]:
+    """|θ| at the first turning points between impacts."""
+    times = [float(t) for t in response.impact_times[: count + 1]]
+    speed = lambda t: float(response(t).theta_dot)
+    at: list[Any] = [brentq(speed, a + 1e-6, b - 1e-6, xtol=1e-14) for a, b in pairwise(times)]
+    return [abs(float(response(t).theta)) for t in at]
+
+
 def test_free_rocking_without_dampers():
     """Peaks V(θ_k) = e^(2k) V(θ_0), impacts by quadrature: fact 10; a kick at θ = 0: fact 12."""
     structure = podium(rj.Tendon(5.0, 100.0), rj.Inerter(8.0))
@@ -149,17 +166,33 @@ def test_free_rocking_without_dampers():
     np.testing.assert_allclose(response.impact_times[:4], exact, rtol=0, atol=2e-11)
     c, e = coefficients(structure), float(structure.restitution_factor)
     V = lambda A: float(potential(c, jnp.ones(()), jnp.asarray(A)))
-    for k, peak in enumerate((0.09889978020873698, 0.08210706439530056), start=1):
+    peaks = (0.09889978020873698, 0.08210706439530056)
+    np.testing.assert_allclose(turns(response, 2), peaks, rtol=1e-10)
+    for k, peak in enumerate(peaks, start=1):
         assert V(peak) == pytest.approx(e ** (2 * k) * V(0.12), rel=1e-13)
     kicked = free(structure, 0.0, 0.4)
     assert float(kicked.peak_rotation) * 0.15 == pytest.approx(0.1344072677336077, rel=2e-12)
 
 
+@pytest.mark.parametrize(
+    ("theta", "ratio"), [(1e-2, 1.010834330638666), (1e-4, 1.000106434461270)], ids=["1e-2", "1e-4"]
+)
+def test_small_rocking_has_a_quarter_period_of_its_own(theta, ratio):
+    """Fact 11: √(2θ_0/a_0), a_0 = 2g(w+τ) sin α/(R J(0)), times what the size of the rotation makes of it."""
+    structure, s = podium(rj.Tendon(5.0, 100.0), rj.Inerter(8.0)), math.sin(0.15)
+    J = 1 + 1 / 3 + 4 * 10 + 4 * 8 * s**2
+    quarter = math.sqrt(2 * theta / (2 * 9.80665 * (10.5 + 5) * s / (1.5 * J)))
+    response = free(structure, theta, t_end=1.5 * quarter)
+    assert float(response.impact_times[0]) == pytest.approx(ratio * quarter, rel=1e-11)
+
+
 def test_stiffness_alone_is_a_block_of_another_slenderness():
-    response = free(podium(rj.Tendon(0.0, 100.0), rj.Inerter(0.0), restitution=0.9), 0.12, t_end=3.0)
+    """Fact 13."""
+    response = free(podium(rj.Tendon(0.0, 100.0), rj.Inerter(0.0), restitution=0.9), 0.12, t_end=5.0)
     np.testing.assert_allclose(
         response.impact_times[:2], [0.8881320405066459, 2.322148878570861], rtol=0, atol=2e-11
     )
+    np.testing.assert_allclose(turns(response, 2), (0.09058844276080437, 0.07006119462903617), rtol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -420,6 +453,9 @@ def test_size_and_time_scale():
 
     by_R, by_T = jax.grad(peak, (0, 1))(1.5, 0.8)
     assert 2 * 1.5 * float(by_R) + 0.8 * float(by_T) == pytest.approx(0, abs=1e-7 * abs(float(by_T)))
+    # Energies are s times as large.
+    small, large = (free(all_three(R=1.5 * s), 0.12, t_end=2.0 * math.sqrt(s)) for s in (1.0, 4.0))
+    assert float(large.damper_energy(4.0)) == pytest.approx(4 * float(small.damper_energy(2.0)), rel=1e-11)
 
 
 def test_stability_angle_has_derivatives():

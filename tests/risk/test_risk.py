@@ -4,6 +4,7 @@ numbers."""
 import dataclasses
 import itertools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ import rockjax as rj
 from rockjax._risk import search
 from rockjax._risk.limit_state import OfFunction
 from rockjax._risk.reliability import first_order, probability_of, starting
-from rockjax._risk.structure import OfStructure, limit_of
+from rockjax._risk.structure import OPTIONS, OfStructure, _named, limit_of
 
 POINTS = np.array([0.1, 0.7, 2.0, 5.0])
 RATES = np.array([1e-1, 2e-2, 1e-3, 1e-4])
@@ -575,6 +576,70 @@ def test_probabilities_of_a_block():
     counted = rj.failure_probability(BLOCK, NOISE, method="monte-carlo", cov=0.2, seed=1)
     error = np.hypot(subset.standard_error, counted.standard_error)
     assert abs(subset.probability - counted.probability) < 3 * error
+
+
+DEVICES = rj.Podium(0.15, 1.5, 10.0, restrainers=(rj.Tendon(5.0, 60.0), rj.Damper(4.0)))
+STORIES = rj.ShearBuilding(masses=(3.0, 2.0), stiffnesses=(900.0, 500.0))
+
+
+def test_derivatives_are_named_by_where_the_numbers_are():
+    """Those of a building and of restrainers too: each a number of its own."""
+    trees = DEVICES.replace(superstructure=STORIES), NOISE
+    named = _named(*jax.tree.map(lambda y: jnp.stack([y, y + 1.0]), trees))
+    np.testing.assert_array_equal(named["superstructure.stiffnesses[1]"], [500.0, 501.0])
+    np.testing.assert_array_equal(named["restrainers[0].prestress"], [5.0, 6.0])
+    assert {"alpha", "superstructure.masses[0]", "restrainers[1].coefficient", "S_0"} <= set(named)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("podium", "limit", "output", "name", "place"),
+    [
+        (
+            DEVICES,
+            ("rotation", 0.1),
+            "peak_rotation",
+            "restrainers[0].prestress",
+            lambda podium: podium.restrainers[0].prestress,
+        ),
+        (
+            DEVICES.replace(superstructure=STORIES),
+            ("drift", 0.03),
+            "peak_drift",
+            "superstructure.masses[1]",
+            lambda podium: podium.superstructure.masses,
+        ),
+    ],
+    ids=["rotation", "drift"],
+)
+def test_design_points_of_restrained_podiums(podium, limit, output, name, place):
+    """The motion reaches the limit, and a slope of β is that of the peak over its slope along the motion."""
+    motion = rj.GaussianMotion(31, 0.08, 0.02)
+    first = rj.design_points(podium, motion, limit=limit, starts=2)[0]
+    assert first.smooth
+    options = OPTIONS.replace(outputs=(output, "impacts"))
+    peak = rj.peak_response(podium, first.record, options=options)
+    assert float(np.max(getattr(peak, output))) == pytest.approx(limit[1], rel=1e-6)
+    assert first.mode == int(peak.impacts)
+
+    def value(factor, size):
+        last = np.ndim(place(podium)) - 1
+        numbers = place(podium) if last < 0 else place(podium).at[1].set(size)
+        frame = eqx.tree_at(place, podium, jnp.asarray(size) if last < 0 else numbers)
+        record = motion.record(jnp.asarray(first.u * factor))
+        return float(np.max(getattr(rj.peak_response(frame, record, options=options), output)))
+
+    size, h = float(np.ravel(place(podium))[-1]), 1e-5
+    along = (value(1 + h, size) - value(1 - h, size)) / (2 * h * first.beta)
+    across = (value(1.0, size * (1 + h)) - value(1.0, size * (1 - h))) / (2 * h * size)
+    assert first.sensitivities[name] == pytest.approx(-across / along, rel=1e-3)
+    # By lines with derivatives by every number, beside subset simulation.
+    arguments: dict = {"limit": limit, "cov": 0.3, "max_scenes": 3000, "starts": 2}
+    line, subset = (rj.failure_probability(podium, motion, method=y, **arguments) for y in ("line", "subset"))
+    spread = np.hypot(line.standard_error, subset.standard_error)
+    assert abs(line.probability - subset.probability) < 4 * spread
+    assert set(line.sensitivities) == set(first.sensitivities)
+    assert all(np.isfinite(pair).all() for pair in line.sensitivities.values())
 
 
 def test_limits_that_a_structure_has_not_are_refused():
