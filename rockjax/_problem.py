@@ -378,7 +378,7 @@ class Reader:
         a_p, ratio = self.either(entry, key, "a_p", "acceleration_ratio")
         a_p = np.asarray(pulse_acceleration(podium, a_p)) if ratio else a_p
         T_p = self.periods(entry, key, podium)
-        if a_p.ndim and T_p.ndim and len(a_p) != len(T_p):
+        if a_p.size > 1 and T_p.size > 1 and a_p.size != T_p.size:
             self.fail(key, f"has {len(a_p)} amplitudes and {len(T_p)} periods; give as many of both, or one")
         with self.at(key):
             pairs = zip(*(np.atleast_1d(y) for y in np.broadcast_arrays(a_p, T_p)), strict=True)
