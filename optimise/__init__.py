@@ -10,6 +10,7 @@ from ._design import design
 from ._explore import Explorer, explore
 from ._failure import FailureProbability
 from ._fit import Fit, fit
+from ._fresh import FreshSamples
 from ._objectives import (
     AbstractObjective,
     ExpectedLoss,
@@ -48,6 +49,7 @@ __all__ = [
     "Explorer",
     "FailureProbability",
     "Fit",
+    "FreshSamples",
     "MedianCapacity",
     "NoOverturning",
     "OverturningAcceleration",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from rockjax.internal import (
     single,
 )
 
+from ._fresh import FreshSamples
 from ._suite import Margins, Suite
 from ._targets import AbstractScaleTarget, Name, check_limit
 
@@ -31,8 +32,8 @@ class AnnualFrequency(AbstractScaleTarget):
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, over PGA, PGV or Sa at a period, in SI units
-    - `suite`: two records or motions or more; each is scaled to every intensity of the hazard's measure,
-      which is that of the horizontal motion where there is a vertical one
+    - `suite`: two records or motions or more, or `FreshSamples` of records; each is scaled to every intensity
+      of the hazard's measure, which is that of the horizontal motion where there is a vertical one
     - `max_intensity`: intensities up to this are looked at, by default to the last point of the hazard;
       motions that none of them overturns are known to lie above it (censored) [as the hazard]
     - `width`: in a verified design no window of overturning wider than this share of `max_intensity` is
@@ -51,12 +52,13 @@ class AnnualFrequency(AbstractScaleTarget):
     width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
+    averages: ClassVar[bool] = True
 
     def __init__(
         self,
         at_most,
         hazard: rj.Hazard,
-        suite: AnyMotions,
+        suite: AnyMotions | FreshSamples,
         *,
         max_intensity=None,
         width: float = NARROWEST,
@@ -78,7 +80,8 @@ class AnnualFrequency(AbstractScaleTarget):
                 f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {often:.3g} times a year, "
                 f"more often than at_most = {at_most:g}; give a higher one"
             )
-        motions = as_motions(owner, suite, "suite")
+        given = suite.records(owner) if isinstance(suite, FreshSamples) else suite
+        motions = as_motions(owner, given, "suite")
         if len(motions) < 2:
             raise ValueError(f"{owner}: suite must hold two motions or more, got one")
         try:
@@ -92,25 +95,31 @@ class AnnualFrequency(AbstractScaleTarget):
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
         # Of unit intensity each: a factor on a motion is its intensity.
-        given = several(owner, suite, "suite").members
-        unit = [motion.scaled(1 / size) for motion, size in zip(given, sizes, strict=True)]
-        self.suite = Suite.of(unit, owner, "suite")
+        members = several(owner, given, "suite").members
+        unit = [motion.scaled(1 / size) for motion, size in zip(members, sizes, strict=True)]
+        drawn = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
+        self.suite = Suite.of(drawn, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Of the least overturning intensities [as the hazard]; NaN where fewer than two motions overturn."""
-        found = self.least_scales(podium, options)
-        return fit_capacities(found, jnp.full_like(found, self.max_scale))
+        return self._fitted(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
         """λ_f [1/year]; an upper limit where fewer than two motions overturn."""
-        fitted = self.distribution(podium, options)
+        return self._frequency(self.least_scales(podium, options))
+
+    def _fitted(self, found: Float[Array, " k"]) -> rj.Lognormal:
+        return fit_capacities(found, jnp.full_like(found, self.max_scale))
+
+    def _frequency(self, found: Float[Array, " k"]) -> Float[Array, ""]:
+        fitted = self._fitted(found)
         known = ~jnp.isnan(fitted.median)
         curve = rj.Lognormal(*(jnp.where(known, y, 1.0) for y in fitted))
         end = jax.lax.stop_gradient(self.hazard(self.max_scale))
         return jnp.where(known, rj.annual_frequency(curve, self.hazard).frequency, end)
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        return jnp.log(self.at_most / self.frequency(podium, options))[None]
+    def of_scales(self, found: Float[Array, " k"]) -> Margins:
+        return jnp.log(self.at_most / self._frequency(found))[None]
 
     def describe(self) -> str:
         return f"overturning at most {self.at_most:g} times a year"

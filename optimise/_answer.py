@@ -48,12 +48,13 @@ class Design(eqx.Module):
 
     - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)
     - `variables`: name → value in user units; `objective`: its largest value at the design
-    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11; `margins`: target → margins there
-      [–]
+    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11, or in an independent sample;
+      `margins`: target → margins there [–]
     - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per
       relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not
       satisfied
-    - `probabilities`: target → what an independent sample says, of targets on a probability of failure
+    - `probabilities`: target → what an independent sample says, of targets on a probability of failure;
+      `standard_errors`: target → standard errors of the margins, where they are of an independent sample
     - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
     - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
     """
@@ -74,6 +75,7 @@ class Design(eqx.Module):
     units: dict[str, str]
     minimised: str
     probabilities: dict[str, rj.FailureProbability] = eqx.field(static=True, default_factory=dict)
+    standard_errors: dict[str, np.ndarray] = eqx.field(default_factory=dict)
 
     @property
     def failing(self) -> dict[str, float]:
@@ -137,6 +139,11 @@ def _remarks(design: Design) -> list[str]:
         remarks.append(
             f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}"
         )
+    for name, errors in design.standard_errors.items():
+        margin, error = float(np.min(design.margins[name])), float(np.max(errors))
+        remarks.append(
+            f"{name}: margin {margin:+.3g} ± {error:.2g} (standard error), by an independent sample"
+        )
     for name, found in design.probabilities.items():
         low, high = found.interval
         remarks.append(f"{name}: P = {found.probability:.3g} (95 %: {low:.3g} to {high:.3g}), sampled anew")
@@ -155,6 +162,14 @@ def _html(design: Design) -> str:
     parts += [html(rows, heads="row") for rows in tables if len(rows) > 1]
     parts += [f"<p>{escape(sentence)}</p>" for sentence in _remarks(design)]
     return "".join(parts)
+
+
+class Sampled(NamedTuple):
+    """What independent samples say at a design, by the places of targets: probabilities, or standard errors
+    of the margins (k,)."""
+
+    probabilities: Mapping[int, rj.FailureProbability]
+    errors: Mapping[int, np.ndarray] = {}
 
 
 class Found(NamedTuple):
@@ -177,7 +192,7 @@ def answer_of(
     varied: Variables,
     objective: AbstractObjective | None,
     found: Found,
-    sampled: Callable[[np.ndarray], Mapping[int, rj.FailureProbability]],
+    sampled: Callable[[np.ndarray], Sampled],
 ) -> Design:
     """The best of the starts, and the account of all."""
     pairs = zip(found.ends, found.evaluations, strict=True)
@@ -189,6 +204,7 @@ def answer_of(
     prices = found.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
     sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
     bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
+    by_sample = sampled(end.x)
     # From the user's own structure, whose plain numbers stay what they are.
     structure = variables(given, bounds).structure(jnp.asarray(end.x))
     return Design(
@@ -207,7 +223,8 @@ def answer_of(
         bounds=bounds,
         units=dict(zip(varied.names, varied.units, strict=True)),
         minimised="distance from the start" if objective is None else objective.describe(),
-        probabilities={list(found.sizes)[k]: p for k, p in sampled(end.x).items()},
+        probabilities={list(found.sizes)[k]: p for k, p in by_sample.probabilities.items()},
+        standard_errors={list(found.sizes)[k]: errors for k, errors in by_sample.errors.items()},
     )
 
 

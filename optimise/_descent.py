@@ -120,6 +120,15 @@ def rank(there: Evaluation) -> tuple[float, float]:
     return (there.violation, float(np.max(there.f)))
 
 
+def scale_of(first: list[Evaluation]) -> float:
+    """So large are changes of the objective across the box, by its slopes at the starts."""
+    slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
+    slopes = [slope for slope in slopes if slope > 0]
+    if slopes:
+        return float(np.median(slopes))
+    return max([float(np.max(np.abs(e.f))) for e in first if np.any(e.f != 0)], default=1.0)
+
+
 def at_rest(here: Evaluation, residual: float, rules: Rules) -> int:
     """The result of a descent that no step improves."""
     if here.violation > rules.shift:

@@ -13,15 +13,18 @@ import rockjax as rj
 from rockjax.internal import bar as bar_of
 from rockjax.internal import of_kind, shown, single, whole
 
-from ._answer import Design, Effort, Found, answer_of
-from ._descent import End, Evaluation, Iterate, Rules, descend, prepared, rank
-from ._evaluator import Evaluator, problem_of, side_by_side
+from ._answer import Design, Effort, Found, Sampled, answer_of
+from ._descent import End, Evaluation, Iterate, Rules, descend, prepared, rank, scale_of
+from ._evaluator import Evaluator, problem_of, side_by_side, source_of, verified
+from ._failure import FailureProbability
 from ._methods import Method, method_of
 from ._objectives import AbstractObjective, OfPodium
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
 from ._sampling import SampledTargets
 from ._sqp import descend_by_sqp
-from ._targets import AbstractTarget
+from ._stochastic import MAX_ITERATIONS as FRESH_ITERATIONS
+from ._stochastic import Search as FreshSearch
+from ._targets import AbstractScaleTarget, AbstractTarget
 from ._variables import Structure, Variables, variables
 
 REFINEMENTS = 3  # rounds that pull a design inside which only the accurate simulation finds outside
@@ -29,7 +32,6 @@ SAMPLED_TOLERANCE = 1e-4  # finer ones mean nothing where a probability is sampl
 CORRECTIONS = 3  # of a search, by independent samples
 CHECKS = 4  # ends at which independent samples are taken in a round, and
 SAMPLED = 0.2  # so far outside an end may be by them, to be pulled inside
-VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
 
 
 def design(
@@ -58,12 +60,13 @@ def design(
     - `targets`: what must hold. Those on the same motions share their simulations
     - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as
       `optax.adam(0.02)`, around which an augmented Lagrangian keeps the targets; in scaled variables. The
-      first needs far fewer evaluations
+      first needs far fewer evaluations, the second may have `FreshSamples` in the place of suites
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins; at least 1e-4 where a
       target is sampled [–]
-    - `max_iterations`: of every start; None gives 60 to `"sqp"` and 1000 to a gradient transformation
+    - `max_iterations`: of every start; None gives 60 to `"sqp"`, 1000 to a gradient transformation, with
+      `FreshSamples` 300
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
     A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose
@@ -72,7 +75,6 @@ def design(
     """
     began = time.perf_counter()
     chosen = method_of(method)
-    max_iterations = chosen.max_iterations if max_iterations is None else max_iterations
     of_kind("design", "options", options, rj.Options, "rockjax.Options")
     targets = (targets,) if isinstance(targets, AbstractTarget) else targets
     if isinstance(targets, str) or not isinstance(targets, Iterable):
@@ -92,15 +94,23 @@ def design(
     problem = problem_of(
         varied, objective, tuple(t for k, t in enumerate(targets) if k not in sampled.targets)
     )
+    fresh = any(source_of(target) is not None for target in targets)
+    _check_fresh(chosen, targets, objective)
+    if max_iterations is None:
+        max_iterations = FRESH_ITERATIONS if fresh else chosen.max_iterations
     points = _points(varied, starts, seed)
     # At most: the first evaluation, one an iteration, and those that verify.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled, options, points, tolerance, bar)
-        search = _Search(chosen, evaluate, points, tolerance, max_iterations)
+        search: _Search | FreshSearch
+        if chosen.transformation is not None and fresh:
+            search = FreshSearch(chosen.transformation, evaluate, points, tolerance, max_iterations)
+        else:
+            search = _Search(chosen, evaluate, points, tolerance, max_iterations)
         stopped = search.run(options)
     effort = evaluate.effort(search.iterations, time.perf_counter() - began)
     sizes = _names(targets, evaluate.sizes)
-    answer = answer_of(podium, varied, objective, search.found(sizes, effort), sampled.probabilities)
+    answer = answer_of(podium, varied, objective, search.found(sizes, effort), search.sampled)
     if stopped:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
     return answer
@@ -122,14 +132,12 @@ class _Search:
     def run(self, options: rj.Options) -> bool:
         """Whether it was interrupted: then starts on their way end at the best that they have seen."""
         evaluate, starts = self.evaluate, range(len(self.points))
-        accurate = options.replace(
-            **{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()}
-        )
+        accurate = verified(options)
         try:
             first = evaluate(self.points)
         except KeyboardInterrupt:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
-        self.scale = _scale([e for e in first if e.finite])
+        self.scale = scale_of([e for e in first if e.finite])
         rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, self.max_iterations)
         once = self.method.descend
         try:
@@ -205,6 +213,10 @@ class _Search:
         iterations = sum(row.start == k for row in self.history)
         return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, prepared(there, rules))
 
+    def sampled(self, x: np.ndarray) -> Sampled:
+        """What independent samples say at the end of a start."""
+        return self.evaluate.sampled.probabilities(x)
+
     @property
     def places(self) -> np.ndarray:
         return np.stack([self.ended[k].x for k in range(len(self.ended))])
@@ -218,9 +230,31 @@ class _Search:
         return Found(ends, self.evaluations, sizes, self.scale, self.history, effort)
 
 
+def _check_fresh(method: Method, targets: tuple, objective: AbstractObjective | None) -> None:
+    """Raises `ValueError` for what has no meaning where motions do not stay."""
+    right = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.averages]
+    others = [t for t in targets if not any(t is other for other in right)]
+    for item in (*others, objective, getattr(objective, "risk", None)):
+        if source_of(item) is not None:
+            raise ValueError(
+                "design: FreshSamples are for targets on a distribution of capacities, "
+                f"optimise.AnnualFrequency or MedianCapacity, not for {type(item).__name__} here"
+            )
+    if not any(source_of(t) is not None for t in right):
+        return
+    if any(isinstance(target, FailureProbability) for target in targets):
+        raise ValueError("design: FailureProbability and FreshSamples cannot be targets of one design")
+    if method.transformation is None:
+        raise ValueError(
+            "design: with FreshSamples give a gradient transformation such as method=optax.adam(0.02); "
+            "quadratic programming compares values, which are of other motions each time"
+        )
+
+
 def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
     whole("design", "starts", starts, 1)
-    whole("design", "max_iterations", max_iterations, 1)
+    if max_iterations is not None:
+        whole("design", "max_iterations", max_iterations, 1)
     single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):
@@ -248,15 +282,6 @@ def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:
 
 def _best(found: list[Evaluation]) -> int:
     return min(range(len(found)), key=lambda k: rank(found[k]) if found[k].finite else (np.inf, np.inf))
-
-
-def _scale(first: list[Evaluation]) -> float:
-    """So large are changes of the objective across the box, by its slopes at the starts."""
-    slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
-    slopes = [slope for slope in slopes if slope > 0]
-    if slopes:
-        return float(np.median(slopes))
-    return max([float(np.max(np.abs(e.f))) for e in first if np.any(e.f != 0)], default=1.0)
 
 
 def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:

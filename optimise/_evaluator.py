@@ -19,11 +19,15 @@ from rockjax.internal import KeptProgram, TracedFunction
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
+from ._fresh import FreshSamples
 from ._objectives import AbstractObjective, OfPodium
 from ._sampling import SampledTargets
 from ._suite import Suite, same
-from ._targets import AbstractResponses, AbstractTarget
+from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
+
+VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
+RESAMPLED = 200  # samples of a sample, for its standard error
 
 
 class Part(NamedTuple):
@@ -158,6 +162,39 @@ def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array,
     return jax.vmap(at)(points)
 
 
+@functools.partial(KeptProgram, arrays_only=True)
+def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
+    return target.least_scales(podium, options)
+
+
+@functools.partial(KeptProgram, arrays_only=True)
+def _of_samples(target: AbstractScaleTarget, found: Float[Array, "samples k"]):
+    return jax.vmap(target.of_scales)(found)
+
+
+class Estimate(NamedTuple):
+    """What an independent sample says: margins of a target (k,), and their standard errors."""
+
+    margins: np.ndarray
+    errors: np.ndarray
+
+
+def source_of(item: Any) -> FreshSamples | None:
+    """Where the motions of a target come from, if they do not stay."""
+    suite = getattr(item, "suite", None)
+    return suite.source if isinstance(suite, Suite) else None
+
+
+def _with(target: Any, records: rj.Records) -> Any:
+    """A target with a batch of fresh samples."""
+    return eqx.tree_at(lambda t: t.suite, target, target.suite.drawn(records))
+
+
+def verified(options: rj.Options) -> rj.Options:
+    """Of the simulations that have the last word."""
+    return options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
+
+
 def traced(options: rj.Options) -> rj.Options:
     """Options whose numbers are not compiled in."""
     return jax.tree.map(lambda y: jnp.asarray(y, float), options)
@@ -180,7 +217,8 @@ class Evaluator:
         inside: float,
         bar,
     ):
-        self.sampled = sampled
+        self.sampled, self.drawn, self.verifying = sampled, 0, 0
+        self.sources = {k: s for k, t in enumerate(problem.targets) if (s := source_of(t)) is not None}
         self.width, self.inside, self.bar = len(points), inside, bar
         self.options, self.certain = traced(options), problem
         objective = problem.objective
@@ -194,7 +232,7 @@ class Evaluator:
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Evaluations at points (width, n), of which `count` are asked for."""
-        slopes, values = _evaluated(self.problem, self.options, jnp.asarray(points))
+        slopes, values = _evaluated(self._redrawn(), self.options, jnp.asarray(points))
         (f, margins), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         margins, slopes = self._with_sampled(points, margins, slopes)
         self.sizes = [margin.shape[1] for margin in margins]
@@ -208,6 +246,46 @@ class Evaluator:
         self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
         self.bar.update(1)
         return found
+
+    def _redrawn(self) -> DesignProblem:
+        """The problem with new motions where they do not stay."""
+        if not self.sources:
+            return self.problem
+        targets = list(self.problem.targets)
+        for k, source in self.sources.items():
+            targets[k] = _with(targets[k], source.draw(self.drawn))
+        self.drawn += 1
+        return dataclasses.replace(self.problem, targets=tuple(targets))
+
+    def accurately(self, points: np.ndarray, options: rj.Options) -> list[Evaluation]:
+        """Evaluations at points (width, n) with these options, and with targets on motions that stay as
+        certain as they are meant."""
+        before = self.options, self.problem
+        pairs = enumerate(zip(self.problem.targets, self.certain.targets, strict=True))
+        targets = tuple(rough if k in self.sources else certain for k, (rough, certain) in pairs)
+        self.options, self.problem = traced(options), dataclasses.replace(self.certain, targets=targets)
+        try:
+            return self(points)
+        finally:
+            self.options, self.problem = before
+
+    def estimates(self, x: np.ndarray, k: int) -> dict[int, Estimate]:
+        """What the k-th independent sample says at a point (n,) of targets with fresh samples, by their
+        places."""
+        podium = self.certain.variables.podium(jnp.asarray(x))
+        return {place: self._estimate(place, podium, k) for place in self.sources}
+
+    def _estimate(self, place: int, podium: rj.Podium, k: int) -> Estimate:
+        target, source = self.problem.targets[place], self.sources[place]
+        assert isinstance(target, AbstractScaleTarget)
+        parts = [_least_scales(_with(target, part), self.options, podium) for part in source.sample(k)]
+        found = np.concatenate([np.asarray(part) for part in parts])
+        self.verifying += found.size
+        rng = np.random.default_rng([source.seed, k])
+        chosen = rng.integers(found.size, size=(RESAMPLED, found.size))
+        chosen[0] = np.arange(found.size)  # the sample itself
+        margins = np.asarray(_of_samples(_with(target, source.draw(0)), jnp.asarray(found[chosen])))
+        return Estimate(margins[0], margins.std(axis=0))
 
     def _with_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
         """Margins and slopes of all targets in their order, from those of the traced ones."""
@@ -228,7 +306,7 @@ class Evaluator:
         return rank(there._replace(c=there.c - self.inside)) if there.finite else (np.inf, np.inf)
 
     def effort(self, iterations: int, seconds: float) -> Effort:
-        scenes = self.evaluations * self.problem.scenes + self.sampled.scenes
+        scenes = self.evaluations * self.problem.scenes + self.sampled.scenes + self.verifying
         return Effort(self.evaluations, scenes, iterations, seconds)
 
 

@@ -11,10 +11,12 @@ from ._descent import Descend
 
 
 class Method(NamedTuple):
-    """`descend`: one descent; `max_iterations`: that it is given by default."""
+    """`descend`: one descent; `max_iterations`: that it is given by default; `transformation`: what it is
+    made of."""
 
     descend: Descend
     max_iterations: int
+    transformation: optax.GradientTransformation | None = None
 
 
 METHODS = {
@@ -27,7 +29,7 @@ def method_of(given: str | optax.GradientTransformation) -> Method:
     if isinstance(given, str) and given in METHODS:
         return METHODS[given]
     if isinstance(given, optax.GradientTransformation):
-        return Method(_augmented.descend_by_gradients(given), _augmented.MAX_ITERATIONS)
+        return Method(_augmented.descend_by_gradients(given), _augmented.MAX_ITERATIONS, given)
     names = ", ".join(map(repr, METHODS))
     raise ValueError(
         f"design: method must be "

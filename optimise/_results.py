@@ -17,10 +17,11 @@ class RESULTS(eqx.Enumeration):
     out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
     not_finite = "A response at the start is not finite, or has no answer; start from another design."
     interrupted = "Stopped from outside; the best design seen until then."
+    averaged = "The mean of a search by fresh samples; an independent sample satisfies the targets."
 
 
-NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite", "interrupted")
-CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED = range(6)
+NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite", "interrupted", "averaged")
+CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVERAGED = range(7)
 
 
 def named(code: int) -> RESULTS:

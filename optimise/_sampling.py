@@ -12,6 +12,7 @@ import numpy as np
 import rockjax as rj
 from rockjax.internal import parameters_of, read, varied
 
+from ._answer import Sampled as SampledAnswer
 from ._failure import FailureProbability, Sampled
 from ._quadratic import Vector
 from ._targets import AbstractTarget
@@ -113,10 +114,10 @@ class SampledTargets:
                 self._known.clear()
         return new
 
-    def probabilities(self, x: Vector) -> dict[int, rj.FailureProbability]:
-        """What independent samples at a point say, by the places of the targets."""
+    def probabilities(self, x: Vector) -> SampledAnswer:
+        """What independent samples at a point say."""
         if self._numbers is None:
-            return {}
+            return SampledAnswer({})
         podium, _ = self._numbers(x)
         found = {k: sampled.checked(podium) for k, sampled in self._sampled.items()}
-        return {k: probability for k, probability in found.items() if probability is not None}
+        return SampledAnswer({k: probability for k, probability in found.items() if probability is not None})

@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 import rockjax as rj
 from rockjax.internal import PEAKS, AnyMotions, several
 
+from ._fresh import FreshSamples
+
 Margins = Float[Array, " k"]
 
 
@@ -23,11 +25,16 @@ class Suite(eqx.Module):
 
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
+    source: FreshSamples | None = eqx.field(static=True, default=None)  # of motions that do not stay
 
     @classmethod
-    def of(cls, excitations: AnyMotions, owner: str = "Suite", name: str = "excitations") -> Suite:
+    def of(
+        cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
+    ) -> Suite:
         """The suite of some motions. Raises `ValueError` for an empty set and for members that are no ground
         motions."""
+        if isinstance(excitations, FreshSamples):
+            return cls((excitations.draw(0),), tuple(range(excitations.batch)), excitations)
         motions = several(owner, excitations, name).members
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
@@ -74,6 +81,10 @@ class Suite(eqx.Module):
             lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups)
         )
 
+    def drawn(self, records: rj.Records) -> Suite:
+        """With a batch of fresh samples in the place of the one that is here."""
+        return Suite((records,), self.order)
+
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[str, ...]) -> rj.Peak:
         """The peak responses to all motions; NaN where a scene ended without an answer."""
         options = options.replace(outputs=outputs, throw=False)
@@ -117,7 +128,7 @@ def _axes(group: rj.AbstractExcitation) -> Any:
 
 
 def _size(group: rj.AbstractExcitation) -> int:
-    return len(group) if isinstance(group, rj.Records) else len(jax.tree.leaves(group)[0])
+    return jnp.size(group.which) if isinstance(group, rj.Records) else len(jax.tree.leaves(group)[0])
 
 
 def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:

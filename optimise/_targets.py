@@ -299,11 +299,22 @@ def _coarser(target: Searched) -> Searched:
 
 
 class AbstractScaleTarget(AbstractTarget):
-    """A target on the least factors by which the motions of a suite overturn the columns."""
+    """A target on the least factors by which the motions of a suite overturn the columns.
+
+    `averages`: whether it is of a distribution of them, so that the motions may be `FreshSamples`.
+    """
 
     max_scale: eqx.AbstractVar[Any]
     width: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
+    averages: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def of_scales(self, found: Float[Array, " k"]) -> Margins:
+        """The margins, from the least factors; inf where no factor up to `max_scale` overturns."""
+
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+        return self.of_scales(self.least_scales(podium, options))
 
     def while_searching(self) -> Self:
         return _coarser(self)
@@ -358,8 +369,7 @@ class OverturningScale(AbstractScaleTarget):
         self.width = float(width)
         self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        found = self.least_scales(podium, options)
+    def of_scales(self, found: Float[Array, " k"]) -> Margins:
         return jnp.where(found < jnp.inf, found, self.max_scale) / self.at_least - 1
 
     def describe(self) -> str:
@@ -369,7 +379,7 @@ class OverturningScale(AbstractScaleTarget):
 class MedianCapacity(AbstractScaleTarget):
     """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
 
-    - `at_least`: > 0 [–]; `suite`: two motions or more
+    - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
     - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of
       them overturns are known to lie above it (censored)
     - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed
@@ -385,6 +395,7 @@ class MedianCapacity(AbstractScaleTarget):
     width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
+    averages: ClassVar[bool] = True
 
     def __init__(self, at_least, suite, *, max_scale=None, width: float = NARROWEST, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
@@ -393,8 +404,7 @@ class MedianCapacity(AbstractScaleTarget):
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        found = self.least_scales(podium, options)
+    def of_scales(self, found: Float[Array, " k"]) -> Margins:
         median = fit_capacities(found, jnp.full_like(found, self.max_scale)).median
         return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
 

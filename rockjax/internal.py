@@ -32,7 +32,7 @@ from ._responses.peak import AbstractPeak
 from ._restrainers.damper import as_exponent
 from ._risk.rays import Rays, factor_of, probability_at, rays_at
 from ._risk.rocking import limit_state
-from ._risk.structure import limit_of
+from ._risk.structure import limit_of, records_of
 from ._studies.lognormal import fit_capacities
 from ._tables import html, lines, written
 
@@ -87,6 +87,7 @@ __all__ = [
     "rays_at",
     "read",
     "readable",
+    "records_of",
     "require",
     "several",
     "shown",

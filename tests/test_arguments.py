@@ -80,6 +80,7 @@ GOOD = {
         "suite": [MOTION, MOTION],
     },
     optimise.FailureProbability: {"at_most": 1e-3, "motion": rj.GaussianMotion(11, 0.1, 0.01)},
+    optimise.FreshSamples: {"motions": [rj.Record([0.0, 1.0, 0.0], 0.1), rj.Record([0.0, 2.0, 0.0], 0.1)]},
     optimise.MedianCapacity: {"at_least": 1.0, "suite": [pulse(), pulse()]},
     optimise.OverturningProbability: {"at_most": 0.1, "suite": [pulse()]},
     optimise.WorstRotation: {"excitations": pulse()},

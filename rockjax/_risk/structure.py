@@ -106,7 +106,7 @@ class OfStructure(AbstractLimitState):
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
         whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
-        records = _records(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
+        records = records_of(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
         options = self.options.replace(outputs=(*self.options.outputs, *outputs))
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
@@ -162,7 +162,8 @@ class OfStructure(AbstractLimitState):
 
 
 @jax.jit
-def _records(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
+def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
+    """The motions of the rows of u in one table."""
     count = jnp.full(len(u), motion.n, jnp.int32)
     start = jnp.zeros(len(u))
     return Records(motion.acceleration(u), count, jnp.full(len(u), motion.dt), start, jnp.arange(len(u)))

@@ -1,0 +1,86 @@
+"""Ground motions that are drawn anew in every step of a search."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Self
+
+import jax.numpy as jnp
+import numpy as np
+
+import rockjax as rj
+from rockjax.internal import AnyMotions, records_of, several, shown, whole
+
+STEP, SAMPLE = 1, 2  # what numbers are drawn for: batches of a search, and samples that take no part in it
+
+
+class FreshSamples:
+    """Ground motions in place of a suite, drawn anew in every step of a search by a gradient transformation:
+    of a random motion, or of more records than one batch should hold.
+
+    - `motions`: a [`rockjax.GaussianMotion`][], or two records or more, drawn with replacement
+    - `batch`: motions of a step, ≥ 2
+    - `verify`: motions of an independent sample by which a design is verified, a multiple of `batch`
+    - `seed`: the same gives the same
+
+    For targets on a distribution of capacities: `optimise.AnnualFrequency` (records) and
+    `optimise.MedianCapacity`. Raises `ValueError` for what are no motions or numbers.
+    """
+
+    def __init__(
+        self, motions: rj.GaussianMotion | AnyMotions, batch: int = 16, *, verify: int = 256, seed: int = 0
+    ):
+        owner = type(self).__name__
+        whole(owner, "batch", batch, 2)
+        whole(owner, "verify", verify, batch)
+        whole(owner, "seed", seed, 0)
+        if verify % batch:
+            raise ValueError(f"{owner}: verify must be a multiple of batch = {batch}, got verify = {verify}")
+        self.batch, self.verify, self.seed = batch, verify, seed
+        self.motions: rj.GaussianMotion | rj.Records
+        if isinstance(motions, rj.GaussianMotion):
+            self.motions, self.members = motions, ()
+            return
+        members = several(owner, motions, "motions").members
+        self.members = tuple(motion for motion in members if isinstance(motion, rj.Record))
+        for k, motion in enumerate(members):
+            if not isinstance(motion, rj.Record):
+                raise ValueError(
+                    f"{owner}: motions must be a rockjax.GaussianMotion or records, but entry {k} is "
+                    f"{shown(motion)}"
+                )
+        if len(self.members) < 2:
+            raise ValueError(f"{owner}: motions must hold two records or more, got one")
+        self.motions = rj.Records.of(self.members)
+
+    def records(self, owner: str) -> tuple[Any, ...]:
+        """What is drawn from. Raises `ValueError` where that is no list."""
+        if not self.members:
+            raise ValueError(f"{owner}: suite must be FreshSamples of records, got {self!r}")
+        return self.members
+
+    def of_records(self, members: Sequence[Any]) -> Self:
+        """The same draws of other records."""
+        return type(self)(list(members), self.batch, verify=self.verify, seed=self.seed)
+
+    def draw(self, k: int) -> rj.Records:
+        """The batch of step k."""
+        return self._drawn(STEP, k)
+
+    def sample(self, k: int) -> list[rj.Records]:
+        """The k-th independent sample, in batches."""
+        return [self._drawn(SAMPLE, k, part) for part in range(self.verify // self.batch)]
+
+    def _drawn(self, *purpose: int) -> rj.Records:
+        rng = np.random.default_rng([self.seed, *purpose])
+        if isinstance(self.motions, rj.GaussianMotion):
+            u = rng.standard_normal((self.batch, self.motions.dimension))
+            records, which = records_of(self.motions, jnp.asarray(u)), np.arange(self.batch)
+        else:
+            records, which = self.motions, rng.integers(len(self.motions), size=self.batch)
+        return dataclasses.replace(records, which=which.astype(np.int32), scale=jnp.ones(self.batch))
+
+    def __repr__(self):
+        kind = f"{len(self.members)} records" if self.members else "Gaussian motions"
+        return f"FreshSamples: {self.batch} of {kind} a step, {self.verify} to verify"
