@@ -103,8 +103,8 @@ def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
     assert "by an independent sample" in repr(answer)
     assert answer.stats.scenes >= 3 * (300 * 16 + 256)
     # The same seed gives the same, another one not.
-    assert sized().objective == answer.objective
-    assert sized(seed=1).objective != answer.objective
+    short = [sized(seed=seed, max_iterations=20, starts=1).objective for seed in (0, 0, 1)]
+    assert short[0] == short[1] != short[2]
     # Larger samples lead closer.
     fine = sized(batch=64, verify=4096)
     assert abs(fine.objective - 0.2) < abs(answer.objective - 0.2)
