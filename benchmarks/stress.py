@@ -599,7 +599,7 @@ def main() -> None:
     for top in control.TOPS if given.control else SUPERSTRUCTURES:
         parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
     for added in control.ADDED:
-        parts[added] = [f for g, f in found.items() if g.added == added]
+        parts["all devices" if added == "all" else added] = [f for g, f in found.items() if g.added == added]
     for motion in MOTIONS:
         parts[motion] = [f for g, f in found.items() if g.motion == motion and g.method == "dopri8"]
     for method in OTHERS:

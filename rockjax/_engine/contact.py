@@ -30,7 +30,7 @@ from .ratio import safe_ratio
 from .records import larger
 from .settled import certificate, every
 from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import restart
+from .transitions import contact_mode, restart
 
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
@@ -92,6 +92,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
         event_time = jnp.where(reaches, edge, state.t + length)
         crossed = _past_panel(scene, modes, state, event_time, reaches, move)
+        # Where the ground jumps at the end of a panel and lifts the columns at once, a step has to see it.
+        beyond = excitation.piece(crossed.piece)(crossed.t)
+        goes &= contact_mode(c, uplift_demand(c, beyond, crossed.x, crossed.v)) == 0
         state = jax.tree.map(lambda new, old: jnp.where(goes, new, old), crossed, state)
         return state, level + (~goes).astype(jnp.int32), *began
 

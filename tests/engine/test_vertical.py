@@ -128,6 +128,22 @@ def test_peaks_of_an_independent_integration(name):
     restrained.check_peaks(found, answer, frame, rotation=1e-9)
 
 
+@pytest.mark.parametrize("a_p", [2.5, -2.5])
+def test_a_jump_that_lifts_after_the_vertical_motion_has_begun(a_p):
+    """In full contact a superstructure is carried up to where the ground jumps, and lifts there at once."""
+    podium = rj.Podium(**S, superstructure=ELASTIC)
+    found = peak(podium, rj.GroundMotion(rj.OneCosine(8 * a_p, 0.3), rj.Ricker(-3.0, 0.2)))
+    assert found.uplift_time == 0
+    start, cosine = -0.44, lambda t: 8 * a_p * math.cos(2 * math.pi * t / 0.3) if 0 <= t <= 0.3 else 0.0
+    ricker = restrained.ricker(-3.0, 0.2)
+    answer = restrained.simulate(
+        Frame(modes=((30.0, 0.5, 0.05),)), 3.0 - start, lambda t: cosine(t + start),
+        lambda t: ricker(t + start), breaks=(-start, 0.3 - start), rest=1e-8,
+    )  # fmt: skip
+    assert 0.1 < answer.peak < 0.95
+    assert float(found.peak_rotation) == pytest.approx(answer.peak, abs=1e-8)
+
+
 def of_samples(samples, dt):
     times = np.arange(len(samples)) * dt
     return lambda t: float(np.interp(t, times, samples)) if 0 <= t <= times[-1] else 0.0
