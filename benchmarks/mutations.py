@@ -3,8 +3,8 @@
 
 One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the
 impact map and the formulas of the structures is changed in a copy of the project, and the tests are run on it
-until one fails: first those of the equations themselves, then those of what follows from them. With `--list`
-nothing is run: how many there are. With `--every` a sample of them.
+until one fails: first those that know the file best, then those of the equations themselves, then those of
+what follows from them. With `--list` nothing is run: how many there are. With `--every` a sample of them.
 """
 
 from __future__ import annotations
