@@ -1,7 +1,7 @@
 """Probabilities of failure of rocking structures: subset simulation, repeated, beside counting.
 
 `python -m benchmarks.risk [minutes] [names of cases]` goes on from what is kept, for so many minutes of
-processor time at most, and prints the table. Counting stops at its number of scenes, repetitions at twenty.
+processor time at most, and prints the table. What `benchmarks.risk_sweep` has counted is in it.
 """
 
 from __future__ import annotations
@@ -19,29 +19,38 @@ from scipy.stats import binomtest
 import rockjax as rj
 from rockjax.internal import limit_state
 
-from .measure import keep, show
+from .measure import keep, kept, show
 
 FOLDER = Path(__file__).parent / "results"
 BATCH = 20_000  # scenes counted between two looks at the clock
-REPETITIONS, COV = 20, 0.1
+COV = 0.1
+MAX_SCENES = 1_000_000  # of a repetition
 
 
 class Case(NamedTuple):
-    """A structure, the density S₀ of its motions [m²/s³], and the scenes that are counted."""
+    """A structure, the density S₀ of its motions [m²/s³], the scenes that are counted here, and the
+    repetitions of subset simulation with their coefficient of variation."""
 
     podium: rj.Podium
     S_0: float
     scenes: int
+    repetitions: int = 20
+    cov: float = COV
 
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
 ELASTIC = rj.Podium(alpha=0.2, R=1.5, gamma=2.0, superstructure=rj.Elastic(5.0, 0.4, 0.05))
 CASES = {
-    "block 1e-2": Case(BLOCK, 0.020, 100_000),
-    "block 1e-3": Case(BLOCK, 0.0145, 1_000_000),
-    "block 1e-4": Case(BLOCK, 0.0105, 1_000_000),
-    "elastic 1e-2": Case(ELASTIC, 0.020, 100_000),
-    "elastic 1e-3": Case(ELASTIC, 0.0145, 1_000_000),
+    "block 1e-2": Case(BLOCK, 0.0200, 100_000),
+    "block 1e-3": Case(BLOCK, 0.0143, 300_000, 10),
+    "block 1e-4": Case(BLOCK, 0.0114, 0, 20, 0.2),  # these two by `benchmarks.risk_sweep`
+    "block 1e-5": Case(BLOCK, 0.0092, 0, 5, 0.2),
+    "block 1e-6": Case(BLOCK, 0.0077, 0, 5, 0.3),
+    "elastic 1e-2": Case(ELASTIC, 0.0320, 100_000),
+    "elastic 1e-3": Case(ELASTIC, 0.0215, 300_000, 10),
+    "elastic 1e-4": Case(ELASTIC, 0.0164, 0, 20, 0.2),
+    "elastic 1e-5": Case(ELASTIC, 0.0133, 0, 5, 0.2),
+    "elastic 1e-6": Case(ELASTIC, 0.0112, 0, 5, 0.3),
 }
 
 
@@ -62,9 +71,22 @@ def repeated(case: Case, known: dict[str, Any]) -> None:
     """One repetition more."""
     runs = known.setdefault("runs", [])
     found = rj.failure_probability(
-        case.podium, motion_of(case), method="subset", cov=COV, seed=100 + len(runs)
+        case.podium,
+        motion_of(case),
+        method="subset",
+        cov=case.cov,
+        seed=100 + len(runs),
+        max_scenes=MAX_SCENES,
     )
     runs.append([found.probability, found.standard_error, *found.interval, found.scenes])
+
+
+def _all_repeated(case: Case, known: dict[str, Any]) -> bool:
+    return len(known.get("runs", [])) >= case.repetitions
+
+
+def _all_counted(case: Case, known: dict[str, Any]) -> bool:
+    return known.get("batches", 0) * BATCH >= case.scenes
 
 
 def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
@@ -72,25 +94,29 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
     path, end = FOLDER / "risk-runs.json", time.process_time() + 60 * minutes
     known: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for name in names:
-        case, of = CASES[name], known.setdefault(name, {})
-        while time.process_time() < end:
-            if len(of.get("runs", [])) < REPETITIONS:
-                repeated(case, of)
-            if of.get("batches", 0) * BATCH < case.scenes:
-                counted(case, of)
-            elif len(of.get("runs", [])) >= REPETITIONS:
-                break
-            path.write_text(json.dumps(known) + "\n")
+        of = known.setdefault(name, {})
+        for step, done in ((counted, _all_counted), (repeated, _all_repeated)):
+            while time.process_time() < end and not done(CASES[name], of):
+                step(CASES[name], of)
+                path.write_text(json.dumps(known) + "\n")
     return known
+
+
+def _swept() -> list[dict[str, Any]]:
+    """What `benchmarks.risk_sweep` has counted."""
+    return kept("risk-sweep") if (FOLDER / "risk-sweep.json").exists() else []
 
 
 def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
     """What is known of a case. `held`: the share of the repetitions whose intervals hold what is counted."""
     runs = np.array(known.get("runs", [])).reshape(-1, 5)
     scenes, failures = known.get("batches", 0) * BATCH, known.get("failures", 0)
+    of_sweep = [row for row in _swept() if row["case"] == name]
+    if of_sweep:
+        scenes, failures = of_sweep[0]["motions"], of_sweep[0]["failures"]
     counted = failures / scenes if scenes else math.nan
     low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
-    p, _, lower, upper, cost = runs.T
+    p, error, lower, upper, cost = runs.T
     return {
         "case": name,
         "counted": counted,
@@ -100,6 +126,7 @@ def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
         "repetitions": len(runs),
         "mean": float(p.mean()),
         "cov": float(p.std(ddof=1) / p.mean()),
+        "said": float(np.mean(error / p)),
         "held": float(np.mean((lower <= counted) & (counted <= upper))),
         "scenes": float(cost.mean()),
     }
@@ -110,7 +137,7 @@ def main(minutes: float = 0.0, *names: str) -> None:
     rows = [row(name, of) for name, of in known.items() if len(of.get("runs", [])) > 1]
     keep("risk", rows)
     forms = {"counted": ".3e", "from": ".3e", "to": ".3e", "of": "d", "repetitions": "d", "mean": ".3e"}
-    show(rows, {"case": "", **forms, "cov": ".3f", "held": ".2f", "scenes": ".0f"})
+    show(rows, {"case": "", **forms, "cov": ".3f", "said": ".3f", "held": ".2f", "scenes": ".0f"})
 
 
 if __name__ == "__main__":

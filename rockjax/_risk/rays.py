@@ -31,6 +31,7 @@ WIDER = 1.1  # range of k that is looked at, both ways, before it is known where
 FARTHEST_FACTOR = 100.0  # on u, both ways
 NEARLY = 0.7  # of ln P: near enough to the probability that is asked for
 TRIALS = 12  # factors on u
+TRIED = 200  # samples of a level, in the runs of a trial
 COARSE = Division(rounds=0)
 FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, but for
 SHARP = Division(rounds=3, parts=16)  # where G jumps
@@ -109,7 +110,12 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
 
 def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """So many different failing samples of all runs, with their weights in P."""
-    runs = [(np.unique(u, axis=0), p) for u, p in zip(sampled.failing, sampled.runs, strict=True) if len(u)]
+    total = sum(run.samples for run in sampled.runs)
+    runs = [
+        (np.unique(run.failing, axis=0), run.probability * run.samples / total)
+        for run in sampled.runs
+        if len(run.failing)
+    ]
     parts, weights = [], []
     for k, (u, p) in enumerate(runs):
         size = min(count // len(runs) + (k < count % len(runs)), len(u))
@@ -123,7 +129,7 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
     wanted, factor = -float(norm.ppf(probability)), 1.0
     known: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
-        sampled = Subset(Scaled(limit, factor), None, rng)  # pyright: ignore[reportArgumentType]
+        sampled = Subset(Scaled(limit, factor), None, rng, TRIED)  # pyright: ignore[reportArgumentType]
         sampled.round(1)
         found = sampled.estimate().probability
         if found > 0 and abs(math.log(found / probability)) < NEARLY:

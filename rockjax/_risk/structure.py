@@ -94,8 +94,10 @@ class OfStructure(AbstractLimitState):
         self.options = options.replace(outputs=(limit.output,), throw=False)
 
     def _values(self, u):
-        answers = [self._table(u[start : start + TABLE]) for start in range(0, len(u), TABLE)]
-        return np.concatenate(answers)
+        # Every other number of scenes would be compiled for; scenes at rest cost next to nothing.
+        whole = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
+        answers = [self._table(whole[start : start + TABLE]) for start in range(0, len(whole), TABLE)]
+        return np.concatenate(answers)[: len(u)]
 
     def _table(self, u: np.ndarray) -> np.ndarray:
         peaks = self._peaks(u)

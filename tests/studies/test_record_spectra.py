@@ -56,6 +56,21 @@ def test_the_overturning_acceleration_follows_the_known_laws():
 
 
 @pytest.mark.slow
+def test_where_the_ground_only_moves_away_the_law_is_that_of_displacements():
+    """A whole sine leaves no velocity but a displacement D = aT²/2π: a block that is large for it has turned
+    by p²D/g at its end, and falls where that is α. So the least acceleration goes with 1/p². Of a slender
+    block: cos(α − θ) changes meanwhile, which leaves some velocity."""
+    t = np.linspace(0, 1, 41)
+    record = rj.Record(np.sin(2 * np.pi * t), 1 / 40)
+    sizes, alpha = np.array([0.02, 0.04]), 0.02
+    slender = BLOCK.replace(alpha=alpha)
+    found = rj.record_spectrum(slender, [record], sizes, max_scale=4000.0, width=1e-2)
+    least = 1 / found["demand"].values[0]  # PGA is 1 m/s²
+    assert least[0] / least[1] == pytest.approx(4.0, rel=0.01)
+    assert np.allclose(least, 2 * np.pi * alpha * 9.80665 / sizes**2, rtol=0.01)
+
+
+@pytest.mark.slow
 def test_vertical_motions_are_not_left_out():
     """Of pairs the spectrum is that of each pair."""
     pairs = RECORDS.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))

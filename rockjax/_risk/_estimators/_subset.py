@@ -1,87 +1,142 @@
 """Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. Needs no derivative and no
 design point.
 
-Samples below a level of G, a tenth of those above, are moved by conditional sampling (Papaioannou et al.
-2015), u' = ρu + √(1 − ρ²) ξ, and kept where they stay below it. A run ends at the level 0; runs are
-independent. The estimate has a bias of the order of its squared coefficient of variation.
+Samples below a level of G, a tenth of those above, are moved and kept where they stay below it. A move is
+that of conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, for a quarter of the
+components at random: longer moves of fewer of them lose the past sooner, and need a third less scenes for
+the same accuracy. A run ends at the level 0.
+
+Samples of one run know each other, through their chains and through the levels before, which is hard to tell
+from one run. So there are always several, independent of each other and side by side in one batch, and their
+spread is the error. The estimate has a bias of the order of the squared coefficient of variation of a run.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
+from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
-from ._base import AbstractEstimator, Estimate, lognormal_interval
+from ._base import LEVEL, AbstractEstimator, Estimate, lognormal_interval
 
 SHARE = 0.1  # of the samples that fail a level
-SAMPLES = 1000  # of a level
+RUNS = 6  # of a round, side by side
+SAMPLES = 800  # of a level, in the runs of the first round, if no other number is wanted
+FEWEST = 400  # in those of any other, and
+GROWTH = (
+    2  # times as many as in the runs before at most: more rounds are more runs, whose spread is the error
+)
+NUMBERS = 5e7  # of all samples that are in memory at once, at most
 LEVELS = 40  # of a run: P = 1e-40
-ACCEPTED = 0.44  # share of moves to aim for
+MOVED = 0.25  # share of the components that a move changes, and
+MOVED_LEAST = 10  # so many of them, or all
+ACCEPTED = 0.35  # share of moves to aim for
+TAIL = 0.5 + LEVEL / 2  # quantile at the end of the interval
+
+
+class _Run(NamedTuple):
+    """A run of so many `samples` a level: P, its relative variance as far as the run itself knows it, and the
+    samples that fail, (k, d)."""
+
+    probability: float
+    variance: float
+    samples: int
+    failing: np.ndarray
 
 
 class Subset(AbstractEstimator):
     needs_design_points = False
 
-    def __init__(self, limit, found, rng):
+    def __init__(self, limit, found, rng, samples: int = SAMPLES):
         super().__init__(limit, found, rng)
-        self.runs: list[float] = []
-        self.variances: list[float] = []  # relative, of each run
-        self.failing: list[np.ndarray] = []  # samples that fail, of each run
+        self.first = samples  # of a level, in the runs of the first round
+        self.runs: list[_Run] = []
+        self.spent = 0
 
     def round(self, size: int) -> None:
-        before = self.limit.scenes
-        while True:
-            p, variance = self._run()
-            self.runs.append(p)
-            self.variances.append(variance)
-            if self.limit.scenes - before >= size:
-                return
+        before, samples = self.limit.scenes, self.first
+        if self.runs:
+            each = self.spent / sum(run.samples for run in self.runs)
+            most = max(SAMPLES, NUMBERS / (RUNS * self.limit.dimension))
+            most = min(most, GROWTH * max(run.samples for run in self.runs))
+            samples = int(min(max(size / (RUNS * each), FEWEST), most))
+        self.runs += self._side_by_side([self._run(samples) for _ in range(RUNS)])
+        self.spent += self.limit.scenes - before
 
-    def _run(self) -> tuple[float, float]:
-        u = self.rng.standard_normal((SAMPLES, self.limit.dimension))
-        g = self.limit.values(u)
-        probability, variance, rho, chains = 1.0, 0.0, 0.8, SAMPLES
+    def _side_by_side(self, runs: list[Generator[np.ndarray, np.ndarray, _Run]]) -> list[_Run]:
+        """The runs to their ends, what they ask for in one batch."""
+        ended: list[_Run] = []
+        asked = [(run, next(run)) for run in runs]
+        while asked:
+            values = self.limit.values(np.concatenate([u for _, u in asked]))
+            parts = np.split(values, np.cumsum([len(u) for _, u in asked])[:-1])
+            again = []
+            for (run, _), g in zip(asked, parts, strict=True):
+                try:
+                    again.append((run, run.send(g)))
+                except StopIteration as end:
+                    ended.append(end.value)
+            asked = again
+        return ended
+
+    def _run(self, samples: int) -> Generator[np.ndarray, np.ndarray, _Run]:
+        """A run, which asks for G of the samples that it yields."""
+        u = self.rng.standard_normal((samples, self.limit.dimension))
+        g = yield u
+        probability, variance, spread, chains = 1.0, 0.0, 0.6, samples
         for _ in range(LEVELS):
             level = max(float(np.quantile(g, SHARE, method="lower")), 0.0)
             below = g <= level
-            share = float(below.mean())
             variance += _relative_variance(below, chains)
-            probability *= share
+            probability *= float(below.mean())
             if level == 0.0:
-                self.failing.append(u[below])
-                return probability, variance
-            seeds = np.flatnonzero(below)[: round(SHARE * SAMPLES)]
-            chains = seeds.size
-            u, g, rho = self._chains(u[seeds], g[seeds], level, rho)
-        self.failing.append(np.zeros((0, self.limit.dimension)))
-        return 0.0, math.inf
+                return _Run(probability, variance, samples, u[below])
+            # Any of them: the first ones are those that moved the least.
+            chosen = self.rng.permutation(np.flatnonzero(below))[: round(SHARE * samples)]
+            chains = chosen.size
+            u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
+        return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
-    def _chains(self, u, g, level: float, rho: float):
+    def _chains(self, u, g, level: float, spread: float):
         us, gs = [u], [g]
+        moved = max(MOVED, MOVED_LEAST / self.limit.dimension)
         for _ in range(round(1 / SHARE) - 1):
-            candidate = rho * u + math.sqrt(1 - rho**2) * self.rng.standard_normal(u.shape)
-            value = self.limit.values(candidate)
+            step = np.where(self.rng.random(u.shape) < moved, spread, 0.0)
+            candidate = np.sqrt(1 - step**2) * u + step * self.rng.standard_normal(u.shape)
+            value = yield candidate
             stays = value <= level
             u, g = np.where(stays[:, None], candidate, u), np.where(stays, value, g)
             us.append(u)
             gs.append(g)
             # Shorter moves where too few are kept, longer ones where too many are.
-            spread = math.sqrt(1 - rho**2) * math.exp(float(stays.mean()) - ACCEPTED)
-            rho = math.sqrt(max(1 - min(spread, 1.0) ** 2, 0.0))
-        return np.concatenate(us), np.concatenate(gs), rho
+            spread = min(spread * math.exp(float(stays.mean()) - ACCEPTED), 1.0)
+        return np.concatenate(us), np.concatenate(gs), spread
 
     def estimate(self) -> Estimate:
-        p, count = float(np.mean(self.runs)), len(self.runs)
-        if p == 0:
+        # Much smaller runs vary more than in proportion: they have told how large the others must be.
+        largest = max(run.samples for run in self.runs)
+        runs = [run for run in self.runs if run.samples >= largest / 4]
+        p = np.array([run.probability for run in runs])
+        weight = np.array([run.samples for run in runs], float)
+        weight /= weight.sum()
+        mean = float(weight @ p)
+        if mean == 0:
             return Estimate(0.0, 0.0, (0.0, SHARE**2), 0.0)
-        each = float(np.mean(self.variances))
-        if count >= 8:  # enough of them to tell their spread
-            each = float(np.var(self.runs, ddof=1)) / p**2
-        error = p * math.sqrt(each / count)
-        return Estimate(
-            p, error, lognormal_interval(p, error, count), min((p / error) ** 2, 1e9) if error > 0 else 1e9
-        )
+        # The variance of a run goes with 1/samples. By chance runs may be closer to each other than what
+        # each of them knows of itself.
+        spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
+        within = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
+        # Of so few runs it is uncertain itself: as much larger as Student's interval is.
+        error = math.sqrt(max(spread, within)) * float(stats.t.ppf(TAIL, p.size - 1) / stats.norm.ppf(TAIL))
+        effective = min((mean / error) ** 2, 1e9) if error > 0 else 1e9
+        return Estimate(mean, error, lognormal_interval(mean, error, p.size), effective)
+
+
+def _finite(variance: float) -> float:
+    return variance if math.isfinite(variance) else 0.0
 
 
 def _relative_variance(below: np.ndarray, chains: int) -> float:
