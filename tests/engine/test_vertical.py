@@ -144,6 +144,16 @@ def test_a_jump_that_lifts_after_the_vertical_motion_has_begun(a_p):
     assert float(found.peak_rotation) == pytest.approx(answer.peak, abs=1e-8)
 
 
+def test_a_large_jump_after_the_vertical_motion_has_begun():
+    """Such a scene once stood still before the jump: full contact was carried past it, again and again."""
+    podium = rj.Podium(0.13, 0.93, 3.3, rj.Elastic(73.6, 2.8, 0.05), restitution="compatible")
+    motion = rj.GroundMotion(rj.OneCosine(47.7, 0.93), rj.Ricker(-3.46, 0.13))
+    options = rj.Options(rtol=1e-4, atol=1e-6, max_steps=5000)
+    found = rj.peak_response(podium, motion, options=options)
+    assert found.uplift_time == 0
+    assert bool(found.overturned)
+
+
 def of_samples(samples, dt):
     times = np.arange(len(samples)) * dt
     return lambda t: float(np.interp(t, times, samples)) if 0 <= t <= times[-1] else 0.0
