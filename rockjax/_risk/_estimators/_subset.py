@@ -61,8 +61,10 @@ class Subset(AbstractEstimator):
         if self.runs:
             each = self.spent / sum(run.samples for run in self.runs)
             most = max(SAMPLES, NUMBERS / (RUNS * self.limit.dimension))
-            most = min(most, GROWTH * max(run.samples for run in self.runs))
-            samples = int(min(max(size / (RUNS * each), FEWEST), most))
+            largest = max(run.samples for run in self.runs)
+            most = min(most, GROWTH * largest)
+            # Fewer than half of the largest would not count, or hardly.
+            samples = int(min(max(size / (RUNS * each), FEWEST, largest / 2), most))
         self.runs += self._side_by_side([self._run(samples) for _ in range(RUNS)])
         self.spent += self.limit.scenes - before
 
