@@ -42,15 +42,15 @@ BLOCK = rj.Podium(alpha=0.2, R=1.0)
 ELASTIC = rj.Podium(alpha=0.2, R=1.5, gamma=2.0, superstructure=rj.Elastic(5.0, 0.4, 0.05))
 CASES = {
     "block 1e-2": Case(BLOCK, 0.0200, 100_000),
-    "block 1e-3": Case(BLOCK, 0.0143, 300_000, 10),
-    "block 1e-4": Case(BLOCK, 0.0114, 0, 20, 0.2),  # these two by `benchmarks.risk_sweep`
-    "block 1e-5": Case(BLOCK, 0.0092, 0, 5, 0.2),
-    "block 1e-6": Case(BLOCK, 0.0077, 0, 5, 0.3),
+    "block 1e-3": Case(BLOCK, 0.0143, 1_000_000),
+    "block 1e-4": Case(BLOCK, 0.0114, 10_000_000),
+    "block 1e-5": Case(BLOCK, 0.0092, 0, 10),
+    "block 1e-6": Case(BLOCK, 0.0077, 0, 10),
     "elastic 1e-2": Case(ELASTIC, 0.0320, 100_000),
-    "elastic 1e-3": Case(ELASTIC, 0.0215, 300_000, 10),
-    "elastic 1e-4": Case(ELASTIC, 0.0164, 0, 20, 0.2),
-    "elastic 1e-5": Case(ELASTIC, 0.0133, 0, 5, 0.2),
-    "elastic 1e-6": Case(ELASTIC, 0.0112, 0, 5, 0.3),
+    "elastic 1e-3": Case(ELASTIC, 0.0215, 1_000_000),
+    "elastic 1e-4": Case(ELASTIC, 0.0164, 20_000_000),
+    "elastic 1e-5": Case(ELASTIC, 0.0133, 0, 10),
+    "elastic 1e-6": Case(ELASTIC, 0.0112, 0, 10),
 }
 
 
@@ -112,8 +112,8 @@ def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
     runs = np.array(known.get("runs", [])).reshape(-1, 5)
     scenes, failures = known.get("batches", 0) * BATCH, known.get("failures", 0)
     of_sweep = [row for row in _swept() if row["case"] == name]
-    if of_sweep:
-        scenes, failures = of_sweep[0]["motions"], of_sweep[0]["failures"]
+    if of_sweep:  # other motions
+        scenes, failures = scenes + of_sweep[0]["motions"], failures + of_sweep[0]["failures"]
     counted = failures / scenes if scenes else math.nan
     low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
     p, error, lower, upper, cost = runs.T

@@ -10,7 +10,9 @@ width = [0.2, 1.5]
 [minimise]                       # optional
 quantity = "alpha"               # a parameter of the podium: alpha, R, gamma, width, height, eta …, or
                                  # peak-rotation, peak-shear, peak-deformation, peak-drift,
-                                 # peak-floor-acceleration with motions = "…"
+                                 # peak-floor-acceleration with motions = "…"; or
+quantity = "expected-loss"       # cost, a number for each unit of parameters: {width = 2e4}; loss, hazard,
+                                 # motions, max_intensity, width as for annual-frequency
 
 [[targets]]
 kind = "peak-rotation"           # peak-shear, peak-deformation, and of buildings peak-drift,
@@ -60,6 +62,7 @@ from ._design import design
 from ._failure import FailureProbability
 from ._objectives import (
     AbstractObjective,
+    ExpectedLoss,
     WorstDeformation,
     WorstDrift,
     WorstFloorAcceleration,
@@ -89,6 +92,7 @@ SETTINGS: dict[str, Kind] = {
 }
 TARGET: dict[str, Kind] = {
     "limit": POSITIVE,
+    "loss": POSITIVE,
     "at_least": POSITIVE,
     "at_most": POSITIVE,
     "max_scale": POSITIVE,
@@ -96,6 +100,7 @@ TARGET: dict[str, Kind] = {
     "smoothing": POSITIVE,
     "intensity": POSITIVE,
     "max_intensity": POSITIVE,
+    "width": POSITIVE,
     "hazard": TEXT,
     "ratio": TRUTH,
     "name": TEXT,
@@ -108,6 +113,7 @@ GAUSSIAN: dict[str, Kind] = {
     **dict.fromkeys(("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f"), POSITIVE),
 }
 ENVELOPE: dict[str, Kind] = dict.fromkeys(("t_1", "t_2", "c"), POSITIVE)
+EXPECTED_LOSS = "expected-loss"
 WORST: dict[str, type] = {
     "peak-rotation": WorstRotation,
     "peak-shear": WorstShear,
@@ -188,6 +194,18 @@ class _Number:
         return read(podium, self.__name__)
 
 
+class _Cost:
+    """So much for each unit of some parameters of a podium."""
+
+    __name__ = "cost"
+
+    def __init__(self, rates: dict[str, float]):
+        self.rates = rates
+
+    def __call__(self, podium: rj.Podium):
+        return sum(rate * read(podium, name) for name, rate in self.rates.items())
+
+
 class _Reader(Reader):
     """Reads what a design needs besides."""
 
@@ -220,6 +238,8 @@ class _Reader(Reader):
         )
 
     def minimise(self, value, motions: dict, podium: rj.Podium):
+        if isinstance(value, dict) and value.get("quantity") == EXPECTED_LOSS:
+            return self.expected_loss(value, motions, podium)
         entry = self.table(value, "minimise", ("quantity",), ("motions",))
         quantity = entry["quantity"]
         if not isinstance(quantity, str):
@@ -231,11 +251,31 @@ class _Reader(Reader):
         if quantity not in WORST:
             self.fail(
                 "minimise.quantity",
-                f"must be one of {', '.join((*parameters_of(podium), *WORST))}, got {quantity!r}",
+                f"must be one of {', '.join((*parameters_of(podium), *WORST, EXPECTED_LOSS))}, "
+                f"got {quantity!r}",
             )
         if "motions" not in entry:
             self.fail("minimise", f"motions is missing: {quantity} under which?")
         return WORST[quantity](self.chosen(entry, "minimise", motions))
+
+    def expected_loss(self, value, motions: dict, podium: rj.Podium) -> ExpectedLoss:
+        """Cost and what overturning loses in a year; `at_most` of the risk is not looked at."""
+        needed = ("quantity", "cost", "loss", "hazard", "motions")
+        entry = self.table(value, "minimise", needed, ("max_intensity", "width"))
+        rates = self.table(entry["cost"], "minimise.cost", (), tuple(parameters_of(podium)))
+        rates = self.entries(rates, "minimise.cost", dict.fromkeys(rates, POSITIVE))
+        if not rates:
+            self.fail("minimise.cost", "is empty: give a number for each unit of a parameter")
+        numbers = self.entries(entry, "minimise", TARGET)
+        how = {name: numbers[name] for name in ("max_intensity", "width") if name in numbers}
+        with self.at("minimise"):
+            suite = self.chosen(entry, "minimise", motions)
+            risk = AnnualFrequency(1.0, self.hazard(numbers["hazard"]), suite, **how)
+            return ExpectedLoss(_Cost(rates), numbers["loss"], risk)
+
+    def hazard(self, name: str) -> rj.Hazard:
+        """The hazard curve in a file beside this one."""
+        return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(self, entry, key: str, motions: dict, podium: rj.Podium) -> AbstractTarget:
         kinds: dict[str, tuple[type[AbstractTarget], tuple[str, ...], tuple[str, ...]]] = {
@@ -289,7 +329,7 @@ class _Reader(Reader):
                 at_most, motion = numbers.pop("at_most"), self.gaussian(entry["motion"], f"{key}.motion")
                 return FailureProbability(at_most, motion, **numbers)
             if "hazard" in numbers:
-                numbers["hazard"] = rj.Hazard.from_file(self.folder / numbers["hazard"]).in_si()
+                numbers["hazard"] = self.hazard(numbers["hazard"])
             first = {name: numbers.pop(name) for name in needed if name in numbers}
             make: Any = kind
             return make(*first.values(), self.chosen(entry, key, motions), **numbers)

@@ -15,7 +15,7 @@ from ._run import Flags, argument, flag, option
 
 C = TypeVar("C")
 
-EXAMPLES = ("column", "fragility", "response", "risk", "spectrum", "sweep")
+EXAMPLES = ("annual-frequency", "column", "fragility", "response", "risk", "spectrum", "sweep")
 STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
 
 

@@ -1,6 +1,7 @@
 """Targets on a probability of failure: rays through failing samples, and designs that keep one."""
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -120,6 +121,38 @@ def test_a_file_says_the_same(tmp_path):
     assert eqx.tree_equal(target, expected)
     path.write_text(path.read_text().replace("n = 61", "n = 1"))
     with pytest.raises(ValueError, match=r"column.toml: targets\[0\].motion.n: must be"):
+        optimise.load(path)
+
+
+def test_a_file_asks_for_cost_and_expected_loss(tmp_path):
+    path = tmp_path / "column.toml"
+    (tmp_path / "hazard.csv").write_text("PGA [g],annual_rate\n0.1,1e-2\n0.4,8e-4\n1.6,2e-5\n")
+    text = (
+        "[structure]\nwidth = 0.6\nheight = 3.0\ncolumn_mass = 1500.0\n[vary]\nwidth = [0.3, 1.0]\n"
+        "[[motions.shaking]]\nsynthetic = 2\nduration = 4.0\ndt = 0.05\n"
+        '[minimise]\nquantity = "expected-loss"\ncost = {width = 2e4, height = 1e3}\nloss = 5e6\n'
+        'hazard = "hazard.csv"\nmotions = "shaking"\nmax_intensity = 12.0\n'
+    )
+    path.write_text(text)
+    asked = optimise.load(path)
+    hazard = rj.Hazard.from_file(tmp_path / "hazard.csv").in_si()
+    risk = optimise.AnnualFrequency(1.0, hazard, asked.motions["shaking"], max_intensity=12.0)
+    podium = rj.Podium.from_dimensions(width=0.6, height=3.0, column_mass=1500.0)
+    minimise: Any = asked.minimise
+    assert minimise.cost.function(podium) == pytest.approx(2e4 * 0.6 + 1e3 * 3.0, rel=1e-12)
+    assert minimise.loss == 5e6
+    assert eqx.tree_equal(minimise.risk, risk)
+    assert "cost and expected loss" in repr(asked)
+    for wrong, words in {
+        "cost = {}": r"minimise.cost: is empty",
+        "cost = {breadth = 1.0}": r"minimise.cost.breadth",
+        "cost = {width = -1.0}": r"minimise.cost.width: must be",
+    }.items():
+        path.write_text(text.replace("cost = {width = 2e4, height = 1e3}", wrong))
+        with pytest.raises(ValueError, match=words):
+            optimise.load(path)
+    path.write_text(text.replace("loss = 5e6\n", ""))
+    with pytest.raises(ValueError, match="minimise: loss is missing"):
         optimise.load(path)
 
 

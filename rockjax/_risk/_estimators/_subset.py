@@ -1,7 +1,7 @@
 """Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. Needs no derivative and no
 design point.
 
-Samples below a level of G, a tenth of those above, are moved and kept where they stay below it. A move is
+Samples below a level of G, a twentieth of those above, are moved and kept where they stay below it. A move is
 that of conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, for a quarter of the
 components at random: longer moves of fewer of them lose the past sooner. (A block under 61 samples of noise,
 integrated coarsely, P = 1e-4: a third fewer scenes for the same accuracy.) A run ends at the level 0.
@@ -22,13 +22,12 @@ from scipy import stats
 
 from ._base import LEVEL, AbstractEstimator, Estimate, lognormal_interval
 
-SHARE = 0.1  # of the samples that fail a level
+SHARE = 0.05  # of the samples that fail a level
 RUNS = 6  # of a round, side by side
-SAMPLES = 800  # of a level, in the runs of the first round, if no other number is wanted
-FEWEST = 400  # in those of any other, and
-GROWTH = (
-    2  # times as many as in the runs before at most: more rounds are more runs, whose spread is the error
-)
+SAMPLES = 1500  # of a level, in the runs of the first round, if no other number is wanted
+FEWEST = 800  # in those of any other
+# So many times as many as in the runs before at most: more rounds are more runs, whose spread is the error.
+GROWTH = 2
 NUMBERS = 5e7  # of all samples that are in memory at once, at most
 LEVELS = 40  # of a run: P = 1e-40
 MOVED = 0.25  # share of the components that a move changes, and
