@@ -44,13 +44,13 @@ CASES = {
     "block 1e-2": Case(BLOCK, 0.0200, 100_000),
     "block 1e-3": Case(BLOCK, 0.0143, 1_000_000),
     "block 1e-4": Case(BLOCK, 0.0114, 10_000_000),
-    "block 1e-5": Case(BLOCK, 0.0092, 0, 10),
-    "block 1e-6": Case(BLOCK, 0.0077, 0, 10),
+    "block 1e-5": Case(BLOCK, 0.0092, 0, 10, 0.2),
+    "block 1e-6": Case(BLOCK, 0.0077, 0, 10, 0.2),
     "elastic 1e-2": Case(ELASTIC, 0.0320, 100_000),
     "elastic 1e-3": Case(ELASTIC, 0.0215, 1_000_000),
     "elastic 1e-4": Case(ELASTIC, 0.0164, 20_000_000),
-    "elastic 1e-5": Case(ELASTIC, 0.0133, 0, 10),
-    "elastic 1e-6": Case(ELASTIC, 0.0112, 0, 10),
+    "elastic 1e-5": Case(ELASTIC, 0.0133, 0, 10, 0.2),
+    "elastic 1e-6": Case(ELASTIC, 0.0112, 0, 10, 0.2),
 }
 
 

@@ -50,6 +50,7 @@ from ._risk.annual import annual_frequency as annual_frequency
 from ._risk.annual import disaggregation as disaggregation
 from ._risk.files import read_fragility_model as read_fragility_model
 from ._risk.files import write_fragility_model as write_fragility_model
+from ._risk.filters import Filter as Filter
 from ._risk.gaussian import Envelope as Envelope
 from ._risk.gaussian import GaussianMotion as GaussianMotion
 from ._risk.gaussian import RandomPulse as RandomPulse

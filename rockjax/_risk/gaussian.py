@@ -7,8 +7,8 @@ rest,
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),   ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j)
     = ÿ(t_j).
 
-So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes O(n), and its transpose,
-which reverse mode differentiates by, as much.
+Other filters may follow. So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes
+O(n), and its transpose, which reverse mode differentiates by, as much.
 """
 
 from __future__ import annotations
@@ -31,10 +31,13 @@ from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._studies.lognormal import Lognormal
 
+from .filters import Filter, in_series
+
 if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
+SQUARINGS = 48  # of a matrix exponential: numbers up to 1e14
 
 
 class Envelope(eqx.Module):
@@ -112,7 +115,7 @@ class GaussianMotion(eqx.Module):
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the
       high-pass; > 0
     - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
-      None
+      None; `filters`: each a [`rockjax.Filter`][], which the noise passes after these two
 
     Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary
     noise filtered first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA.
@@ -131,6 +134,7 @@ class GaussianMotion(eqx.Module):
     zeta_f: Number = eqx.field(converter=as_float, default=0.6)
     envelope: Any = eqx.field(default_factory=Envelope)
     pulse: RandomPulse | None = None
+    filters: tuple[Filter, ...] = eqx.field(default=(), converter=tuple)
 
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
@@ -141,6 +145,9 @@ class GaussianMotion(eqx.Module):
         positive("GaussianMotion", **numbers)
         if not callable(self.envelope):
             raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")
+        for one in self.filters:
+            if not isinstance(one, Filter):
+                raise ValueError(f"GaussianMotion: filters must be of rockjax.Filter, got {one!r}")
 
     @property
     def dimension(self) -> int:
@@ -165,7 +172,7 @@ class GaussianMotion(eqx.Module):
         def advance(state, w):
             return step @ state + w * gain, out @ state
 
-        _, motion = jax.lax.scan(advance, jnp.zeros(4, u.dtype), u[: self.n] * self._strength())
+        _, motion = jax.lax.scan(advance, jnp.zeros(len(out), u.dtype), u[: self.n] * self._strength())
         return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
 
     def _strength(self) -> Float[Array, " n"]:
@@ -176,23 +183,27 @@ class GaussianMotion(eqx.Module):
         """The motion of u, linear between its samples; batched where u is."""
         return Record(self.acceleration(u), self.dt)
 
-    def _filter(self) -> tuple[Float[Array, "4 4"], Float[Array, " 4"], Float[Array, " 4"]]:
-        """(Φ, Γ, C): states (x, ẋ, y, ẏ) advance by Φ s + Γ w, exactly for w constant over dt; ü_g = C s."""
+    def _filter(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
+        """(Φ, Γ, C): states (x, ẋ, y, ẏ) and those of further filters advance by Φ s + Γ w, exactly for w
+        constant over dt; ü_g = C s."""
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
         stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f
         out = jnp.stack([-stiff_g, -damp_g, -stiff_f, -damp_f])
         rates = jnp.stack(
             [
-                jnp.stack([zero, one, zero, zero, zero]),
-                jnp.stack([-stiff_g, -damp_g, zero, zero, -one]),
-                jnp.stack([zero, zero, zero, one, zero]),
-                jnp.concatenate([out, jnp.zeros(1)]),
-                jnp.zeros(5),
+                jnp.stack([zero, one, zero, zero]),
+                jnp.stack([-stiff_g, -damp_g, zero, zero]),
+                jnp.stack([zero, zero, zero, one]),
+                out,
             ]
         )
-        whole = jax.scipy.linalg.expm(rates * self.dt)
-        return whole[:4, :4], whole[:4, 4], out
+        rates, out = in_series(rates, out, self.filters)
+        size = len(out)
+        whole = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
+        # (Of filters that are much faster than dt it is the exponential of large numbers.)
+        whole = jax.scipy.linalg.expm(whole * self.dt, max_squarings=SQUARINGS)
+        return whole[:size, :size], whole[:size, size], out
 
     def standard_deviation(self) -> Float[Array, " n"]:
         """Root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
@@ -201,7 +212,7 @@ class GaussianMotion(eqx.Module):
         def advance(covariance, s):
             return step @ covariance @ step.T + s**2 * jnp.outer(gain, gain), out @ covariance @ out
 
-        _, variance = jax.lax.scan(advance, jnp.zeros((4, 4)), self._strength())
+        _, variance = jax.lax.scan(advance, jnp.zeros_like(step), self._strength())
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
+from scipy import signal
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -328,6 +329,73 @@ def test_derivatives_of_the_map():
         y = float(getattr(MOTION, name))
         up, down = (energy(rj.GaussianMotion(601, 0.02, 0.01, **{name: y * (1 + s * h)})) for s in (1, -1))
         assert float(getattr(slopes, name)) == pytest.approx(float(up - down) / (2 * h * y), rel=1e-6)
+
+
+LAYER, LOW = rj.Filter.layer(6.0, 0.1), rj.Filter.low_pass(30.0)
+
+
+def test_filters_in_series_are_those_of_the_transfer_function():
+    """Beside SciPy's: the product of all polynomials, its input held over every interval."""
+    filters = (LAYER, rj.Filter([0.3, 2.0, 50.0], [4.0, 90.0]), LOW)
+    motion = rj.GaussianMotion(301, 0.02, 0.01, filters=filters)
+    ground = [-2 * 0.6 * 15.0, -(15.0**2)], [1.0, 2 * 0.6 * 15.0, 15.0**2]
+    above, below = np.polymul([1.0, 0.0, 0.0], ground[0]), np.polymul(ground[1], [1.0, 1.8, 2.25])
+    for one in filters:
+        above = np.polymul(above, np.asarray(one.numerator))
+        below = np.polymul(below, np.asarray([1.0, *one.denominator]))
+    system = signal.cont2discrete(signal.tf2ss(-above, below), 0.02, method="zoh")
+    u = np.asarray(motion.samples(1, seed=4)[0])
+    noise = u * np.asarray(motion.envelope(motion.t)) * np.sqrt(2 * np.pi * 0.01 / 0.02)
+    expected = signal.dlsim(system, noise)[1][:, 0]
+    np.testing.assert_allclose(motion.acceleration(u), expected, atol=1e-9 * np.abs(expected).max())
+    turned = rj.GaussianMotion(301, 0.02, 0.01, filters=filters[::-1])
+    np.testing.assert_allclose(turned.acceleration(u), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_what_filters_let_through():
+    steady = {"envelope": lambda t: jnp.ones_like(t)}
+    plain = rj.GaussianMotion(2001, 0.02, 0.01, **steady).standard_deviation()[-1]
+    layered = rj.GaussianMotion(2001, 0.02, 0.01, filters=(LAYER,), **steady)
+    _, transpose = jax.vjp(layered.acceleration, jnp.zeros(2001))
+    (row,) = transpose(jnp.zeros(2001).at[-1].set(1.0))
+    assert float(jnp.linalg.norm(row)) == pytest.approx(float(layered.standard_deviation()[-1]), rel=1e-10)
+    # ω far above all that is there, or far below it: nothing happens.
+    through = (rj.Filter.low_pass(3e4), rj.Filter.high_pass(1e-4), rj.Filter.layer(3e4, 0.7))
+    same = rj.GaussianMotion(2001, 0.02, 0.01, filters=through, **steady)
+    assert float(same.standard_deviation()[-1]) == pytest.approx(float(plain), rel=1e-3)
+    less = rj.GaussianMotion(2001, 0.02, 0.01, filters=(rj.Filter.low_pass(3.0),), **steady)
+    assert float(less.standard_deviation()[-1]) < 0.3 * float(plain)
+
+
+def test_filters_have_derivatives_and_are_named():
+    u = MOTION.samples(1, seed=5)[0]
+
+    def energy(omega):
+        return jnp.sum(through_layer(omega).acceleration(u) ** 2)
+
+    def through_layer(omega):
+        return rj.GaussianMotion(601, 0.02, 0.01, filters=[rj.Filter.layer(omega, 0.1)])
+
+    h = 1e-5
+    expected = (energy(6.0 + h) - energy(6.0 - h)) / (2 * h)
+    assert float(jax.grad(energy)(6.0)) == pytest.approx(float(expected), rel=1e-6)
+    slopes = jax.grad(lambda motion: jnp.sum(motion.acceleration(u)))(through_layer(6.0))
+    named = _named(jax.tree.map(lambda y: y[None], slopes))
+    assert named["filters[0].denominator[1]"] == slopes.filters[0].denominator[1]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rj.Filter([1.0, 0.0], [1.0, 1.0]), "numerator must be 3 numbers"),
+        (lambda: rj.Filter([1.0, 0.0, 0.0], [0.0, 1.0]), "denominator must be"),
+        (lambda: rj.Filter.low_pass(-1.0), "Filter.low_pass: omega must be"),
+        (lambda: rj.GaussianMotion(31, 0.1, 0.01, filters=[3.0]), "filters must be of rockjax.Filter"),
+    ],
+)
+def test_filters_that_make_no_sense_are_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
 
 
 def test_a_random_pulse_on_top():

@@ -1,0 +1,80 @@
+"""Filters that Gaussian ground motions pass besides those of Kanai–Tajimi and Clough–Penzien."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from rockjax._checks import as_float, finite, positive
+
+
+class Filter(eqx.Module):
+    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), from rest; several make any other.
+
+    - `numerator`: (b₂, b₁, b₀); `denominator`: (a₁, a₀), both > 0, so that it decays [1, 1/s, 1/s²]
+
+    Differentiable in all of them. Raises `ValueError` for numbers outside their ranges.
+    """
+
+    numerator: Float[Array, " 3"] = eqx.field(converter=as_float)
+    denominator: Float[Array, " 2"] = eqx.field(converter=as_float)
+
+    def __check_init__(self):
+        for name, y, count in (("numerator", self.numerator, 3), ("denominator", self.denominator, 2)):
+            if jnp.shape(y) != (count,):
+                raise ValueError(
+                    f"Filter: {name} must be {count} numbers, got an array of shape {jnp.shape(y)}"
+                )
+        finite("Filter", numerator=self.numerator)
+        positive("Filter", denominator=self.denominator)
+
+    @classmethod
+    def high_pass(cls, omega: Any, zeta: Any = 0.6) -> Self:
+        """s²/(s² + 2ζω s + ω²): nothing far below ω [rad/s]; ζ: damping [–], both > 0."""
+        omega, zeta = _oscillator("high_pass", omega, zeta)
+        return cls(jnp.array([1.0, 0.0, 0.0]), _denominator(omega, zeta))
+
+    @classmethod
+    def low_pass(cls, omega: Any, zeta: Any = 0.7) -> Self:
+        """ω²/(s² + 2ζω s + ω²): nothing far above ω [rad/s]; ζ: damping [–], both > 0."""
+        omega, zeta = _oscillator("low_pass", omega, zeta)
+        return cls(jnp.array([0.0, 0.0, 1.0]) * omega**2, _denominator(omega, zeta))
+
+    @classmethod
+    def layer(cls, omega: Any, zeta: Any) -> Self:
+        """(2ζω s + ω²)/(s² + 2ζω s + ω²): a layer of soil on top of the ground, an oscillator of frequency
+        ω [rad/s] and damping ζ [–] whose absolute acceleration goes on (Kanai 1957, Tajimi 1960)."""
+        omega, zeta = _oscillator("layer", omega, zeta)
+        damping, stiffness = _denominator(omega, zeta)
+        return cls(jnp.stack([jnp.zeros_like(omega), damping, stiffness]), _denominator(omega, zeta))
+
+
+def _oscillator(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
+    omega, zeta = as_float(omega), as_float(zeta)
+    positive(f"Filter.{name}", omega=omega, zeta=zeta)
+    return omega, zeta
+
+
+def _denominator(omega: Array, zeta: Array) -> Array:
+    return jnp.stack([2 * zeta * omega, omega**2])
+
+
+def in_series(
+    rates: Float[Array, "m m"], out: Float[Array, " m"], filters: tuple[Filter, ...]
+) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
+    """Rates of states s and output C s, followed by filters, each with two states more: x and ẋ of
+    ẍ + a₁ẋ + a₀x = input."""
+    size = len(out)
+    more = 2 * len(filters)
+    rates, out = jnp.pad(rates, (0, more)), jnp.pad(out, (0, more))
+    for k, one in enumerate(filters):
+        x, v = size + 2 * k, size + 2 * k + 1
+        (b_2, b_1, b_0), (a_1, a_0) = one.numerator, one.denominator
+        oscillator = out.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
+        rates = rates.at[x, v].set(1.0).at[v].set(oscillator)
+        out = b_2 * oscillator
+        out = out.at[jnp.array([x, v])].add(jnp.stack([b_0, b_1]))
+    return rates, out
