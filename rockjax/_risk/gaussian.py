@@ -106,6 +106,10 @@ class RandomPulse(eqx.Module):
         return jnp.where((since >= start) & (since <= end), inside(since), 0.0)
 
 
+def _several(filters: Any) -> tuple:
+    return tuple(filters) if isinstance(filters, Iterable) else (filters,)
+
+
 class GaussianMotion(eqx.Module):
     """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi,
     Clough–Penzien).
@@ -115,7 +119,7 @@ class GaussianMotion(eqx.Module):
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the
       high-pass; > 0
     - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
-      None; `filters`: each a [`rockjax.Filter`][], which the noise passes after these two
+      None; `filters`: a [`rockjax.Filter`][] or several, which the noise passes after these two
 
     Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary
     noise filtered first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA.
@@ -134,7 +138,7 @@ class GaussianMotion(eqx.Module):
     zeta_f: Number = eqx.field(converter=as_float, default=0.6)
     envelope: Any = eqx.field(default_factory=Envelope)
     pulse: RandomPulse | None = None
-    filters: tuple[Filter, ...] = eqx.field(default=(), converter=tuple)
+    filters: tuple[Filter, ...] = eqx.field(default=(), converter=_several)
 
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:

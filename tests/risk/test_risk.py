@@ -381,6 +381,8 @@ def test_filters_have_derivatives_and_are_named():
     assert float(jax.grad(energy)(6.0)) == pytest.approx(float(expected), rel=1e-6)
     slopes = jax.grad(lambda motion: jnp.sum(motion.acceleration(u)))(through_layer(6.0))
     named = _named(jax.tree.map(lambda y: y[None], slopes))
+    alone = rj.GaussianMotion(31, 0.1, 0.01, filters=rj.Filter.layer(6.0, 0.1))
+    assert eqx.tree_equal(alone.filters, through_layer(6.0).filters)
     assert named["filters[0].denominator[1]"] == slopes.filters[0].denominator[1]
 
 
@@ -391,6 +393,7 @@ def test_filters_have_derivatives_and_are_named():
         (lambda: rj.Filter([1.0, 0.0, 0.0], [0.0, 1.0]), "denominator must be"),
         (lambda: rj.Filter.low_pass(-1.0), "Filter.low_pass: omega must be"),
         (lambda: rj.GaussianMotion(31, 0.1, 0.01, filters=[3.0]), "filters must be of rockjax.Filter"),
+        (lambda: rj.GaussianMotion(31, 0.1, 0.01, filters=3.0), "filters must be of rockjax.Filter"),
     ],
 )
 def test_filters_that_make_no_sense_are_refused(make, words):
