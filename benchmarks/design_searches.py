@@ -127,7 +127,8 @@ def row(case: str, name: str) -> dict[str, Any]:
     beta[usable] = distances(limit, found[usable] / length[usable, None], 40.0)
     beta.sort()
     return {
-        "case": case, "search": name, "nearest": float(beta[0]), "betas": beta.tolist(), "scenes": scenes,
+        "case": case, "search": name, "nearest": float(beta[0]),
+        "betas": [float(y) if np.isfinite(y) else None for y in beta], "scenes": scenes,
         "gradients": slopes, "cpu s": took,
     }  # fmt: skip
 

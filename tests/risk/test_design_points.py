@@ -1,0 +1,85 @@
+"""Design points of structures beside what is known exactly: the onset of uplift, the equivalent block, and
+slopes of β by design points that are found again."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._risk import search
+from rockjax._risk.limit_state import OfFunction
+from rockjax._risk.structure import OPTIONS, OfStructure, limit_of
+
+MOTION = rj.GaussianMotion(31, 0.08, 0.02)
+BLOCK = rj.Podium(alpha=0.2, R=1.0)
+ELASTIC = rj.Podium(alpha=0.2, R=1.5, gamma=2.0, superstructure=rj.Elastic(5.0, 0.4, 0.05))
+
+
+@pytest.mark.slow
+def test_first_order_is_exact_for_the_onset_of_uplift():
+    """The demand of a podium in full contact at one moment is linear in u: β = q_up/|∇q|, and its motion
+    lifts the columns at that moment."""
+    at = 1.7
+    options = rj.Options(rtol=1e-12, atol=1e-14)
+
+    @jax.jit
+    @jax.value_and_grad
+    def demand(u):
+        """q/q_up, while nothing has lifted."""
+        response = rj.simulate(ELASTIC, MOTION.record(0.1 * u), t_end=at + 0.05, options=options)
+        return -10 * response.restoring_moment(at)
+
+    u = MOTION.samples(2, seed=1)
+    values, rows = zip(*(demand(y) for y in u), strict=True)
+    row = np.asarray(rows[0])
+    np.testing.assert_allclose(rows[1], row, atol=1e-9 * np.abs(row).max())
+    for value, y in zip(values, u, strict=True):
+        assert float(value) == pytest.approx(float(row @ np.asarray(y)), rel=1e-8)
+    limit = OfFunction(lambda y: 1 - jnp.asarray(row) @ y, 31)
+    found = search.design_points(limit, np.stack([row, row[::-1]]), 100.0)
+    assert found.aligned[0]
+    assert found.beta[0] == pytest.approx(1 / np.linalg.norm(row), rel=1e-9)
+    np.testing.assert_allclose(found.u[0], row / (row @ row), atol=1e-8)
+    lifted = rj.simulate(ELASTIC, MOTION.record(found.u[0] * (1 + 1e-9)))
+    assert float(lifted.uplift_time) == pytest.approx(at, abs=1e-4)
+
+
+@pytest.mark.parametrize("factor", [2.5, 4.0])
+def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
+    """The same G for each u, so the same P and the same design points."""
+    frame = rj.Podium(alpha=0.2, R=0.8, gamma=3.0, superstructure=rj.Rigid(4.0))
+    motion = MOTION.scaled(factor)
+    u = np.asarray(motion.samples(64, seed=2))
+    values = [
+        OfStructure(podium, motion, limit_of("test", "overturning", podium)).values(u)
+        for podium in (frame, frame.equivalent_block())
+    ]
+    np.testing.assert_allclose(values[0], values[1], atol=1e-7)
+    assert 0 < (values[0] <= 0).sum() < 64
+
+
+@pytest.mark.slow
+def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypatch):
+    limit = limit_of("test", ("rotation", 0.2), BLOCK)
+    point = rj.design_points(BLOCK, MOTION, limit=("rotation", 0.2), starts=2)[0]
+    assert point.smooth
+    options = OPTIONS.replace(rtol=1e-12, atol=1e-14)
+    h = 2e-3
+    monkeypatch.setattr(search, "ALIGNED", 1e-12)
+
+    def found(podium, motion):
+        again = search.design_points(OfStructure(podium, motion, limit, options), point.u[None])
+        return float(again.beta[0])
+
+    for name in ("alpha", "R", "S_0", "omega_g", "zeta_g"):
+        of_podium = hasattr(BLOCK, name)
+        whole = BLOCK if of_podium else MOTION
+        y = float(getattr(whole, name))
+        moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
+        up, down = (found(w, MOTION) if of_podium else found(BLOCK, w) for w in moved)
+        slope = (up - down) / (2 * h * y)
+        # 1e-5, of β itself where it hardly depends on a number: distances are found to 1e-8.
+        assert point.sensitivities[name] == pytest.approx(slope, rel=1e-5, abs=1e-5 * point.beta / y), name
