@@ -266,7 +266,8 @@ WRONG = [
     ("design", "design: needs a problem file (TOML), or --example column"),
     (
         "design --example table",
-        "--example: must be one of annual-frequency, column, fragility, response, risk, spectrum, sweep, got 'table'",
+        "--example: must be one of annual-frequency, column, fragility, response, risk, spectrum, sweep, "
+        "got 'table'",
     ),
     (
         "response good.toml --example response",
