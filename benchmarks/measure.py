@@ -92,6 +92,11 @@ def kept(name: str) -> list[dict]:
     return json.loads((RESULTS / f"{name}.json").read_text())["rows"]
 
 
+def kept_so_far(name: str) -> list[dict]:
+    """The same, none where there is no such table yet."""
+    return kept(name) if (RESULTS / f"{name}.json").exists() else []
+
+
 def _cores() -> int:
     from rockjax._batch.executors import workers
 

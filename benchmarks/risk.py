@@ -10,7 +10,6 @@ import json
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +18,8 @@ from scipy.stats import binomtest
 import rockjax as rj
 from rockjax.internal import limit_state
 
-from .measure import keep, kept, show
+from .measure import RESULTS, keep, kept_so_far, show
 
-FOLDER = Path(__file__).parent / "results"
 BATCH = 20_000  # scenes counted between two looks at the clock
 COV = 0.1
 MAX_SCENES = 1_000_000  # of a repetition
@@ -91,7 +89,7 @@ def _all_counted(case: Case, known: dict[str, Any]) -> bool:
 
 def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
     """Go on with all cases in turn, until the time is used up or nothing is left."""
-    path, end = FOLDER / "risk-runs.json", time.process_time() + 60 * minutes
+    path, end = RESULTS / "risk-runs.json", time.process_time() + 60 * minutes
     known: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for name in names:
         of = known.setdefault(name, {})
@@ -102,16 +100,11 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
     return known
 
 
-def _swept() -> list[dict[str, Any]]:
-    """What `benchmarks.risk_sweep` has counted."""
-    return kept("risk-sweep") if (FOLDER / "risk-sweep.json").exists() else []
-
-
 def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
     """What is known of a case. `held`: the share of the repetitions whose intervals hold what is counted."""
     runs = np.array(known.get("runs", [])).reshape(-1, 5)
     scenes, failures = known.get("batches", 0) * BATCH, known.get("failures", 0)
-    of_sweep = [row for row in _swept() if row["case"] == name]
+    of_sweep = [row for row in kept_so_far("risk-sweep") if row["case"] == name]
     if of_sweep:  # other motions
         scenes, failures = scenes + of_sweep[0]["motions"], failures + of_sweep[0]["failures"]
     counted = failures / scenes if scenes else math.nan

@@ -26,7 +26,7 @@ import rockjax as rj
 from optimise._evaluator import _least_scales, traced
 from rockjax.internal import fit_capacities
 
-from .measure import IMAGES, RESULTS, keep, kept, show
+from .measure import IMAGES, keep, kept_so_far, show
 from .studies import OPTIONS, shaking
 
 STARTS = 10
@@ -250,7 +250,7 @@ def picture(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    rows = kept("risk-design") if (RESULTS / "risk-design.json").exists() else []
+    rows = kept_so_far("risk-design")
     for study, case, row in missing(sys.argv[1:] or list(STUDIES), rows):
         rows.append({"study": study, "case": case} | row())
         print(rows[-1], flush=True)

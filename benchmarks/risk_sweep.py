@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
+from rockjax._risk.structure import OPTIONS
 
 from .measure import keep, show
 from .risk import BLOCK, CASES, motion_of
@@ -37,14 +38,13 @@ def scenes(motions: int) -> rj.Record:
 
 
 def main(motions: int, store: Path) -> None:
-    options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5")  # as `rj.failure_probability` has them
     before = os.times()
     data = rj.sweep(
         BLOCK,
         scenes(motions),
         ["motion", "density"],
         store=store,
-        options=options,
+        options=OPTIONS,
         outputs=("margin",),
         progress=sys.stderr.isatty(),
     )

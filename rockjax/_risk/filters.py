@@ -48,8 +48,8 @@ class Filter(eqx.Module):
         """(2ζω s + ω²)/(s² + 2ζω s + ω²): a layer of soil on top of the ground, an oscillator of frequency
         ω [rad/s] and damping ζ [–] whose absolute acceleration goes on (Kanai 1957, Tajimi 1960)."""
         omega, zeta = _oscillator("layer", omega, zeta)
-        damping, stiffness = _denominator(omega, zeta)
-        return cls(jnp.stack([jnp.zeros_like(omega), damping, stiffness]), _denominator(omega, zeta))
+        below = _denominator(omega, zeta)
+        return cls(jnp.pad(below, (1, 0)), below)
 
 
 def _oscillator(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
