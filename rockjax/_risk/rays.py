@@ -31,7 +31,7 @@ WIDER = 1.1  # range of k that is looked at, both ways, before it is known where
 FARTHEST_FACTOR = 100.0  # on u, both ways
 NEARLY = 0.7  # of ln P: near enough to the probability that is asked for
 TRIALS = 12  # factors on u
-TRIED = 200  # samples of a level, in the runs of a trial
+TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and which of them fail it
 COARSE = Division(rounds=0)
 FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, but for
 SHARP = Division(rounds=3, parts=16)  # where G jumps
@@ -129,7 +129,7 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
     wanted, factor = -float(norm.ppf(probability)), 1.0
     known: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
-        sampled = Subset(Scaled(limit, factor), None, rng, TRIED)  # pyright: ignore[reportArgumentType]
+        sampled = Subset(Scaled(limit, factor), None, rng, TRIED, SHARE)  # pyright: ignore[reportArgumentType]
         sampled.round(1)
         found = sampled.estimate().probability
         if found > 0 and abs(math.log(found / probability)) < NEARLY:

@@ -22,7 +22,7 @@ from scipy import stats
 
 from ._base import LEVEL, AbstractEstimator, Estimate, lognormal_interval
 
-SHARE = 0.05  # of the samples that fail a level
+SHARE = 0.05  # of the samples that fail a level, if no other is wanted
 RUNS = 6  # of a round, side by side
 SAMPLES = 1500  # of a level, in the runs of the first round, if no other number is wanted
 FEWEST = 800  # in those of any other
@@ -49,8 +49,9 @@ class _Run(NamedTuple):
 class Subset(AbstractEstimator):
     needs_design_points = False
 
-    def __init__(self, limit, found, rng, samples: int = SAMPLES):
+    def __init__(self, limit, found, rng, samples: int = SAMPLES, share: float = SHARE):
         super().__init__(limit, found, rng)
+        self.share = share
         self.first = samples  # of a level, in the runs of the first round
         self.runs: list[_Run] = []
         self.spent = 0
@@ -89,14 +90,14 @@ class Subset(AbstractEstimator):
         g = yield u
         probability, variance, spread, chains = 1.0, 0.0, 0.6, samples
         for _ in range(LEVELS):
-            level = max(float(np.quantile(g, SHARE, method="lower")), 0.0)
+            level = max(float(np.quantile(g, self.share, method="lower")), 0.0)
             below = g <= level
             variance += _relative_variance(below, chains)
             probability *= float(below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[below])
             # Any of them: the first ones are those that moved the least.
-            chosen = self.rng.permutation(np.flatnonzero(below))[: round(SHARE * samples)]
+            chosen = self.rng.permutation(np.flatnonzero(below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
@@ -104,7 +105,7 @@ class Subset(AbstractEstimator):
     def _chains(self, u, g, level: float, spread: float):
         us, gs = [u], [g]
         moved = max(MOVED, MOVED_LEAST / self.limit.dimension)
-        for _ in range(round(1 / SHARE) - 1):
+        for _ in range(round(1 / self.share) - 1):
             step = np.where(self.rng.random(u.shape) < moved, spread, 0.0)
             candidate = np.sqrt(1 - step**2) * u + step * self.rng.standard_normal(u.shape)
             value = yield candidate
@@ -125,7 +126,7 @@ class Subset(AbstractEstimator):
         weight /= weight.sum()
         mean = float(weight @ p)
         if mean == 0:
-            return Estimate(0.0, 0.0, (0.0, SHARE**2), 0.0)
+            return Estimate(0.0, 0.0, (0.0, self.share**2), 0.0)
         # The variance of a run goes with 1/samples. By chance runs may be closer to each other than what
         # each of them knows of itself.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
