@@ -52,6 +52,7 @@ FINER = 1e-3  # the tolerance of the truth, over that of the scene
 PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
 TRUTH_STEPS = 50_000  # of the truth
 ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
+MOST_STEPS = 300_000_000  # of those that are left, with `--again`
 VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -212,8 +213,8 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     return Batch(podium, motion, rj.State(*initial), options)
 
 
-def scene(of: Batch, k: int) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
-    """Scene k of a batch, as single numbers."""
+def scene(of: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
+    """Scene k of a batch, as single numbers; or some of them."""
 
     def pick(y):
         y = np.asarray(y)
@@ -249,6 +250,7 @@ class Findings:
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
     beyond: int = 0  # more vibration than has to be followed
     within: int = 0  # out of steps all the same
+    left: int = 0  # out of `MOST_STEPS` as well
     exhausted: list[Job] = dataclasses.field(default_factory=list)  # out of steps
     seconds: float = 0.0
 
@@ -372,6 +374,14 @@ def solved_by_reference(job: Job) -> bool:
     return True
 
 
+def asked_again(of: Batch, left: np.ndarray, kept: Kept | None, name: str) -> np.ndarray:
+    """Those of the scenes that are answered where far more steps are allowed."""
+    podium, motion, initial = scene(of, left)
+    options = of.options.replace(outputs=QUANTITIES, max_steps=MOST_STEPS)
+    answers = Batch(podium, motion, initial, options).answers(options, kept, name)
+    return left[answers["result"] <= 2]
+
+
 def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Callable[[int], str]) -> None:
     code, true_code = peak["result"], truth["result"]
     found.scenes += code.size
@@ -421,6 +431,7 @@ def run(
     kept: Kept | None = None,
     so_far: bool = False,
     steps: int = ASKED_STEPS,
+    again: bool = False,
 ) -> Findings:
     found = Findings()
     began = time.perf_counter()
@@ -448,6 +459,9 @@ def run(
             beyond = vibration(of) > VIBRATION
             found.beyond += int(beyond.sum())
             found.within += int((out & ~beyond).sum())
+            found.left += int(out.sum())
+            if again and out.any():
+                found.left -= len(asked_again(of, np.flatnonzero(out), kept, f"{name}-again"))
             found.exhausted += [(group, rtol, n, seed, int(k)) for k in np.flatnonzero(out)]
         judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     found.seconds = time.perf_counter() - began
@@ -474,6 +488,7 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
                 },
                 "beyond": sum(f.beyond for f in several),
                 "within, out of steps": sum(f.within for f in several),
+                "left": sum(f.left for f in several),
                 "not finite": sum(f.results.get("not_finite", 0) for f in several),
                 "within 10 x": float(np.mean(ratios <= 10)),
                 "undecided": sum(f.undecided for f in several) / total,
@@ -488,7 +503,8 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
 
 FORMATS = {
     "scenes": "", "number": "d", "settled": "d", "end_of_time": "d", "overturned": "d", "out of steps": "d",
-    "chattering": "d", "too stiff": "d", "beyond": "d", "within, out of steps": "d", "not finite": "d",
+    "chattering": "d", "too stiff": "d", "beyond": "d", "within, out of steps": "d", "left": "d",
+    "not finite": "d",
     "within 10 x": ".4f", "undecided": ".4f", "flips": "d", "unflagged": "d",
     "trials median": ".0f", "trials most": "d",
 }  # fmt: skip
@@ -570,6 +586,9 @@ def main() -> None:
     arguments.add_argument(
         "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
     )
+    arguments.add_argument(
+        "--again", action="store_true", help=f"ask those out of steps once more, with {MOST_STEPS:.0e}"
+    )
     arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
     if given.so_far and given.store is None:
@@ -588,7 +607,7 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed, kept, given.so_far, given.steps)
+            found[group] = run(number, group, per_group, seed, kept, given.so_far, given.steps, given.again)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))

@@ -16,7 +16,6 @@ from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size,
 from rockjax._types import Index, Value
 
 from .accelerogram import check
-from .files import read
 
 
 class Record(AbstractSampled):
@@ -68,6 +67,8 @@ class Record(AbstractSampled):
         Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header
         says.
         """
+        from .files import read  # with all formats, which few need
+
         scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
         check(motion, str(path), stacklevel=3, unsaid=units is not None)

@@ -17,6 +17,7 @@ from typing import Any
 import jax
 
 from . import folder, kind
+from .lighter import lighter
 from .settings import device
 
 _LOG = logging.getLogger("rockjax")
@@ -91,9 +92,23 @@ def keep(place: Path, text: str, compiled: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 
     try:
-        folder.write(place, text, pickle.dumps(serialize(compiled)))
+        folder.write(place, text, pickle.dumps(_loadable(*serialize(compiled))))
     except Exception as error:  # a full disk; a program with what cannot be kept in it
         _LOG.debug("a program cannot be kept: %r", error)
+
+
+def _loadable(program: bytes, arguments: Any, answers: Any) -> tuple[bytes, Any, Any]:
+    """An executable that loads faster, if it loads."""
+    from jax.experimental.serialize_executable import deserialize_and_load
+
+    light = lighter(program)
+    if light is not program:
+        try:
+            deserialize_and_load(light, arguments, answers, execution_devices=[device()])
+        except Exception as error:
+            _LOG.debug("a program is kept as it is: %r", error)
+            light = program
+    return light, arguments, answers
 
 
 _FOUND = threading.local()

