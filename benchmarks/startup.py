@@ -104,7 +104,9 @@ print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu]))
 def run(name: str, folder: str) -> tuple[float, float]:
     """Wall and CPU seconds of a row in a new process."""
     environment = os.environ | {"ROCKJAX_CACHE_DIR": folder, "MPLBACKEND": "Agg"}
-    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    # As users have it: nothing of JAX's own is kept, and Python keeps its bytecode.
+    for name_of_setting in ("JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"):
+        environment.pop(name_of_setting, None)
     if name in ROWS:
         before, timed = ROWS[name]
         script = SCRIPT.format(before=before, timed=timed)

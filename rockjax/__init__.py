@@ -3,10 +3,10 @@
 import os as _os
 import sys as _sys
 from importlib import import_module as _import_module
-from importlib.metadata import version as _installed
 from typing import Any
 
 import lazy_loader as _lazy_loader
+from jaxlib import version as _jaxlib
 
 from ._version import __version__ as __version__
 
@@ -35,7 +35,7 @@ def _is_command() -> bool:
     return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")
 
 
-if _installed("jaxlib").startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get(
+if _jaxlib.__version__.startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get(
     "XLA_FLAGS", ""
 ):
     # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times

@@ -1,13 +1,14 @@
 """Kept programs without what only the compiler needs.
 
-What XLA writes out of a program for the CPU is its machine code, the order of its calls, its buffers, and the
-whole of the optimised program that these were made from. Nine tenths of the time to load it go into building
-that program again, and most of it is the inside of fused kernels, whose code is there already. Here every
-fused kernel becomes an opaque call with the same operands and shape: programs are a quarter as large and load
-ten times as fast. Code, order and buffers stay as they are, so answers do as well.
+What XLA writes out of a program for the CPU is its machine code, the calls of it in their order, its buffers,
+and the whole of the optimised program that these were made from. Nine tenths of the time to load it go into
+building that program again, and most of it is the inside of fused kernels, whose code is there already. Here
+every fusion that is called as a plain kernel becomes an opaque call with the same operands and shape:
+programs are a quarter as large and load ten times as fast. Code, calls and buffers stay as they are, so
+answers do as well.
 
-The numbers of fields are those of OpenXLA's `hlo.proto`. Where an executable is not as expected, or comes
-from a version with which this has not been tried, it is left as it is.
+The numbers of fields are those of OpenXLA's `hlo.proto` and `thunk.proto`. Where an executable is not as
+expected, or comes from a version with which this has not been tried, it is left as it is.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from importlib.metadata import version
 
 _LOG = logging.getLogger("rockjax")
 TRIED = ("0.10", "0.12")  # versions of jaxlib
-# An executable is a header and a message; the program is the first field of the first field of that.
-_PROGRAM = (1, 1, 1)
+# An executable is a header and a message. Its first field has the program, within a first field of its own,
+# and the calls.
+_COMPILED, _PROGRAM, _CALLED = 1, (1, 1), 6
+_KERNEL = b"\n\x06kernel\x12"  # how the call of a plain kernel begins: its kind; its name comes next
 _COMPUTATIONS = 3  # of a program
 _INSTRUCTIONS, _COMPUTATION_ID, _IS_FUSED = 2, 5, 7  # of a computation
 # Of an instruction.
@@ -67,13 +70,36 @@ def _executable(payload: bytes) -> tuple[int, int]:
 def _lighter(executable: bytes) -> bytes:
     length, start = _varint(executable, 0)
     start += length
-    return executable[:start] + _at(executable[start:], _PROGRAM, _opaque)
+    return executable[:start] + _at(executable[start:], (_COMPILED,), _compiled)
 
 
-def _opaque(program: bytes) -> bytes:
-    """The program with opaque calls for fused kernels."""
+def _compiled(result: bytes) -> bytes:
+    kernels = _kernels(_text(_one(_fields(result), _CALLED) or b""))
+    return _at(result, _PROGRAM, lambda program: _opaque(program, kernels))
+
+
+def _kernels(calls: bytes) -> set[bytes]:
+    """The names of what is called as a plain kernel, inside of loops as well."""
+    found, at = set(), calls.find(_KERNEL)
+    while at >= 0:
+        _, name = _varint(calls, at + len(_KERNEL))
+        length, start = _varint(calls, name + 1)
+        found.add(calls[start : start + length])
+        at = calls.find(_KERNEL, at + 1)
+    return found
+
+
+def _opaque(program: bytes, kernels: set[bytes]) -> bytes:
+    """The program with opaque calls for fusions that are kernels."""
     fields = _fields(program)
-    gone = {_opened(_fields(_text(value))) for number, _, value in fields if number == _COMPUTATIONS} - {None}
+    computations = [_fields(_text(value)) for number, _, value in fields if number == _COMPUTATIONS]
+    gone = {_opened(computation) for computation in computations} - {None}
+    instructions = (
+        _fields(_text(y)) for of in computations for number, _, y in of if number == _INSTRUCTIONS
+    )
+    for instruction in instructions:
+        if not _is_kernel(instruction, kernels):
+            gone -= set(_numbers(instruction, _CALLS))
     if not gone:
         raise Unexpected("nothing is fused")
     kept: list[Field] = []
@@ -85,6 +111,13 @@ def _opaque(program: bytes) -> bytes:
         if _one(computation, _COMPUTATION_ID) not in gone:
             kept.append((number, way, _message([_closed(part, gone) for part in computation])))
     return _message(kept)
+
+
+def _is_kernel(instruction: Sequence[Field], kernels: set[bytes]) -> bool:
+    """Whether it is a fusion that is called as a plain kernel and writes to none of its operands."""
+    if _one(instruction, _OPCODE) != b"fusion" or _one(instruction, _ALIASES) is not None:
+        return False
+    return _one(instruction, _NAME) in kernels
 
 
 def _opened(computation: Sequence[Field]) -> int | bytes | None:
@@ -103,8 +136,6 @@ def _closed(part: Field, gone: set) -> Field:
     instruction = _fields(_text(value))
     if not gone & set(_numbers(instruction, _CALLS)):
         return part
-    if _one(instruction, _OPCODE) != b"fusion" or _one(instruction, _ALIASES) is not None:
-        raise Unexpected("a fused kernel is called by something else, or writes to its operands")
     kept = [field for field in instruction if field[0] in _OPAQUE]
     kept = [(_OPCODE, _BYTES, b"custom-call") if field[0] == _OPCODE else field for field in kept]
     return number, way, _message([*kept, (_TARGET, _BYTES, b"compiled")])

@@ -350,7 +350,8 @@ def test_kept_answers_are_those_of_this_process():
 
 
 def rows(start, steps):
-    """Kernels of many operations, and one that writes to its operand in place."""
+    """Kernels of many operations, one that writes to its operand in place, and a product that is more than a
+    kernel."""
 
     def body(k, carry):
         x, table = carry
@@ -358,7 +359,8 @@ def rows(start, steps):
             x = jnp.sin(x) * jnp.exp(-(x**2)) + jnp.roll(x, 1) / (2 + jnp.cos(x))
         return x, table.at[k].set(jnp.cumsum(x))
 
-    return jax.lax.fori_loop(0, steps, body, (start, jnp.zeros((steps, *start.shape))))
+    x, table = jax.lax.fori_loop(0, steps, body, (start, jnp.zeros((steps, *start.shape))))
+    return x, table, table @ table.T
 
 
 def serialized(start, steps):
