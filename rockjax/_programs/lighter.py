@@ -17,9 +17,10 @@ import logging
 import pickletools
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from typing import NamedTuple
 
 _LOG = logging.getLogger("rockjax")
-TRIED = ("0.10", "0.12")  # versions of jaxlib
+TRIED = ("0.12",)  # versions of jaxlib
 # An executable is a header and a message. Its first field has the program, within a first field of its own,
 # and the calls.
 _COMPILED, _PROGRAM, _CALLED = 1, (1, 1), 6
@@ -89,47 +90,70 @@ def _kernels(calls: bytes) -> set[bytes]:
     return found
 
 
+class _Computation(NamedTuple):
+    """A part of the program: its number, what it consists of, and its instructions likewise."""
+
+    number: int | bytes | None
+    fields: list[Field]
+    instructions: list[list[Field]]
+
+    @property
+    def opcodes(self) -> set:
+        return {_one(instruction, _OPCODE) for instruction in self.instructions}
+
+    @property
+    def calls(self) -> set[int]:
+        return {number for instruction in self.instructions for number in _numbers(instruction, _CALLS)}
+
+
+def _computation(text: bytes) -> _Computation:
+    fields = _fields(text)
+    instructions = [_fields(_text(value)) for number, _, value in fields if number == _INSTRUCTIONS]
+    return _Computation(_one(fields, _COMPUTATION_ID), fields, instructions)
+
+
 def _opaque(program: bytes, kernels: set[bytes]) -> bytes:
-    """The program with opaque calls for fusions that are kernels."""
+    """The program with opaque calls for fusions that are kernels, or part of one."""
     fields = _fields(program)
-    computations = [_fields(_text(value)) for number, _, value in fields if number == _COMPUTATIONS]
-    gone = {_opened(computation) for computation in computations} - {None}
-    instructions = (
-        _fields(_text(y)) for of in computations for number, _, y in of if number == _INSTRUCTIONS
-    )
-    for instruction in instructions:
-        if not _is_kernel(instruction, kernels):
-            gone -= set(_numbers(instruction, _CALLS))
+    computations = {k: _computation(_text(y)) for k, (n, _, y) in enumerate(fields) if n == _COMPUTATIONS}
+    gone = _not_needed(list(computations.values()), kernels)
     if not gone:
         raise Unexpected("nothing is fused")
     kept: list[Field] = []
-    for number, way, value in fields:
-        if number != _COMPUTATIONS:
+    for k, (number, way, value) in enumerate(fields):
+        if k not in computations:
             kept.append((number, way, value))
-            continue
-        computation = _fields(_text(value))
-        if _one(computation, _COMPUTATION_ID) not in gone:
-            kept.append((number, way, _message([_closed(part, gone) for part in computation])))
+        elif computations[k].number not in gone:
+            kept.append((number, way, _message([_closed(part, gone) for part in computations[k].fields])))
     return _message(kept)
 
 
-def _is_kernel(instruction: Sequence[Field], kernels: set[bytes]) -> bool:
-    """Whether it is a fusion that is called as a plain kernel and writes to none of its operands."""
-    if _one(instruction, _OPCODE) != b"fusion" or _one(instruction, _ALIASES) is not None:
-        return False
-    return _one(instruction, _NAME) in kernels
+def _not_needed(computations: Sequence[_Computation], kernels: set[bytes]) -> set:
+    """Numbers of what is inside of fusions that are kernels, or part of one, and write to no operand."""
+    part_of_one = _within(computations, kernels)
+    gone = {one.number for one in computations if _one(one.fields, _IS_FUSED) and not _NEEDED & one.opcodes}
+    for one in computations:
+        for instruction in one.instructions:
+            fused = _one(instruction, _OPCODE) == b"fusion" and _one(instruction, _ALIASES) is None
+            if not fused or not (one.number in part_of_one or _one(instruction, _NAME) in kernels):
+                gone -= set(_numbers(instruction, _CALLS))
+    return gone
 
 
-def _opened(computation: Sequence[Field]) -> int | bytes | None:
-    """The number of a fused kernel whose inside is not needed."""
-    if not _one(computation, _IS_FUSED):
-        return None
-    inside = (_one(_fields(_text(y)), _OPCODE) for number, _, y in computation if number == _INSTRUCTIONS)
-    return None if _NEEDED & set(inside) else _one(computation, _COMPUTATION_ID)
+def _within(computations: Sequence[_Computation], kernels: set[bytes]) -> set:
+    """Numbers of all computations that calls which are one kernel consist of."""
+    reached, new = set(), set()
+    for instruction in (instruction for one in computations for instruction in one.instructions):
+        if _one(instruction, _OPCODE) == b"call" and _one(instruction, _NAME) in kernels:
+            new |= set(_numbers(instruction, _CALLS))
+    while new:
+        reached |= new
+        new = {number for one in computations if one.number in new for number in one.calls} - reached
+    return reached
 
 
 def _closed(part: Field, gone: set) -> Field:
-    """A part of a computation, an opaque call where it is an instruction that calls such a kernel."""
+    """A part of a computation, an opaque call where it is an instruction that calls such a fusion."""
     number, way, value = part
     if number != _INSTRUCTIONS:
         return part
