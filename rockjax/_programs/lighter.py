@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import logging
 import pickletools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 _LOG = logging.getLogger("rockjax")
 TRIED = ("0.12",)  # versions of jaxlib
@@ -30,8 +30,15 @@ _INSTRUCTIONS, _COMPUTATION_ID, _IS_FUSED = 2, 5, 7  # of a computation
 # Of an instruction.
 _NAME, _OPCODE, _SHAPE, _TARGET, _ID, _OPERANDS, _AFTER, _CALLS, _ALIASES = 1, 2, 3, 28, 35, 36, 37, 38, 74
 _OPAQUE = (_NAME, _OPCODE, _SHAPE, _ID, _OPERANDS, _AFTER)  # what an opaque call has as well
-# Kernels that may write to their operands in place, or that have several results: buffers depend on them.
-_NEEDED = {b"dynamic-update-slice", b"scatter", b"tuple", b"while", b"call", b"conditional", b"custom-call"}
+# Kernels with one of these may write to their operands in place, or have several results: buffers depend on
+# them. As the field of an opcode is written.
+_NEEDED = [
+    bytes([_OPCODE << 3 | 2, len(opcode)]) + opcode
+    for opcode in (
+        *(b"dynamic-update-slice", b"scatter", b"tuple"),
+        *(b"while", b"call", b"conditional", b"custom-call"),
+    )
+]
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # how a field is written
 
 Field = tuple[int, int, int | bytes]  # number, how it is written, value
@@ -84,32 +91,34 @@ def _kernels(calls: bytes) -> set[bytes]:
     found, at = set(), calls.find(_KERNEL)
     while at >= 0:
         _, name = _varint(calls, at + len(_KERNEL))
-        length, start = _varint(calls, name + 1)
-        found.add(calls[start : start + length])
+        if calls[name] == _NAME << 3 | _BYTES:
+            length, start = _varint(calls, name + 1)
+            found.add(calls[start : start + length])
         at = calls.find(_KERNEL, at + 1)
     return found
 
 
 class _Computation(NamedTuple):
-    """A part of the program: its number, what it consists of, and its instructions likewise."""
+    """A part of the program: its number, whether it is the inside of a fusion, and what it consists of."""
 
     number: int | bytes | None
+    fused: bool
     fields: list[Field]
-    instructions: list[list[Field]]
 
     @property
-    def opcodes(self) -> set:
-        return {_one(instruction, _OPCODE) for instruction in self.instructions}
+    def instructions(self) -> Iterator[list[Field]]:
+        return (_fields(_text(value)) for number, _, value in self.fields if number == _INSTRUCTIONS)
 
     @property
-    def calls(self) -> set[int]:
-        return {number for instruction in self.instructions for number in _numbers(instruction, _CALLS)}
+    def is_simple(self) -> bool:
+        """Whether none of the opcodes that are needed is in it; what looks like one counts as one."""
+        texts = [_text(value) for number, _, value in self.fields if number == _INSTRUCTIONS]
+        return not any(opcode in text for text in texts for opcode in _NEEDED)
 
 
 def _computation(text: bytes) -> _Computation:
     fields = _fields(text)
-    instructions = [_fields(_text(value)) for number, _, value in fields if number == _INSTRUCTIONS]
-    return _Computation(_one(fields, _COMPUTATION_ID), fields, instructions)
+    return _Computation(_one(fields, _COMPUTATION_ID), bool(_one(fields, _IS_FUSED)), fields)
 
 
 def _opaque(program: bytes, kernels: set[bytes]) -> bytes:
@@ -130,25 +139,36 @@ def _opaque(program: bytes, kernels: set[bytes]) -> bytes:
 
 def _not_needed(computations: Sequence[_Computation], kernels: set[bytes]) -> set:
     """Numbers of what is inside of fusions that are kernels, or part of one, and write to no operand."""
-    part_of_one = _within(computations, kernels)
-    gone = {one.number for one in computations if _one(one.fields, _IS_FUSED) and not _NEEDED & one.opcodes}
-    for one in computations:
-        for instruction in one.instructions:
-            fused = _one(instruction, _OPCODE) == b"fusion" and _one(instruction, _ALIASES) is None
-            if not fused or not (one.number in part_of_one or _one(instruction, _NAME) in kernels):
-                gone -= set(_numbers(instruction, _CALLS))
+    gone = {one.number for one in computations if one.fused and one.is_simple}
+    looked_at = [one for one in computations if one.number not in gone]
+    part_of_one = _within(looked_at, kernels)
+    while looked_at:
+        stays: set = set()
+        for one in looked_at:
+            for instruction in one.instructions:
+                fused = _one(instruction, _OPCODE) == b"fusion" and _one(instruction, _ALIASES) is None
+                if not fused or not (one.number in part_of_one or _one(instruction, _NAME) in kernels):
+                    stays |= gone & set(_numbers(instruction, _CALLS))
+        gone -= stays
+        looked_at = [one for one in computations if one.number in stays]
     return gone
 
 
 def _within(computations: Sequence[_Computation], kernels: set[bytes]) -> set:
     """Numbers of all computations that calls which are one kernel consist of."""
-    reached, new = set(), set()
-    for instruction in (instruction for one in computations for instruction in one.instructions):
-        if _one(instruction, _OPCODE) == b"call" and _one(instruction, _NAME) in kernels:
-            new |= set(_numbers(instruction, _CALLS))
+    calls: dict[Any, set[int]] = {}
+    new: set[int] = set()
+    for one in computations:
+        calls[one.number] = set()
+        for instruction in one.instructions:
+            called = set(_numbers(instruction, _CALLS))
+            calls[one.number] |= called
+            if _one(instruction, _OPCODE) == b"call" and _one(instruction, _NAME) in kernels:
+                new |= called
+    reached: set[int] = set()
     while new:
         reached |= new
-        new = {number for one in computations if one.number in new for number in one.calls} - reached
+        new = set().union(*(calls.get(number, ()) for number in new)) - reached
     return reached
 
 
