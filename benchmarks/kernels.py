@@ -77,7 +77,7 @@ def program(name: str, device: jax.Device):
     lowered = _on_mesh(who.mesh).lower(
         jax.tree.map(lambda y: shape(y, dealt), idle(leaves, how, plan, 1)),
         [shape(y, place) for y, place in zip(leaves, places, strict=True)],
-        numbers, numbers, jax.tree.map(lambda y: shape(y, common), how), layout=plan,
+        numbers, numbers, 0, jax.tree.map(lambda y: shape(y, common), how), layout=plan,
     )  # fmt: skip
     return lowered, plan.lanes
 

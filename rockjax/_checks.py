@@ -56,8 +56,8 @@ def check_dtype(owner: str, name: str, tree) -> None:
     for leaf in jax.tree.leaves(tree):
         if (
             isinstance(leaf, jax.Array)
-            and jnp.issubdtype(leaf.dtype, jnp.floating)
             and leaf.dtype != expected
+            and jnp.issubdtype(leaf.dtype, jnp.floating)
         ):
             switch = "on" if expected == jnp.float64 else "off"
             raise ValueError(

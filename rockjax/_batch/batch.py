@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import threading
 import warnings
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
@@ -212,12 +213,12 @@ def run_batch(
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
 
-    todo = _chunks(scenes, lane_layout, who)
+    todo = deque(_chunks(scenes, lane_layout, who))
 
     # Ctrl-C while a thread is being started can leave it out of those that the pool waits for.
     closed = threading.Event()
 
-    def store(done: Done) -> None:
+    def store(done: Done, lanes: int) -> None:
         nonlocal useful, possible
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
@@ -229,7 +230,7 @@ def run_batch(
             # Devices wait for the one that has most to do.
             useful, possible = (
                 useful + int(np.sum(done.useful)),
-                possible + int(np.max(done.trials)) * lane_layout.lanes * who.devices,
+                possible + int(np.max(done.trials)) * lanes,
             )
             for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
                 for name, values in part.items():
@@ -240,21 +241,23 @@ def run_batch(
         with _REPORTING:
             bar.update(index.size)
 
-    def ends() -> Iterator[Done]:
+    def ends() -> Iterator[tuple[Done, int]]:
         lanes = idle
         while not stopped.is_set():
             with lock:
-                start, stop = next(todo, (0, 0))
+                start, stop = todo.popleft() if todo else (0, 0)
+                last = not todo
+            width = lanes.held.shape[0]
             # With nothing left to hand out, the lanes run to their ends.
-            lanes, done = advance(lanes, start, stop)
-            yield done
-            if stop == start:
+            lanes, done = advance(lanes, start, stop, last)
+            yield done, width
+            if last and (np.asarray(lanes.held) < 0).all():
                 return
 
     def work() -> None:
         # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
-        for done, _ in itertools.pairwise(itertools.chain(ends(), [None])):
-            store(cast(Done, done))
+        for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
+            store(*cast(tuple[Done, int], ended))
 
     from rockjax._progress import bar as bar_of
 

@@ -17,12 +17,16 @@ from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
 
 from .chunk import LaneLayout
-from .lanes import Done, Lanes, advance, idle
+from .lanes import Done, Lanes, advance, idle, in_fewer
 from .scenes import SceneBatch
 
-Program = Callable[[Lanes, int, int], tuple[Lanes, Done]]
+# (lanes, number of the first scene, that after the last one, whether none follow) → lanes, scenes that ended.
+Program = Callable[[Lanes, int, int, bool], tuple[Lanes, Done]]
 
 # The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
+FEW = 8  # lanes for the last scenes of a batch, …
+MANY_TRIALS = 30_000  # … when they have taken so many trials, some tenths of a second, more than the others
+ALL_TRIALS = np.iinfo(np.int32).max
 _COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
@@ -35,7 +39,8 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        """Lanes to begin with, and what goes on with them through the scenes from one number up to another.
+        """Lanes to begin with, and what goes on with them through the scenes from one number up to another;
+        if none follow, until all have ended, or until it is time to look at those that are left.
 
         The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at
         about the same time. Every device has its own lanes, and counts for itself.
@@ -55,10 +60,21 @@ class ThreadExecutor(AbstractExecutor):
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        def go(held: Lanes, start: int, stop: int) -> tuple[Lanes, Done]:
-            leaves = scenes.part(start, stop, layout.size)
+        few = layout._replace(lanes=FEW, size=FEW)
+        # Lanes that take no further scenes end with their chunk. Where derivatives come along, rounding
+        # differs with the lanes beside them.
+        narrows = layout.refill and not layout.sensitivities and layout.lanes > FEW
+
+        def go(held: Lanes, start: int, stop: int, last: bool) -> tuple[Lanes, Done]:
+            narrow = held.held.shape[0] < layout.lanes
+            here = few if narrow else layout
+            most = (MANY_TRIALS if narrows and not narrow else ALL_TRIALS) if last or not layout.refill else 0
+            leaves = scenes.part(start, stop, here.size)
             with self._cores():
-                return _on_one(held, leaves, start, 1, stop - start, options, layout=layout)
+                held, done = _on_one(held, leaves, start, 1, stop - start, most, options, layout=here)
+            if last and narrows and not narrow:
+                held = in_fewer(held, FEW) or held
+            return held, done
 
         return idle(scenes.part(0, 0, layout.size), options, layout, 1), go
 
@@ -84,12 +100,13 @@ class DeviceExecutor(AbstractExecutor):
         places = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def go(held: Lanes, start: int, stop: int) -> tuple[Lanes, Done]:
+        def go(held: Lanes, start: int, stop: int, last: bool) -> tuple[Lanes, Done]:
             first = start + np.arange(self.devices)
             count = np.maximum(0, -(-(stop - first) // self.devices))
             parts = scenes.part(start, stop, layout.size, self.devices)
             parts, numbers = jax.device_put((parts, (first, count)), (places, dealt))
-            return call(held, parts, *numbers, options, layout=layout)
+            most = ALL_TRIALS if last or not layout.refill else 0
+            return call(held, parts, *numbers, most, options, layout=layout)
 
         return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
 
@@ -101,9 +118,9 @@ _on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 def _on_mesh(mesh: Mesh):
     """The program of all devices of a mesh. None of its loops waits for another device."""
 
-    def advance_all(held, leaves, first, count, options, layout: LaneLayout):
-        def on_each(held, leaves, first, count, options):
-            held, done = advance(held, leaves, first[0], mesh.size, count[0], options, layout)
+    def advance_all(held, leaves, first, count, most, options, layout: LaneLayout):
+        def on_each(held, leaves, first, count, most, options):
+            held, done = advance(held, leaves, first[0], mesh.size, count[0], most, options, layout)
             return held, done._replace(
                 used=done.used[None], trials=done.trials[None], useful=done.useful[None]
             )
@@ -113,11 +130,11 @@ def _on_mesh(mesh: Mesh):
         run = jax.shard_map(
             on_each,
             mesh=mesh,
-            in_specs=(dealt, places, dealt, dealt, common),
+            in_specs=(dealt, places, dealt, dealt, common, common),
             out_specs=dealt,
             check_vma=False,
         )
-        return run(held, leaves, first, count, options)
+        return run(held, leaves, first, count, most, options)
 
     options = _COMPILER.get(mesh.devices.flat[0].platform)
     return jax.jit(advance_all, static_argnames="layout", donate_argnums=0, compiler_options=options)

@@ -65,9 +65,10 @@ class _Loop(NamedTuple):
 
 
 def advance(
-    held: Lanes, leaves, first, stride, count, options: Options, layout: LaneLayout
+    held: Lanes, leaves, first, stride, count, most, options: Options, layout: LaneLayout
 ) -> tuple[Lanes, Done]:
-    """Go on until the last scene of a chunk is handed out; with none in it, until every lane is at its end.
+    """Go on until the last scene of a chunk is handed out, and then until every lane is at its end or all
+    have made `most` trials.
 
     The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
     """
@@ -119,9 +120,13 @@ def advance(
         more = (loop.lanes.held >= 0) | (loop.following < count)
         return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & more)
 
+    def unfinished(loop: _Loop) -> Flag:
+        return (loop.following < count) | (loop.done.trials < most)
+
     def busy(loop: _Loop) -> Flag:
         """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
-        return (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
+        going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
+        return going & unfinished(loop)
 
     def trials(loop: _Loop) -> _Loop:
         done = loop.done
@@ -135,9 +140,8 @@ def advance(
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
     done = _room_for(size + lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
-    drains = (count == 0) | (not refill)
     loop = jax.lax.while_loop(
-        lambda loop: (loop.following < count) | (drains & jnp.any(loop.lanes.held >= 0)),
+        lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.held >= 0)),
         body,
         _Loop(held, start, done),
     )
@@ -236,22 +240,36 @@ def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
     )
 
 
+def in_fewer(held: Lanes, lanes: int) -> Lanes | None:
+    """The scenes that are still running, in so many lanes; None where they are more."""
+    running = np.asarray(held.held) >= 0
+    if running.sum() > lanes:
+        return None
+    order = np.argsort(~running, kind="stable")[:lanes]
+    return jax.tree.map(lambda y: np.asarray(y)[order], held)
+
+
 def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
     """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one
     chunk."""
     shapes = tuple((y.shape, y.dtype) for y in leaves)
     numbers, plan = jax.tree.flatten(options)
     blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), plan, layout)
-    none: Lanes = jax.tree.map(lambda y: np.zeros((devices * y.shape[0], *y.shape[1:]), y.dtype), blank)
-    code = np.full_like(none.lane.code, results.END_OF_TIME)
-    return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
+    if devices == 1:
+        return blank
+    return jax.tree.map(lambda y: np.concatenate([y] * devices), blank)
 
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(*plan) -> Lanes:
-    """Lanes of one device, as zeros; finding their shapes needs tracing, so they are kept like programs."""
+    """Lanes of one device without a scene; finding their shapes needs tracing, so they are kept like
+    programs."""
     shapes = functools.partial(_shapes_of_lanes, *plan)
-    return remembered("lanes", plan, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes()))
+    none: Lanes = remembered(
+        "lanes", plan, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes())
+    )
+    code = np.full_like(none.lane.code, results.END_OF_TIME)
+    return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
 
 
 def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout):

@@ -9,13 +9,17 @@ from pathlib import Path
 # batch, 160 for spectra that are put together and written.
 BYTES = 160
 BYTES_OF_SLOPES = 32  # of one parameter with respect to which all peaks are differentiated
+_LITTLE = 2**20  # bytes
 _GROUPS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
 
 
 def require_memory(owner: str, scenes: int, each: int = BYTES) -> None:
     """Raise `ValueError`, in the name of `owner`, for so many scenes that their answers do not fit into the
     free memory."""
-    free, needed = free_memory(), scenes * each
+    needed = scenes * each
+    if needed < _LITTLE:  # not worth reading what is free
+        return
+    free = free_memory()
     if free is not None and needed > free:
         raise ValueError(
             f"{owner}: {scenes} scenes take some "

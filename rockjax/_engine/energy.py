@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
+from rockjax._sincos import sincos
 from rockjax._types import Value, Vector
 
 from .coefficients import Coefficients, Restraint, summed
 from .model import acceleration, beam, elongation, horizontal_demand, plus
-from .sincos import sincos
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:

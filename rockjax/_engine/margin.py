@@ -28,11 +28,11 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from rockjax._sincos import sincos
 from rockjax._types import Value
 
 from .coefficients import Coefficients
 from .energy import potential, potential_slope, rotational_inertia
-from .sincos import sincos
 
 OTHERS = 0.02  # w: as much as others than gravity may add
 

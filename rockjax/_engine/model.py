@@ -20,10 +20,10 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
+from rockjax._sincos import sincos
 from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, Restraint, Several, present, summed, weighted
-from .sincos import sincos
 
 # Of the time to a stop, and of that since one: steps close to it are no longer.
 SLOWING, GATHERING = 0.75, 3.0

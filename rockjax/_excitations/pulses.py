@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive
 from rockjax._plausibility import doubt
 from rockjax._structures import STANDARD_GRAVITY
@@ -195,11 +196,11 @@ def _exp(x):
 
 
 def _sin(x):
-    return np.sin(x) if isinstance(x, np.ndarray | np.floating) else jnp.sin(x)
+    return np.sin(x) if isinstance(x, np.ndarray | np.floating) else sincos.sin(x)
 
 
 def _cos(x):
-    return np.cos(x) if isinstance(x, np.ndarray | np.floating) else jnp.cos(x)
+    return np.cos(x) if isinstance(x, np.ndarray | np.floating) else sincos.cos(x)
 
 
 class Ricker(AbstractPulse):

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_number, finite, positive, require
+from rockjax._sincos import cos, sin
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead
@@ -122,9 +123,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
         def inside(t):
             envelope, carrier = omega * t / self.gamma, omega * t + self.nu
-            rate = jnp.sin(envelope) * jnp.cos(carrier) / self.gamma + (1 + jnp.cos(envelope)) * jnp.sin(
-                carrier
-            )
+            rate = sin(envelope) * cos(carrier) / self.gamma + (1 + cos(envelope)) * sin(carrier)
             return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
 
         return inside
@@ -183,7 +182,7 @@ class Gabor(AbstractExcitation):
 
         def formula(t):
             z = 2 * math.pi * t / self.T_p
-            return self.a_p * jnp.exp(-0.5 * (z / self.gamma) ** 2) * jnp.cos(z + self.phi)
+            return self.a_p * jnp.exp(-0.5 * (z / self.gamma) ** 2) * cos(z + self.phi)
 
         return formula
 

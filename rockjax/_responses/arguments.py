@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -13,7 +14,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
 from rockjax._plausibility import doubt
-from rockjax._results import State
+from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
 from rockjax._structures.modes import as_many, parts, with_fields
 
@@ -39,8 +40,10 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     where all floors move by it.
     """
     of_kind(owner, "initial", initial, State, "a rockjax.State")
-    initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     top = podium.superstructure
+    if initial is REST and REST.theta.dtype == jnp.result_type(float) and (top is None or not top.several):
+        return initial  # as it is: in small batches every array put on a device shows
+    initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     if top is None or not top.several:
         return initial
     count = top.count

@@ -95,6 +95,8 @@ def of_scenes(
     the same as another.
     """
     names = _checks.texts(owner, "sensitivities", names)
+    if not names:
+        return names
     check_parameters(owner, podium, names, more=[*numbers_of(motion), "scale"])
     if len(set(names)) < len(names):
         raise ValueError(f"{owner}: sensitivities name a parameter twice: {list(names)}")

@@ -166,6 +166,37 @@ def test_lanes_are_busy_and_no_scene_is_lost():
         assert np.all(np.isfinite(floats["peak_rotation"]))
 
 
+STIFF = [(0.01, "Ricker"), (0.02, "OneCosine"), (0.01, "MavroeidisPapageorgiou"), (0.01, "record")]
+
+
+@pytest.mark.parametrize(("T_s", "motion"), STIFF)
+def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s, motion):
+    """A few scenes that take far longer than the others: the same to the last bit wherever they change, in
+    lanes as many as of a wide batch, and with no lane in between."""
+    from rockjax._batch import executors
+
+    rng = np.random.default_rng(3)
+    podium = elastic(0.4).replace(
+        superstructure=rj.Elastic(3.0, np.where(rng.random(90) < 0.06, T_s, 0.6), 0.05), restitution="paper"
+    )
+    a_p = rng.uniform(2.0, 8.0, 90)
+    motions = {
+        "MavroeidisPapageorgiou": lambda: rj.MavroeidisPapageorgiou(0.15 * a_p, 1.1),
+        "record": lambda: rj.Record(shaking(60).acceleration, 0.02, 0.3 * a_p),
+    }
+    ground = motions[motion]() if motion in motions else getattr(rj, motion)(a_p, 0.9)
+    wanted = ("peak_rotation", "peak_deformation", "peak_shear")
+    found, changes, fewer = [], [], executors.in_fewer
+    monkeypatch.setattr(executors, "in_fewer", lambda *a: (changes.append(fewer(*a)), changes[-1])[1])
+    for trials in (executors.ALL_TRIALS, 40, 150, 400):
+        monkeypatch.setattr(executors, "MANY_TRIALS", trials)
+        found.append(rj.peak_responses(podium, ground, options=options(1e-8, outputs=wanted), threads=1))
+    assert sum(lanes is not None and (lanes.held >= 0).any() for lanes in changes) >= 2
+    for other in found[1:]:
+        for a, b in zip(jax.tree.leaves(found[0]), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
 def test_rows_are_stored_once_however_many_scenes_share_them():
     from rockjax._batch.scenes import broadcast
 

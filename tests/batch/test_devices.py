@@ -236,7 +236,9 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     plan = layout(scenes, who)
     assert plan.lanes >= 1024
     leaves, numbers = scenes.part(0, scenes.total, plan.size), np.zeros(1, int)
-    program = _on_mesh(who.mesh).trace(idle(leaves, how, plan, 1), leaves, numbers, numbers, how, layout=plan)
+    program = _on_mesh(who.mesh).trace(
+        idle(leaves, how, plan, 1), leaves, numbers, numbers, 0, how, layout=plan
+    )
     text = program.lower(lowering_platforms=("cuda",)).as_text()
     assert "stablehlo.while" in text
     assert set(re.findall(r"tensor<(?:\d+x)*(\w+)>", text)) <= {"f64", "i64", "i32", "i1"}

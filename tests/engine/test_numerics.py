@@ -6,7 +6,7 @@ import pytest
 
 from rockjax._engine import hermite
 from rockjax._engine.runge_kutta import step, tableau
-from rockjax._engine.sincos import sincos
+from rockjax._sincos import cos, sin, sincos
 
 
 def test_sincos_to_rounding():
@@ -19,6 +19,21 @@ def test_sincos_to_rounding():
     ds, dc = jax.vmap(jax.jacfwd(sincos))(x)
     np.testing.assert_allclose(ds, np.cos(x), atol=3e-16)
     np.testing.assert_allclose(dc, -np.sin(x), atol=3e-16)
+
+
+@pytest.mark.parametrize("most", [3.0, 1e3, 1e6, 1e9])
+def test_sine_and_cosine_of_any_phase(most):
+    """To a rounding of the phase; sines of small phases to one of the sine."""
+    x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20001), np.pi * np.arange(-9, 9) / 2])
+    rounding = 4e-16 + 3e-16 * np.abs(x) * (np.abs(x) > 3e6)
+    for ours, known, slope in ((sin, np.sin, np.cos), (cos, np.cos, lambda x: -np.sin(x))):
+        assert (np.abs(jax.vmap(ours)(x) - known(x)) <= rounding).all()
+        assert (np.abs(jax.vmap(jax.grad(ours))(x) - slope(x)) <= rounding).all()
+        assert (np.abs(jax.vmap(jax.grad(jax.grad(ours)))(x) + known(x)) <= rounding).all()
+    small = x[:2000] * 1e-12
+    np.testing.assert_allclose(jax.vmap(sin)(small), np.sin(small), rtol=3e-16)
+    assert np.isnan(sin(jnp.asarray(np.nan)))
+    assert np.isnan(cos(jnp.asarray(np.inf)))
 
 
 SOLVERS = [
