@@ -207,39 +207,10 @@ def run_batch(
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
-    floats: dict[str, np.ndarray] = {}
-    integers: dict[str, np.ndarray] = {}
-    useful = possible = 0
+    answers = _Answers(scenes.total)
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
-
     todo = deque(_chunks(scenes, lane_layout, who))
-
-    # Ctrl-C while a thread is being started can leave it out of those that the pool waits for.
-    closed = threading.Event()
-
-    def store(done: Done, lanes: int) -> None:
-        nonlocal useful, possible
-        done = jax.tree.map(np.asarray, done)
-        used = np.reshape(done.used, (-1, 1))
-        rows = (np.arange(done.which.size // used.size) < used).ravel()
-        index = done.which[rows]
-        with lock:
-            if closed.is_set():
-                return
-            # Devices wait for the one that has most to do.
-            useful, possible = (
-                useful + int(np.sum(done.useful)),
-                possible + int(np.max(done.trials)) * lanes,
-            )
-            for whole, part, fill in ((floats, done.floats, np.nan), (integers, done.integers, 0)):
-                for name, values in part.items():
-                    if name not in whole:
-                        blank = results.INTERRUPTED if name == "code" else fill
-                        whole[name] = np.full((scenes.total, *values.shape[1:]), blank, values.dtype)
-                    whole[name][index] = values[rows]
-        with _REPORTING:
-            bar.update(index.size)
 
     def ends() -> Iterator[tuple[Done, int]]:
         lanes = idle
@@ -257,7 +228,9 @@ def run_batch(
     def work() -> None:
         # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
         for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
-            store(*cast(tuple[Done, int], ended))
+            number = answers.keep(*cast(tuple[Done, int], ended))
+            with _REPORTING:
+                bar.update(number)
 
     from rockjax._progress import bar as bar_of
 
@@ -270,9 +243,47 @@ def run_batch(
             stopped.set()
             if stop is None or not isinstance(error, KeyboardInterrupt):
                 raise
-    with lock:
-        closed.set()
-    return floats, integers, Tally(useful, possible)
+    answers.close()
+    return answers.floats, answers.integers, Tally(answers.useful, answers.possible)
+
+
+class _Answers:
+    """What the threads of a batch have found so far; the codes of scenes that have not ended are
+    INTERRUPTED."""
+
+    def __init__(self, total: int):
+        self.total = total
+        self.floats: dict[str, np.ndarray] = {}
+        self.integers: dict[str, np.ndarray] = {}
+        self.useful = self.possible = 0
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def keep(self, done: Done, lanes: int) -> int:
+        """Write the scenes that ended in so many lanes; how many they are."""
+        done = jax.tree.map(np.asarray, done)
+        used = np.reshape(done.used, (-1, 1))
+        rows = (np.arange(done.which.size // used.size) < used).ravel()
+        index = done.which[rows]
+        with self._lock:
+            if self._closed:
+                return 0
+            # Devices wait for the one that has most to do.
+            self.useful += int(np.sum(done.useful))
+            self.possible += int(np.max(done.trials)) * lanes
+            for whole, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
+                for name, values in part.items():
+                    if name not in whole:
+                        blank = results.INTERRUPTED if name == "code" else fill
+                        whole[name] = np.full((self.total, *values.shape[1:]), blank, values.dtype)
+                    whole[name][index] = values[rows]
+        return index.size
+
+    def close(self) -> None:
+        """Take nothing more: Ctrl-C while a thread is being started can leave it out of those that a pool
+        waits for."""
+        with self._lock:
+            self._closed = True
 
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
