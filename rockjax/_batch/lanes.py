@@ -138,7 +138,7 @@ def advance(
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
-    done = _room_for(size + lanes, blank, index_type)
+    done = _room_for(size + 2 * lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     loop = jax.lax.while_loop(
         lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.held >= 0)),
@@ -225,18 +225,26 @@ def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
 
 
 def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
-    """The answers of the lanes whose scenes have ended, written after those that are kept already."""
-    nowhere = done.which.shape[0]
-    place = jnp.where(ended, done.used + jnp.cumsum(ended, dtype=done.used.dtype) - 1, nowhere)
+    """The answers of the lanes whose scenes have ended, written after those that are kept already.
+
+    All lanes are written, those that have ended first: the others are written over, or not used.
+    """
+    count, number = jnp.arange(ended.size), jnp.cumsum(ended)
+    place = jnp.where(ended, number - 1, ended.size)
+    first = jnp.zeros_like(count).at[place].set(count, mode="drop")
 
     def write(stores, values):
-        return jax.tree.map(lambda s, y: s.at[place].set(y, mode="drop"), stores, values)
+        return jax.tree.map(
+            lambda store, y: jax.lax.dynamic_update_slice_in_dim(store, y[first], done.used, 0),
+            stores,
+            values,
+        )
 
     return done._replace(
         which=write(done.which, which),
         floats=write(done.floats, floats),
         integers=write(done.integers, integers),
-        used=done.used + jnp.sum(ended, dtype=done.used.dtype),
+        used=done.used + number[-1].astype(done.used.dtype),
     )
 
 

@@ -29,16 +29,44 @@ LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in ga
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-def _bisect(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Where the increasing f passes zero in [lo, hi], to rounding, from the side on which f > 0."""
+_NOTHING = 1e-15  # of the height of a pulse: where it begins or ends at zero, but for rounding
+_HALVINGS, _NEWTON_STEPS = 10, 5
 
-    def halve(_, bracket):
-        lo, hi = bracket
-        mid = 0.5 * (lo + hi)
-        above = f(mid) > 0
-        return jnp.where(above, lo, mid), jnp.where(above, mid, hi)
 
-    return jax.lax.fori_loop(0, 60, halve, (lo, hi))[1]
+def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
+    """Where the increasing f passes zero in [lo, hi], to rounding, from the side on which f > 0; hi where it
+    does not.
+
+    Halvings, Newton's steps, and halvings again of what these leave: a few, unless f hardly rises at its
+    zero.
+    """
+    halved = lambda lo, hi: 0.5 * (lo + hi)
+
+    def narrowed(lo, hi, z):
+        above = f(z) > 0
+        return jnp.where(above, lo, z), jnp.where(above, z, hi)
+
+    def newton(_, carry):
+        lo, hi, z, _ = carry
+        y, slope = jax.jvp(f, (z,), (jnp.ones_like(z),))
+        lo, hi = jnp.where(y > 0, lo, z), jnp.where(y > 0, z, hi)
+        per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
+        step = z - y * per_height
+        return lo, hi, jnp.where((step >= lo) & (step <= hi), step, halved(lo, hi)), per_height
+
+    lo = jnp.where((f(lo) <= 0) & (f(hi) > 0), lo, hi)
+    lo, hi = jax.lax.fori_loop(0, _HALVINGS, lambda _, y: narrowed(*y, halved(*y)), (lo, hi))
+    z = halved(lo, hi)
+    lo, hi, z, per_height = jax.lax.fori_loop(0, _NEWTON_STEPS, newton, (lo, hi, z, z))
+    close = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(per_height))  # rounding of time and of height
+    for near in (z - close, z + close):
+        lo, hi = narrowed(lo, hi, jnp.clip(near, lo, hi))
+
+    def apart(bracket):
+        middle = halved(*bracket)
+        return jnp.any((bracket[0] < middle) & (middle < bracket[1]))
+
+    return jax.lax.while_loop(apart, lambda y: narrowed(*y, halved(*y)), (lo, hi))[1]
 
 
 class _PulseLookahead(AbstractLookahead):
@@ -170,16 +198,29 @@ class AbstractPulse(AbstractExcitation):
         level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
         level = jnp.where(a_p == 0, jnp.inf, level)
         knots = np.asarray(self.knots())
-        left, right = knots[:-1], knots[1:]
-        start, end = self.shape(left), self.shape(right)
+        heights = np.asarray(self.shape(knots))
+        start, end = heights[:-1], heights[1:]
         # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
-        falls = _bisect(
-            lambda z: level - np.sign(start) * self.shape(z), jnp.asarray(left), jnp.asarray(right)
+        falls = self._passed(level, np.sign(start), rises=False)
+        rises = self._passed(level, np.sign(end), rises=True)
+        lead = jnp.where(
+            np.abs(start) > level, jnp.where(np.sign(start) * end > level, knots[1:], falls), knots[:-1]
         )
-        rises = _bisect(lambda z: np.sign(end) * self.shape(z) - level, jnp.asarray(left), jnp.asarray(right))
-        lead = jnp.where(np.abs(start) > level, jnp.where(np.sign(start) * end > level, right, falls), left)
-        trail = jnp.where(np.abs(end) > level, jnp.where(np.sign(end) * start > level, left, rises), right)
+        trail = jnp.where(
+            np.abs(end) > level, jnp.where(np.sign(end) * start > level, knots[:-1], rises), knots[1:]
+        )
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
+
+    def _passed(self, level: Value, signs: np.ndarray, rises: bool) -> Array:
+        """Where sign·s passes the level on each monotone interval; anything where it is nowhere as high."""
+        knots = np.asarray(self.knots())
+        heights = np.abs(self.shape(knots))
+        high = np.flatnonzero((heights[1:] if rises else heights[:-1]) > _NOTHING)
+        sign = signs[high] if rises else -signs[high]
+        threshold = level if rises else -level
+        left, right = (jnp.asarray(z[high]) for z in (knots[:-1], knots[1:]))
+        roots = list(_root(lambda z: sign * self.shape(z) - threshold, left, right))
+        return jnp.stack([roots.pop(0) if k in high else jnp.zeros_like(level) for k in range(signs.size)])
 
 
 @functools.cache
