@@ -40,11 +40,14 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     Halvings, Newton's steps, and halvings again of what these leave: a few, unless f hardly rises at its
     zero.
     """
-    halved = lambda lo, hi: 0.5 * (lo + hi)
 
     def narrowed(lo, hi, z):
         above = f(z) > 0
         return jnp.where(above, lo, z), jnp.where(above, z, hi)
+
+    def halve(bracket):
+        lo, hi = bracket
+        return narrowed(lo, hi, 0.5 * (lo + hi))
 
     def newton(_, carry):
         lo, hi, z, _ = carry
@@ -52,21 +55,22 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
         lo, hi = jnp.where(y > 0, lo, z), jnp.where(y > 0, z, hi)
         per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
         step = z - y * per_height
-        return lo, hi, jnp.where((step >= lo) & (step <= hi), step, halved(lo, hi)), per_height
+        return lo, hi, jnp.where((step >= lo) & (step <= hi), step, 0.5 * (lo + hi)), per_height
 
     lo = jnp.where((f(lo) <= 0) & (f(hi) > 0), lo, hi)
-    lo, hi = jax.lax.fori_loop(0, _HALVINGS, lambda _, y: narrowed(*y, halved(*y)), (lo, hi))
-    z = halved(lo, hi)
+    lo, hi = jax.lax.fori_loop(0, _HALVINGS, lambda _, bracket: halve(bracket), (lo, hi))
+    z = 0.5 * (lo + hi)
     lo, hi, z, per_height = jax.lax.fori_loop(0, _NEWTON_STEPS, newton, (lo, hi, z, z))
     close = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(per_height))  # rounding of time and of height
     for near in (z - close, z + close):
         lo, hi = narrowed(lo, hi, jnp.clip(near, lo, hi))
 
     def apart(bracket):
-        middle = halved(*bracket)
-        return jnp.any((bracket[0] < middle) & (middle < bracket[1]))
+        lo, hi = bracket
+        middle = 0.5 * (lo + hi)
+        return jnp.any((lo < middle) & (middle < hi))
 
-    return jax.lax.while_loop(apart, lambda y: narrowed(*y, halved(*y)), (lo, hi))[1]
+    return jax.lax.while_loop(apart, halve, (lo, hi))[1]
 
 
 class _PulseLookahead(AbstractLookahead):
