@@ -1,4 +1,5 @@
 import functools
+import itertools
 import math
 
 import jax
@@ -68,6 +69,32 @@ def test_tables_of_a_shape(pulse):
         assert abs(float(slope(jnp.asarray(z)))) < 1e-11
     for z in pulse.zeros:
         assert abs(float(pulse.shape(np.float64(z)))) < 1e-12
+
+
+@pytest.mark.parametrize("pulse", PULSES)
+def test_a_pulse_passes_a_threshold_to_rounding(pulse):
+    """Between the two ends of each monotone interval, up to its very top, where it hardly rises."""
+    knots = np.asarray(pulse.knots())
+    tops = np.abs(pulse.shape(knots))
+    rng = np.random.default_rng(0)
+    levels = np.concatenate(
+        [rng.random(300), *(top * (1 - 10.0 ** rng.uniform(-15, -1, 200)) for top in tops[tops > 1e-9])]
+    )
+    lookahead = jax.jit(jax.vmap(lambda level: pulse(1.0, 1.0).lookahead(level)))(jnp.asarray(levels))
+    s = lambda z: np.abs(pulse.shape(np.asarray(z)))
+    passed = 0
+    for k, (left, right) in enumerate(itertools.pairwise(knots)):
+        # It is above the threshold before the one and after the other.
+        for roots, side in ((lookahead.lead, -1), (lookahead.trail, 1)):
+            root = np.asarray(roots)[:, k]
+            inside = (root > left) & (root < right)
+            z, level = root[inside], levels[inside]
+            slope = np.abs(s(z + 1e-6) - s(z - 1e-6)) / 2e-6
+            before = np.clip(z - 1e-14 - 4e-15 / np.maximum(slope, 1e-7), left, right)
+            assert (side * (s(z) - level) >= -1e-15).all()
+            assert (side * (s(before) - level) <= 1e-15).all()
+            passed += z.size
+    assert passed > 500
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=LABELS)
