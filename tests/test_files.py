@@ -112,6 +112,19 @@ def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
     assert np.isnan(some.peak_rotation[left]).all()
 
 
+def test_ctrl_c_does_not_wait_for_a_scene_that_takes_minutes():
+    """The superstructure of the last one swings a million times while the columns rock."""
+    podium = rj.Podium(0.2, 1.5, 3.0, rj.Elastic(5.0, np.where(np.arange(40) == 39, 1e-6, 0.5), 0.0))
+    some = interrupted(
+        lambda: rj.peak_responses(
+            podium, rj.Ricker(4.0, 0.8), options=OPTIONS.replace(max_steps=10**9), progress=StopsAfter(39)
+        )
+    ).partial
+    left = np.asarray(some.result == rj.RESULTS.interrupted)
+    assert list(np.flatnonzero(left)) == [39]
+    assert np.isfinite(some.peak_rotation[:39]).all()
+
+
 @pytest.mark.slow
 def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     monkeypatch.setattr(_batch, "CHUNK", 128)

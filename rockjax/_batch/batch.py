@@ -66,7 +66,7 @@ def peak_responses(
     of records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy
     arrays of that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts
     them: one scene never costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a
-    `KeyboardInterrupt` that holds the answers so far, as soon as the present chunks of scenes are through.
+ XX
 
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
     - `sensitivities`: parameters y with respect to whose logarithms the derivatives of all wanted peaks are

@@ -23,10 +23,11 @@ from .scenes import SceneBatch
 # (lanes, number of the first scene, that after the last one, whether none follow) → lanes, scenes that ended.
 Program = Callable[[Lanes, int, int, bool], tuple[Lanes, Done]]
 
-# The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
 FEW = 8  # lanes for the last scenes of a batch, …
-MANY_TRIALS = 30_000  # … when they have taken so many trials, some tenths of a second, more than the others
+MANY_TRIALS = 30_000  # … looked at after so many trials, some tenths of a second: Ctrl-C stops between them
 ALL_TRIALS = np.iinfo(np.int32).max
+
+# The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
 _COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
@@ -66,13 +67,12 @@ class ThreadExecutor(AbstractExecutor):
         narrows = layout.refill and not layout.sensitivities and layout.lanes > FEW
 
         def go(held: Lanes, start: int, stop: int, last: bool) -> tuple[Lanes, Done]:
-            narrow = held.held.shape[0] < layout.lanes
-            here = few if narrow else layout
-            most = (MANY_TRIALS if narrows and not narrow else ALL_TRIALS) if last or not layout.refill else 0
+            here = few if held.held.shape[0] < layout.lanes else layout
+            most = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
             leaves = scenes.part(start, stop, here.size)
             with self._cores():
                 held, done = _on_one(held, leaves, start, 1, stop - start, most, options, layout=here)
-            if last and narrows and not narrow:
+            if last and narrows and here is layout:
                 held = in_fewer(held, FEW) or held
             return held, done
 
