@@ -61,24 +61,25 @@ def peak_responses(
 ) -> Peak:
     """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
-       Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast
-       to the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists
-       of records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy
-       arrays of that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts
-       them: one scene never costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a
-    XX
+    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast
+    to the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists
+    of records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy
+    arrays of that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts
+    them: one scene never costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a
+    `KeyboardInterrupt` that holds the answers so far, as soon as the present chunks of scenes are through;
+    the last scenes of a batch are not waited for.
 
-       - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-       - `sensitivities`: parameters y with respect to whose logarithms the derivatives of all wanted peaks are
-         found as well, the others held: parameters of the podiums as in [`rockjax.grid`][] (`"alpha"`, `"R"`,
-         `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and `"scale"`, a factor on
-         any motion. They are the `sensitivities` of the answer
-       - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By
-         default a thread on each core where JAX runs on a CPU, else all of `jax.local_devices()`
-       - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with
-         `devices`
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `sensitivities`: parameters y with respect to whose logarithms the derivatives of all wanted peaks are
+      found as well, the others held: parameters of the podiums as in [`rockjax.grid`][] (`"alpha"`, `"R"`,
+      `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and `"scale"`, a factor on
+      any motion. They are the `sensitivities` of the answer
+    - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By
+      default a thread on each core where JAX runs on a CPU, else all of `jax.local_devices()`
+    - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with
+      `devices`
 
-       Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
+    Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
     """
     excitations = as_batch("peak_responses", excitations)
     peaks = responses(
