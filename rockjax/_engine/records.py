@@ -20,7 +20,7 @@ from .hermite import Quintic, quintic
 from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
 from .model import acceleration, beam, beam_absolute, beam_acceleration, drift_weights, shear
 from .ratio import safe_ratio
-from .state import LoopState, Plan, Scene, Turn
+from .state import Energetic, LoopState, Plan, Scene, Turn
 
 
 def step_peak(
@@ -235,6 +235,15 @@ def _spring(modes: Vibration, course: _Course, jets: tuple[Jet, Jet], h: Value) 
         (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s) for d, r, s in jets
     )
     return _Course(spring(course.path, modes.omega2, modes.damping, h), first, last)
+
+
+def energetic_impacts(scene: Scene, before: Energetic | None, hit: Flag, speed: Value) -> Energetic | None:
+    """With one more impact, where there is one, of the speed |θ̇⁻|."""
+    if before is None:
+        return None
+    ratio = jax.lax.stop_gradient(speed / (scene.c.p * scene.c.alpha))
+    one = jnp.where(hit, jnp.minimum(ratio * ratio, 1.0) ** 4, 0.0)
+    return Energetic(before.total + one, jnp.where(hit, one, before.last))
 
 
 def larger(new: Values, record: Values) -> Values:

@@ -21,7 +21,7 @@ from . import margin
 from .coefficients import Coefficients, Vibration, coefficients, present
 from .model import uplift_demand
 from .runge_kutta import tableau
-from .state import LoopState, Plan, Scene, Turn
+from .state import Energetic, LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
 
@@ -215,6 +215,7 @@ def prepare(
         look=jnp.full((), FIRST_LOOK, jnp.int32) if plan.many_hops else None,
         slowest=inf,
         slowest_before_peak=inf,
+        energetic=Energetic(jnp.zeros_like(t), jnp.zeros_like(t)) if plan.errors else None,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
     )

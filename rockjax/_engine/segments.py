@@ -29,6 +29,7 @@ from .coefficients import present
 from .contact import advance_to_uplift
 from .flat import Nodes, blank_nodes, closed, runs
 from .model import acceleration, beam, drift_weights, floor_accelerations, shear, uplift_demand
+from .records import energetic_impacts
 from .settled import certificate
 from .state import LoopState, Plan, Scene
 from .transitions import transition
@@ -361,6 +362,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         impacts=state.impacts + end.hit.astype(jnp.int32),
         slowest=jnp.where(end.hit, jnp.minimum(state.slowest, end.speed), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        energetic=energetic_impacts(scene, state.energetic, end.hit, end.speed),
         steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),
         rejected=state.rejected + stats["num_rejected_steps"].astype(state.steps.dtype),
     )

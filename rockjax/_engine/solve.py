@@ -143,6 +143,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         floats |= _of_stories(scene, plan, state)
     if plan.errors:
         # What is too much at the overturning angle, over the inertia.
+        floats["energetic"], floats["last_energetic"] = present(state.energetic)
         floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
     integers = {
         "exceeded_alpha": ratio >= 1,

@@ -46,6 +46,14 @@ class Turn(NamedTuple):
     slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
 
 
+class Energetic(NamedTuple):
+    """Impacts by their energy: each counts as (|θ̇⁻|/(pα))⁸, at most 1, so that those count from which columns
+    can overturn."""
+
+    total: Value  # of all so far …
+    last: Value  # … and of the last one
+
+
 class Scene(NamedTuple):
     """One podium under one excitation, with everything the loop needs computed once."""
 
@@ -96,6 +104,7 @@ class LoopState(NamedTuple):
     rejected: Index
     drifts: Values | None = None  # of each story, None where not wanted
     floors: Values | None = None  # likewise: absolute accelerations of the floors
+    energetic: Energetic | None = None  # None without error estimates
 
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants

@@ -35,7 +35,14 @@ from .contact import advance_to_uplift
 from .guard import Guard, watch
 from .maxima import NEAR_RECORD, WELL_INSIDE
 from .ratio import safe_ratio
-from .records import larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
+from .records import (
+    energetic_impacts,
+    larger,
+    least_margin,
+    step_peak,
+    superstructure_maxima,
+    turn_at_peak,
+)
 from .settled import certificate
 from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn
 from .transitions import past_breakpoint, restart, transition
@@ -208,6 +215,7 @@ def _advance(
         impacts=state.impacts + hit.astype(jnp.int32),
         slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, speed), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        energetic=energetic_impacts(scene, state.energetic, accepted & hit, speed),
         steps=state.steps + 1,
     )
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
