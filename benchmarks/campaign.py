@@ -20,7 +20,7 @@ import rockjax as rj
 from rockjax._sweep.store import Store
 
 Answers = dict[str, np.ndarray]
-CHUNK = 16384  # scenes: as much as a stop costs at most
+CHUNK = 65536  # scenes: as much as a stop costs at most; with fewer, all wait more often for the slowest
 SCALES = 256  # of a scan below a boundary
 HIGHEST = 10.0  # scale that is looked at
 PART = 8  # boundaries that are found together
