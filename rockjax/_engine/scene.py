@@ -56,7 +56,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 # Of a closer look: the rest velocity reached so many impacts later, half of the usual one at most, and
-# the least part of it, for columns that hop on for long, where an impact takes less than this times rtol.
+# the least part of it, for columns that hop on for long, where an impact takes less than this times rtol and
+# nothing is elastic.
 IMPACTS_LATER, LATEST_REST, LEAST_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
@@ -123,7 +124,8 @@ def _rest_velocity(c: Coefficients, options: Options) -> Value:
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     left = jnp.clip(c.restitution, 0.0, 1.0)
     later = jnp.clip(left**IMPACTS_LATER, LEAST_REST, LATEST_REST)
-    later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, LEAST_REST, later)
+    if c.vibration is None:  # what vibrates takes the speed that impacts leave, in ever more hops
+        later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, LEAST_REST, later)
     return rest * c.p * c.alpha * _closer(options, later, 1.0)
 
 
