@@ -145,6 +145,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         # What is too much at the overturning angle, over the inertia.
         floats["energetic"], floats["last_energetic"] = present(state.energetic)
         floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
+        floats["fall_time"] = scene.c.p * state.overturn_time
     integers = {
         "exceeded_alpha": ratio >= 1,
         "overturned": state.code == results.OVERTURNED,

@@ -21,6 +21,7 @@ from rockjax._results import Errors
 SAFETY = 10.0
 FINER = 0.1
 PARTED = 0.02  # energetic impacts: a quarter of a percent of the speed of one from which columns overturn
+FALL_APART = 0.1  # 1/p: the distance to the boundary is another one by a tenth
 SHORTER = 0.7  # steps, where it is not the tolerance that sets them
 
 
@@ -41,11 +42,12 @@ def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     """Whether the two solutions have gone ways of their own, after impacts from which columns can overturn.
 
     Where rocking is chaotic, both may have the same peak, from before, and stand by chance. A solution that
-    goes on for longer may have one impact more.
+    goes on for longer may have one impact more. Where both overturn, they do so at times of their own.
     """
     apart = a["energetic"] - b["energetic"]
     one_more = xp.minimum(abs(apart - a["last_energetic"]), abs(apart + b["last_energetic"]))
-    return xp.minimum(abs(apart), one_more) > PARTED
+    falls = abs(a["fall_time"] - b["fall_time"]) > FALL_APART  # not so where one of them is NaN
+    return falls | (xp.minimum(abs(apart), one_more) > PARTED)
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio, xp) -> Errors:
