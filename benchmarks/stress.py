@@ -52,7 +52,7 @@ FINER = 1e-3  # the tolerance of the truth, over that of the scene
 PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
 TRUTH_STEPS = 50_000  # of the truth
 ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
-MOST_STEPS = 300_000_000  # of those that are left, with `--again`
+MOST_STEPS = 300_000_000  # of those that are left, with `--again` unless it says otherwise
 TOGETHER = 16  # of these: as many lanes as the longest scenes of a batch get, on two cores
 VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
@@ -375,13 +375,13 @@ def solved_by_reference(job: Job) -> bool:
     return True
 
 
-def asked_again(of: Batch, left: np.ndarray, kept: Kept | None, name: str) -> int:
+def asked_again(of: Batch, left: np.ndarray, most: int, kept: Kept | None, name: str) -> int:
     """How many of the scenes are answered where far more steps are allowed.
 
     In small parts of similar scenes, the longest first: the last of them take hours.
     """
     left = left[np.argsort(-vibration(of)[left], kind="stable")]
-    options, answered = of.options.replace(outputs=QUANTITIES, max_steps=MOST_STEPS), 0
+    options, answered = of.options.replace(outputs=QUANTITIES, max_steps=most), 0
     for first in range(0, left.size, TOGETHER):
         podium, motion, initial = scene(of, left[first : first + TOGETHER])
         answers = Batch(podium, motion, initial, options).answers(options, kept, f"{name}-{first}")
@@ -438,7 +438,7 @@ def run(
     kept: Kept | None = None,
     so_far: bool = False,
     steps: int = ASKED_STEPS,
-    again: bool = False,
+    again: int = 0,
 ) -> Findings:
     found = Findings()
     began = time.perf_counter()
@@ -468,7 +468,7 @@ def run(
             found.within += int((out & ~beyond).sum())
             found.left += int(out.sum())
             if again and out.any():
-                found.left -= asked_again(of, np.flatnonzero(out), kept, f"{name}-again")
+                found.left -= asked_again(of, np.flatnonzero(out), again, kept, f"{name}-again-{again:g}")
             found.exhausted += [(group, rtol, n, seed, int(k)) for k in np.flatnonzero(out)]
         judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     found.seconds = time.perf_counter() - began
@@ -594,7 +594,13 @@ def main() -> None:
         "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
     )
     arguments.add_argument(
-        "--again", action="store_true", help=f"ask those out of steps once more, with {MOST_STEPS:.0e}"
+        "--again",
+        nargs="?",
+        type=float,
+        const=MOST_STEPS,
+        default=0,
+        metavar="TRIALS",
+        help=f"ask those out of steps once more, with so many; {MOST_STEPS:.0e} unless given",
     )
     arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
@@ -614,7 +620,9 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed, kept, given.so_far, given.steps, given.again)
+            found[group] = run(
+                number, group, per_group, seed, kept, given.so_far, given.steps, int(given.again)
+            )
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))
