@@ -114,7 +114,8 @@ class Errors(eqx.Module):
       answers; inf where a scene has none, NaN where it was not asked for
     - `peak_drift` [m], `peak_floor_acceleration` [m/s²]: likewise, of buildings; None without stories
     - `undecided`: ten times the estimate would make the columns overturn, or keep them from it; or the
-      rocking is so sensitive that two solutions differ in impacts from which columns can overturn
+      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, or in
+      when they do
     """
 
     peak_rotation: Float[Array, "*batch"]

@@ -138,6 +138,7 @@ def advance(
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
+    # Those of the chunk and of the lanes before it, and a block of all lanes behind the last of them.
     done = _room_for(size + 2 * lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     loop = jax.lax.while_loop(

@@ -142,8 +142,8 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
     if plan.stories:
         floats |= _of_stories(scene, plan, state)
     if plan.errors:
-        # What is too much at the overturning angle, over the inertia.
         floats["energetic"], floats["last_energetic"] = present(state.energetic)
+        # What is too much at the overturning angle, over the inertia.
         floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
         floats["fall_time"] = scene.c.p * state.overturn_time
     integers = {

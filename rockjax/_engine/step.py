@@ -35,14 +35,7 @@ from .contact import advance_to_uplift
 from .guard import Guard, watch
 from .maxima import NEAR_RECORD, WELL_INSIDE
 from .ratio import safe_ratio
-from .records import (
-    energetic_impacts,
-    larger,
-    least_margin,
-    step_peak,
-    superstructure_maxima,
-    turn_at_peak,
-)
+from .records import energetic_impacts, larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
 from .settled import certificate
 from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn
 from .transitions import past_breakpoint, restart, transition

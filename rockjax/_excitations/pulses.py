@@ -205,8 +205,8 @@ class AbstractPulse(AbstractExcitation):
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
         # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
-        falls = self._passed(level, np.sign(start), rises=False)
-        rises = self._passed(level, np.sign(end), rises=True)
+        falls = self._passed(level, start, rises=False)
+        rises = self._passed(level, end, rises=True)
         lead = jnp.where(
             np.abs(start) > level, jnp.where(np.sign(start) * end > level, knots[1:], falls), knots[:-1]
         )
@@ -215,16 +215,16 @@ class AbstractPulse(AbstractExcitation):
         )
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
-    def _passed(self, level: Value, signs: np.ndarray, rises: bool) -> Array:
-        """Where sign·s passes the level on each monotone interval; anything where it is nowhere as high."""
+    def _passed(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
+        """Where |s| passes the level on each monotone interval, as it rises to the top at its end or falls
+        from that at its start; anything where the top is lower."""
         knots = np.asarray(self.knots())
-        heights = np.abs(self.shape(knots))
-        high = np.flatnonzero((heights[1:] if rises else heights[:-1]) > _NOTHING)
-        sign = signs[high] if rises else -signs[high]
+        high = np.flatnonzero(np.abs(tops) > _NOTHING)
+        sign = np.sign(tops[high]) if rises else -np.sign(tops[high])
         threshold = level if rises else -level
         left, right = (jnp.asarray(z[high]) for z in (knots[:-1], knots[1:]))
         roots = list(_root(lambda z: sign * self.shape(z) - threshold, left, right))
-        return jnp.stack([roots.pop(0) if k in high else jnp.zeros_like(level) for k in range(signs.size)])
+        return jnp.stack([roots.pop(0) if k in high else jnp.zeros_like(level) for k in range(tops.size)])
 
 
 @functools.cache
