@@ -12,6 +12,7 @@ from fractions import Fraction
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._types import Value
 
 _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
@@ -62,7 +63,8 @@ def sincos(psi: Value) -> tuple[Value, Value]:
 @sincos.defjvp
 def _sincos_jvp(primals, tangents):
     (psi,), (psi_dot,) = primals, tangents
-    s, c = sincos(psi)
+    psi = once(psi)
+    s, c = once(sincos(psi))
     return (s, c), (c * psi_dot, -s * psi_dot)
 
 

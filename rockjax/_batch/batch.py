@@ -31,8 +31,8 @@ from rockjax._structures import Podium
 from rockjax._threads import Pool
 
 from .chunk import LaneLayout
+from .exchange import Done
 from .executors import AbstractExecutor, executor
-from .lanes import Done
 from .reach import SCALE
 from .scenes import SceneBatch, broadcast
 

@@ -23,6 +23,7 @@ from rockjax._engine.hops import chatters
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._engine.step import trial
+from rockjax._once import once
 from rockjax._options import Options
 from rockjax._responses.sensitivities import moved
 from rockjax._types import Flag
@@ -67,7 +68,7 @@ def automaton(plan: Plan, options: Options):
     uplift at once."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
-        going = makes_trials(plan, options, lane)
+        going = once(makes_trials(plan, options, lane))
         after, _ = trial(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
 

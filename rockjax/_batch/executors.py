@@ -17,7 +17,8 @@ from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
 
 from .chunk import LaneLayout
-from .lanes import Done, Lanes, advance, idle, in_fewer
+from .exchange import Done, Lanes
+from .lanes import advance, idle, in_fewer
 from .scenes import SceneBatch
 
 # (lanes, number of the first scene, that after the last one, whether none follow) → lanes, scenes that ended.

@@ -8,7 +8,7 @@ every few of them the lanes that wait are served together.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,38 +24,11 @@ from rockjax._programs.kept import remembered
 from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
-from .chunk import Chunk, LaneLayout, Slopes, automaton, crossed, makes_trials, prepared
+from .chunk import Chunk, LaneLayout, automaton, crossed, makes_trials, prepared
+from .exchange import Answers, Done, Lanes, Numbers, exchanged, room_for
 from .reach import least_reach
 
 PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
-
-
-class Lanes(NamedTuple):
-    """What the lanes hold from one chunk to the next."""
-
-    lane: LoopState
-    parts: list[Any]  # of `Scene`: what differs between scenes
-    held: jax.Array  # which scene of the batch each lane holds, −1 where none
-    slopes: Slopes | None = None  # where sensitivities are wanted
-    reach: jax.Array | None = None  # where it is wanted, that of each scene so far
-
-
-class Done(NamedTuple):
-    """Scenes that have ended, in the order of their ends; so many of the rows are used."""
-
-    which: jax.Array
-    floats: dict[str, jax.Array]
-    integers: dict[str, jax.Array]
-    used: jax.Array
-    trials: jax.Array  # of each lane
-    useful: jax.Array  # of all lanes, those that moved a scene on
-
-
-def _room_for(rows: int, answers: Any, index_type: Any) -> Done:
-    """Room for the answers of so many scenes, of which none has ended."""
-    floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
-    none = jnp.zeros((), index_type)
-    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
 
 
 class _Loop(NamedTuple):
@@ -101,19 +74,22 @@ def advance(
         held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes, _unlimited(layout))
 
     def exchange(loop: _Loop) -> _Loop:
-        done = loop.done
         state = through(settle, loop.lanes)
         if plan.many_hops:
             state = _bounced(chunk, plan, options, state)
         ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
-        done = _kept(done, ended, state.held, *_answered(chunk, plan, state))
-        free = ended | (state.held < 0)
-        local = loop.following + jnp.cumsum(free, dtype=index_type) - 1
-        loads = free & (local < count)
-        state = _loaded(chunk, state, loads, jnp.clip(local, 0, size - 1), refill)
-        numbers = jnp.where(loads, first + stride * local, jnp.where(free, -1, state.held)).astype(index_type)
-        following = jnp.minimum(loop.following + jnp.sum(free, dtype=index_type), count)
-        return _Loop(state._replace(held=numbers), following, done)
+        return _Loop(
+            *exchanged(
+                chunk,
+                Numbers(first, stride, count),
+                state,
+                loop.following,
+                loop.done,
+                ended,
+                _answered(chunk, plan, state),
+                refill,
+            )
+        )
 
     def waiting(loop: _Loop) -> jax.Array:
         """How many lanes an exchange would help."""
@@ -139,7 +115,7 @@ def advance(
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
     # Those of the chunk and of the lanes before it, and a block of all lanes behind the last of them.
-    done = _room_for(size + 2 * lanes, blank, index_type)
+    done = room_for(size + 2 * lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     loop = jax.lax.while_loop(
         lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.held >= 0)),
@@ -160,7 +136,7 @@ def _turned(state: Lanes) -> Lanes:
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
-def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
+def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
     """What the scenes in the lanes have to say as they are, with the sensitivities of their peaks."""
     floats, slopes, integers = chunk.in_lanes(
         lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, state.slopes
@@ -173,30 +149,6 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> tuple[dict[str, jax.Arr
     return floats | {
         slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
     }, integers
-
-
-def _loaded(chunk: Chunk, state: Lanes, loads: Flag, place: jax.Array, refill: bool) -> Lanes:
-    """The lanes with the scenes at some places of the chunk in those that load one."""
-
-    def load(store, differs, current):
-        flag = loads.reshape((-1,) + (1,) * (current.ndim - 1))
-        return jnp.where(flag, store[place] if differs else store, current)
-
-    def load_rows(store, differs, current):
-        return jax.vmap(lambda store, current: load(store, differs, current))(store, current)
-
-    def over(load, stores, currents):
-        return [y if y is None else load(s, True, y) for s, y in zip(stores, currents, strict=True)]
-
-    lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
-    parts = over(load, chunk.parts, state.parts) if refill else state.parts
-    reach = None if state.reach is None else jnp.where(loads, jnp.inf, state.reach)
-    state = state._replace(lane=lane, parts=parts, reach=reach)
-    if state.slopes is None or chunk.slopes is None:
-        return state
-    rows = jax.tree.map(load_rows, chunk.slopes.lane, moving(chunk.lane_differs), state.slopes.lane)
-    of_parts = over(load_rows, chunk.slopes.parts, state.slopes.parts) if refill else state.slopes.parts
-    return state._replace(slopes=Slopes(of_parts, rows))
 
 
 def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
@@ -223,30 +175,6 @@ def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
         return state._replace(lane=jax.tree.map(put, state.lane, lane))
 
     return jax.lax.while_loop(lambda state: jnp.any(waits(state)), one, state)
-
-
-def _kept(done: Done, ended: Flag, which: jax.Array, floats, integers) -> Done:
-    """The answers of the lanes whose scenes have ended, written after those that are kept already.
-
-    All lanes are written, those that have ended first: the others are written over, or not used.
-    """
-    count, number = jnp.arange(ended.size), jnp.cumsum(ended)
-    place = jnp.where(ended, number - 1, ended.size)
-    first = jnp.zeros_like(count).at[place].set(count, mode="drop")
-
-    def write(stores, values):
-        return jax.tree.map(
-            lambda store, y: jax.lax.dynamic_update_slice_in_dim(store, y[first], done.used, 0),
-            stores,
-            values,
-        )
-
-    return done._replace(
-        which=write(done.which, which),
-        floats=write(done.floats, floats),
-        integers=write(done.integers, integers),
-        used=done.used + number[-1].astype(done.used.dtype),
-    )
 
 
 def in_fewer(held: Lanes, lanes: int) -> Lanes | None:

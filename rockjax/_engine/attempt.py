@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from .coefficients import Coefficients, summed
@@ -81,8 +82,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     h, reaches = _length(scene, state, constant(a0[0]), fresh, constant(stop))
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches
-    h, reaches, a0 = jax.lax.optimization_barrier((h, reaches, a0))
-    end = jax.lax.optimization_barrier(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
+    h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
+    end = once(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
     error = constant(_error(scene, state, end))
     finite = jnp.isfinite(error)
     return Attempt(

@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._excitations.base import Shaking
+from rockjax._once import once
 from rockjax._types import Flag, Index, Value, Values
 
 from .coefficients import Coefficients, Vibration, present, summed, weighted
@@ -64,7 +65,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             half, over = jax.tree.map(lambda a, b, k=k: jnp.where(level == k, a, b), kind, (half, over))
         ground_at, edge, length = excitation.piece(state.piece), excitation.breakpoint(state.piece), 2 * half
         reaches = jnp.abs(state.t + length - constant(edge)) <= 1e-9 * length
-        values = jax.lax.optimization_barrier(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
+        values = once(jax.vmap(ground_at)(state.t + half * (1 + jnp.asarray(nodes))))
         raised: list[Value] = []
         rounding: list[Value] = []
         if isinstance(values, Shaking):
@@ -72,7 +73,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             raised = [tilt * y for y in _combine(to_powers, values.vertical)]
             rounding = [tilt * y for y in _combine(to_tail, values.vertical)]
             values = values.horizontal
-        force = list(jax.lax.optimization_barrier(_combine(to_powers, values)))
+        force = list(once(_combine(to_powers, values)))
         move = swing.across(force, half, over, state.x[1], state.v[1])
         padded = [*force, *[jnp.zeros_like(half)] * (len(move.path) - len(force))]
         demand = [f - weighted(modes.demand, s) for f, s in zip(padded, move.spring, strict=True)]
@@ -135,7 +136,7 @@ class _Swing(NamedTuple):
     def across(self, force: list[Value], half: Value, over, u: Values, u_dot: Values) -> _Moves:
         """The motion over a panel, from the displacement and velocity at its start."""
         turn, free = over
-        path = jax.lax.optimization_barrier(_particular(force, self.zeta, turn, half))
+        path = once(_particular(force, self.zeta, turn, half))
         rates = [*derivative(path), jnp.zeros_like(half)]
         before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
         # The free vibration is what the state at the start has besides the particular solution.
@@ -285,7 +286,7 @@ def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
     sums, differences = [a + b for a, b in pairs], [a - b for a, b in pairs]
     if count % 2:
         sums[-1] = pairs[-1][0]  # the node in the middle is its own mirror image
-    sums, differences = jax.lax.optimization_barrier((sums, differences))
+    sums, differences = once((sums, differences))
     combined: list[Value] = []
     for row in weights:
         half = row[: len(pairs)]
@@ -322,17 +323,16 @@ def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> 
     safe = jnp.where(stiff, turn, 1.0)
     inverse, drag = 1 / safe**2, 2 * zeta * safe
     # Barriers keep the compiler from working the recursions out again for everything that uses them.
-    hold = jax.lax.optimization_barrier
     following = [zero] * (_TERMS + 2)
     for k in reversed(range(len(force))):
         y = inverse * (load[k] - drag * (k + 1) * following[k + 1] - (k + 2) * (k + 1) * following[k + 2])
-        following[k] = hold(y)
+        following[k] = once(y)
     slow = jnp.where(stiff, 0.0, turn)
     square, drag = slow**2, 2 * zeta * slow
     series = [zero, zero]
     for k in range(_TERMS - 2):
         series.append(
-            hold((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1)))
+            once((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1)))
         )
     return [jnp.where(stiff, a, b) for a, b in zip(following, series, strict=False)]
 

@@ -17,6 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 
+from rockjax._once import once
 from rockjax._programs.program import KeptProgram
 
 
@@ -50,7 +51,7 @@ def pushed(
     floats, linear, rest = jax.linearize(of_live, *point, has_aux=True)
     # Barriers keep the compiler from working the coefficients out anew in every row: a quarter of the time.
     coefficients, form = jax.tree.flatten(linear)
-    linear = jax.tree.unflatten(form, jax.lax.optimization_barrier(coefficients))
+    linear = jax.tree.unflatten(form, once(coefficients))
     return floats, jax.vmap(linear)(*directions), rest
 
 

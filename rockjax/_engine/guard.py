@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
 from .hermite import Quintic, crossing, quintic, turning_point, turns_more_than_once
@@ -48,18 +49,18 @@ def watch(
     """The guard over a step of length h from a state, with accelerations a0, to `end`."""
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
-    path, at_end = jax.lax.optimization_barrier(_paths(scene, plan, state, ground_at, h, a0, end))
+    path, at_end = once(_paths(scene, plan, state, ground_at, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
     rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
     # Barriers keep the compiler from recomputing what many later kernels need in each of them.
-    rising, rises_on, turned = jax.lax.optimization_barrier((rising, rises_on, turned))
+    rising, rises_on, turned = once((rising, rises_on, turned))
     turn = jnp.where(turned, turning_point(fixed, rising), one)
     last = constant(at_end.c0)
     top = jnp.where(turned, fixed.value(turn), last)
-    turn, top = jax.lax.optimization_barrier((turn, top))
+    turn, top = once((turn, top))
     overturn_angle = constant(scene.overturn_angle)
     uplift = constant(scene.c.uplift)
 
@@ -68,9 +69,7 @@ def watch(
 
     breaks_before_turn = turned & broken(top)
     breaks_after_turn = broken(last) & ~breaks_before_turn
-    breaks_before_turn, breaks_after_turn = jax.lax.optimization_barrier(
-        (breaks_before_turn, breaks_after_turn)
-    )
+    breaks_before_turn, breaks_after_turn = once((breaks_before_turn, breaks_after_turn))
     edge = jnp.where(breaks_before_turn, top, last)
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
     inside = crossing(
@@ -81,7 +80,7 @@ def watch(
     time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
     turns_twice = turns_more_than_once(fixed, rising, rises_on) & busy
-    ending, inside, time_past_end, converges, turns_twice = jax.lax.optimization_barrier(
+    ending, inside, time_past_end, converges, turns_twice = once(
         (ending, inside, time_past_end, converges, turns_twice)
     )
     return Guard(
@@ -142,9 +141,10 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
     """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full
     contact."""
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
+    sign = once(sign)
     limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.overturn_angle), scene.c.uplift)
     scaled = Quintic(*(sign * k for k in guard))
-    return scaled._replace(c0=scaled.c0 + limit)
+    return once(scaled._replace(c0=scaled.c0 + limit))
 
 
 def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
@@ -156,7 +156,7 @@ def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Fl
     for _ in range(3):
         slope = margin.slope(time_past_end)
         time_past_end = time_past_end - safe_ratio(margin.value(time_past_end), slope, falls & (slope < 0))
-        time_past_end = jax.lax.optimization_barrier(jnp.clip(time_past_end, -most, most))
+        time_past_end = once(jnp.clip(time_past_end, -most, most))
     # A margin that only touches zero makes Newton creep.
     arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
     return time_past_end, falls & arrives

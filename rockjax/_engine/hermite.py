@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from rockjax._once import once
 from rockjax._types import Flags, Value, Values
 
 # Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of
@@ -47,6 +48,7 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
     rise = x1 - x0 - v0 - 0.5 * a0
     steepening = v1 - v0 - a0
     bending = a1 - a0
+    v0, a0, rise, steepening, bending = once((v0, a0, rise, steepening, bending))
     return Quintic(
         x0,
         v0,
@@ -80,14 +82,14 @@ def _safeguarded_newton(
     """
     fall = above - below
     z = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
-    f, df, z = jax.lax.optimization_barrier((list(f), derivative(f), z))
+    f, df, z = once((list(f), derivative(f), z))
     for _ in range(iterations):
-        value, slope = _horner(f, z), _horner(df, z)
+        value, slope = once(_horner(f, z)), _horner(df, z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
         # Without the barrier the compiler recomputes every iteration inside every later one.
-        z, lo, hi = jax.lax.optimization_barrier((z, lo, hi))
+        z, lo, hi = once((z, lo, hi))
     return z
 
 

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
+from rockjax._once import once
 from rockjax._sincos import sincos
 from rockjax._types import Value, Values, Vector
 
@@ -149,9 +150,12 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     modes = c.vibration
     if modes is None:
         rocks = -jnp.abs(sigma)
-        return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
+        moment = rocks * plus(gravity * s + c.ground * ground * cos, against)
+        return (moment * c.per_inertia if isinstance(added, float) else moment / (c.inertia + added),)
+    s, cos = once((s, cos))
     sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
     springs = modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - sway_rate)  # V_i/m_i, Eq. (7)
+    springs = once(springs)
     pull = weighted(modes.coupling, springs)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
     theta_ddot = jnp.abs(sigma) * plus(moment, -against) / plus(c.inertia + c.centrifugal * s**2, added)

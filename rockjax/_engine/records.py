@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from . import margin
@@ -34,10 +35,11 @@ def step_peak(
     now: Value,
 ) -> tuple[Value, Value]:
     """The largest |θ| of the step and its time, with their derivatives."""
-    end = summit(guard.path, 1.0)
+    end = once(summit(guard.path, 1.0))
     at_stop = jnp.where(end == 1, guard.at_end.value(outcome.after), guard.path.value(end))
     end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.overturn_angle, at_stop))
     peak = guard.path.value(guard.turn)
+    peak, end_angle = once((peak, end_angle))
     at_turn = outcome.peaks & (peak > end_angle)
     crest = jnp.where(at_turn, guard.turn, end)
     on_crest = at_turn | (~outcome.lands & (end != 1))

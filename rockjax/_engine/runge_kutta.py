@@ -12,10 +12,10 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from rockjax._once import once
 from rockjax._types import Value, Values, Vector
 
 if TYPE_CHECKING:
@@ -88,13 +88,13 @@ def step(
     def at(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
         vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
-        return xi, vi
+        return once((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
         # The barrier keeps the compiler from recomputing each stage inside every later one.
-        k.append(jax.lax.optimization_barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
+        k.append(once(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = at(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)
     x_error = tuple(jnp.asarray(h2 * _combine(tab.errorA, k, d)) for d in parts)

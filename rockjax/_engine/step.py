@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
+from rockjax._once import once
 
 from .attempt import (
     AT_ONCE,
@@ -146,9 +147,7 @@ def _classify(
     lands, false_uplift = lands & accepted, false_uplift & accepted
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
-    return jax.lax.optimization_barrier(
-        StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, turn)
-    )
+    return once(StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, turn))
 
 
 def _advance(
@@ -171,22 +170,26 @@ def _advance(
     )
 
     # The state at the end, at the event where there is one; its time moves with the parameters.
-    x, v = state_past(scene, state, trial, outcome.after)
+    x, v = once(state_past(scene, state, trial, outcome.after))
+    hit, toppled, lifted = once((hit, toppled, lifted))
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
     passed = stamp >= constant(scene.excitation.breakpoint(state.piece))
     piece = scene.excitation.past(state.piece, passed)
+    piece, stamp, now, delta = once((piece, stamp, now, delta))
     ground = scene.excitation.piece(piece)(stamp)
 
     speed = jnp.abs(v[0])
     x, v, mode = transition(scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift)
     mode = constant(mode) if replayed is None else replayed.mode
+    x, v, mode = once((x, v, mode))
     starts = accepted & ~rocking & (mode != 0)
 
     # The records.
     highest, highest_time = step_peak(scene, state, trial, guard, outcome, hit, toppled, now)
-    raises = accepted & rocking & (highest > state.peak)
+    highest, highest_time = once((highest, highest_time))
+    raises = once(accepted & rocking & (highest > state.peak))
     first = starts & ~state.uplifted
     advanced = state._replace(
         t=stamp,

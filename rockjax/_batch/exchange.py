@@ -1,0 +1,204 @@
+"""What lanes hand over when their scenes have ended: answers out, the next scenes in.
+
+A few lanes of a CPU are served one after another: only what changes is copied, and the whole loop over a
+chunk, trials and all, becomes one function of machine code. Where there are thousands of them, on an
+accelerator, all are served side by side.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.state import LoopState, moving
+from rockjax._types import Flag
+
+from .chunk import Chunk, Slopes
+
+ONE_BY_ONE = 64  # lanes at most that are served one after another
+
+
+class Lanes(NamedTuple):
+    """What the lanes hold from one chunk to the next."""
+
+    lane: LoopState
+    parts: list[Any]  # of `Scene`: what differs between scenes
+    held: jax.Array  # which scene of the batch each lane holds, −1 where none
+    slopes: Slopes | None = None  # where sensitivities are wanted
+    reach: jax.Array | None = None  # where it is wanted, that of each scene so far
+
+
+class Done(NamedTuple):
+    """Scenes that have ended, in the order of their ends; so many of the rows are used."""
+
+    which: jax.Array
+    floats: dict[str, jax.Array]
+    integers: dict[str, jax.Array]
+    used: jax.Array
+    trials: jax.Array  # of each lane
+    useful: jax.Array  # of all lanes, those that moved a scene on
+
+
+class Numbers(NamedTuple):
+    """Which scenes of the batch a chunk holds: so many, first, first + stride, …"""
+
+    first: jax.Array
+    stride: jax.Array
+    scenes: jax.Array
+
+    def of(self, place: jax.Array) -> jax.Array:
+        return self.first + self.stride * place
+
+
+Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and integers of every lane
+
+
+def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
+    """Room for the answers of so many scenes, of which none has ended."""
+    floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
+    none = jnp.zeros((), index_type)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
+
+
+def exchanged(
+    chunk: Chunk,
+    numbers: Numbers,
+    state: Lanes,
+    following: jax.Array,
+    done: Done,
+    ended: Flag,
+    answers: Answers,
+    refill: bool,
+) -> tuple[Lanes, jax.Array, Done]:
+    """Lanes, the next place of the chunk to hand out, and what is done, after all lanes that `ended` or hold
+    nothing have been served."""
+    serve = _one_by_one if ended.size <= ONE_BY_ONE else _together
+    return serve(chunk, numbers, state, following, done, ended, answers, refill)
+
+
+def _one_by_one(
+    chunk: Chunk,
+    numbers: Numbers,
+    state: Lanes,
+    following: jax.Array,
+    done: Done,
+    ended: Flag,
+    answers: Answers,
+    refill: bool,
+) -> tuple[Lanes, jax.Array, Done]:
+    count = jnp.arange(ended.size, dtype=jnp.int32)
+
+    def put(stores, values, at, axis=0):
+        """Values written into one row of each store."""
+        return jax.tree.map(
+            lambda store, y: jax.lax.dynamic_update_index_in_dim(
+                store, jnp.asarray(y, store.dtype), at, axis
+            ),
+            stores,
+            values,
+        )
+
+    def row(stores, at, axis=0):
+        return jax.tree.map(lambda y: jax.lax.dynamic_index_in_dim(y, at, axis, keepdims=False), stores)
+
+    def one(carry):
+        state, following, done, waits = carry
+        k = jnp.min(jnp.where(waits, count, count.size))
+        floats, integers = row(answers, k)
+        done = done._replace(
+            which=put(done.which, row(state.held, k), done.used),
+            floats=put(done.floats, floats, done.used),
+            integers=put(done.integers, integers, done.used),
+            used=done.used + row(ended, k).astype(done.used.dtype),
+        )
+        loads = following < numbers.scenes
+
+        def load(store, differs, current, axis=0):
+            new = row(store, jnp.where(loads, following, 0), axis) if differs else store
+            return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
+
+        state = _loaded(chunk, state, load, refill)
+        if state.reach is not None:
+            state = state._replace(reach=load(jnp.inf, False, state.reach))
+        held = put(state.held, jnp.where(loads, numbers.of(following), -1), k)
+        following = following + loads.astype(following.dtype)
+        return state._replace(held=held), following, done, put(waits, False, k)
+
+    waits = ended | ((state.held < 0) & (following < numbers.scenes))
+    carry = state, following, done, waits
+    state, following, done, _ = jax.lax.while_loop(lambda carry: jnp.any(carry[-1]), one, carry)
+    return state, following, done
+
+
+def _together(
+    chunk: Chunk,
+    numbers: Numbers,
+    state: Lanes,
+    following: jax.Array,
+    done: Done,
+    ended: Flag,
+    answers: Answers,
+    refill: bool,
+) -> tuple[Lanes, jax.Array, Done]:
+    done = _kept(done, ended, state.held, answers)
+    free = ended | (state.held < 0)
+    place = following + jnp.cumsum(free, dtype=following.dtype) - 1
+    loads = free & (place < numbers.scenes)
+    local = jnp.where(loads, place, 0)
+
+    def load(store, differs, current, axis=0):
+        flag = jnp.expand_dims(loads, [k for k in range(current.ndim) if k != axis])
+        new = jnp.take(store, local, axis=axis) if differs else jnp.expand_dims(store, axis)
+        return jnp.where(flag, new, current)
+
+    state = _loaded(chunk, state, load, refill)
+    if state.reach is not None:
+        state = state._replace(reach=load(jnp.inf, False, state.reach))
+    held = jnp.where(loads, numbers.of(place), jnp.where(free, -1, state.held)).astype(state.held.dtype)
+    following = jnp.minimum(following + jnp.sum(free, dtype=following.dtype), numbers.scenes)
+    return state._replace(held=held), following, done
+
+
+def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
+    """The lanes with `load(of the chunk, whether it differs between scenes, of the lanes, axis of the lanes)`
+    of all that a lane takes over from the chunk."""
+
+    def over(stores, currents, axis=0):
+        return [y if y is None else load(s, True, y, axis) for s, y in zip(stores, currents, strict=True)]
+
+    lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
+    state = state._replace(lane=lane, parts=over(chunk.parts, state.parts) if refill else state.parts)
+    if state.slopes is None or chunk.slopes is None:
+        return state
+    # A row for each parameter comes before the lanes.
+    beside = lambda store, differs, current: load(store, differs, current, 1)
+    rows = jax.tree.map(beside, chunk.slopes.lane, moving(chunk.lane_differs), state.slopes.lane)
+    of_parts = over(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
+    return state._replace(slopes=Slopes(of_parts, rows))
+
+
+def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
+    """The answers of the lanes whose scenes have ended, written after those that are kept already.
+
+    All lanes are written, those that have ended first: the others are written over, or not used.
+    """
+    count, number = jnp.arange(ended.size), jnp.cumsum(ended)
+    place = jnp.where(ended, number - 1, ended.size)
+    first = jnp.zeros_like(count).at[place].set(count, mode="drop")
+
+    def write(stores, values):
+        return jax.tree.map(
+            lambda store, y: jax.lax.dynamic_update_slice_in_dim(store, y[first], done.used, 0),
+            stores,
+            values,
+        )
+
+    floats, integers = answers
+    return done._replace(
+        which=write(done.which, which),
+        floats=write(done.floats, floats),
+        integers=write(done.integers, integers),
+        used=done.used + number[-1].astype(done.used.dtype),
+    )
