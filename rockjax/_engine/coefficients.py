@@ -64,7 +64,6 @@ class Coefficients(NamedTuple):
     uplift: Value  # q_up, Eq. (9)
     two_R: Value
     inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
-    per_inertia: Value  # 1 over it
     centrifugal: Value  # 3η
     gravity: Value  # p² (2η+2γ+1)
     ground: Value  # p² (2γ+1)/g
@@ -127,7 +126,6 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
-        per_inertia=1 / (3 * gamma + 0.75 * (1 + lam)),
         centrifugal=3 * moving,
         gravity=p**2 * (2 * moving + 2 * gamma + 1),
         ground=p**2 * (2 * gamma + 1) / g,

@@ -150,8 +150,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     modes = c.vibration
     if modes is None:
         rocks = -jnp.abs(sigma)
-        moment = rocks * plus(gravity * s + c.ground * ground * cos, against)
-        return (moment * c.per_inertia if isinstance(added, float) else moment / (c.inertia + added),)
+        return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
     s, cos = once((s, cos))
     sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
     springs = modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - sway_rate)  # V_i/m_i, Eq. (7)

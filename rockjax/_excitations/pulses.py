@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 
 from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive
-from rockjax._once import once
 from rockjax._plausibility import doubt
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
@@ -178,10 +177,8 @@ class AbstractPulse(AbstractExcitation):
         return dataclasses.replace(self, a_p=factor * self.a_p)
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        per = once(1 / self.T_p)
-
         def formula(t):
-            return self.a_p * self.shape(t * per)
+            return self.a_p * self.shape(t / self.T_p)
 
         def inside(t):
             return jnp.where(index == 1, formula(t), 0.0)
