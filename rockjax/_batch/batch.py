@@ -36,7 +36,8 @@ from .executors import AbstractExecutor, executor
 from .reach import SCALE
 from .scenes import SceneBatch, broadcast
 
-LANES = 64  # fit the first-level cache, and still fill the vector unit
+# What fits the first-level cache and still fills the vector unit: half as many where more goes with a lane.
+LANES = 64
 CHUNK = 1024  # scenes prepared at once
 
 # An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
@@ -299,7 +300,8 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
     if who.platform == "cpu":
-        lanes, chunk = LANES // 2 if sensitivities else LANES, CHUNK
+        podium, *_ = jax.tree.unflatten(scenes.structure, scenes.leaves)
+        lanes, chunk = LANES // 2 if sensitivities or podium.vibrates else LANES, CHUNK
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)

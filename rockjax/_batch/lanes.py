@@ -28,7 +28,7 @@ from .chunk import Chunk, LaneLayout, automaton, crossed, makes_trials, prepared
 from .exchange import Answers, Done, Lanes, Numbers, exchanged, room_for
 from .reach import least_reach
 
-PATIENCE = 5 / 64  # the share of the lanes that may wait before they are served
+PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
 
 
 class _Loop(NamedTuple):
