@@ -96,7 +96,7 @@ def _safeguarded_newton(
 def turning_point(polynomial, rising: Flags) -> Values:
     """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z
     = 1."""
-    sign = jnp.where(rising, 1.0, -1.0)
+    sign = once(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
     lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
     return _safeguarded_newton(slope, lo, hi, slope[0], sum(slope[1:], slope[0]), _TO_TURN)

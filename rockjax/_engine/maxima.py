@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._types import Value, Values
 
 from .hermite import Quintic, derivative, turning_point
@@ -62,13 +63,14 @@ def largest(
     z = turning_point(jax.lax.stop_gradient(path), ends[0].rate > 0)
     value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
     for place, end in zip((0.0, 1.0), ends, strict=True):
-        on_summit = summit(path, place)
+        on_summit = once(summit(path, place))
         curvature = path.curvature(jnp.full_like(h, place))
         # Over a very short step it is a difference of nearly equal numbers, and not needed.
         bend = safe_ratio(curvature, h * h, jnp.abs(curvature) > 1e-8 * jnp.abs(end.value))
         past_end = end.value + end.past * (end.rate + 0.5 * end.past * bend)
         there = jnp.where(on_summit == place, past_end, path.value(on_summit))
         value = jnp.where(jnp.abs(there) > value, jnp.abs(there), value)
+    value = once(value)
     # In a short hop the quantity hardly changes: a maximum that the ends have to rounding is not landed on.
     of_ends = jnp.maximum(jnp.abs(ends[0].value), jnp.abs(ends[1].value))
     stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))

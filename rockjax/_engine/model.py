@@ -67,7 +67,7 @@ def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongati
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
     """sin ψ, cos ψ and the elongation by one sine and cosine, of θ/2; cos ψ is not to be asked of full
     contact."""
-    s, cos = sincos(0.5 * theta)
+    s, cos = once(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
     sin_side = sigma * c.sin_alpha
     sin_psi = sin_side * cos_theta - c.cos_alpha * sin_theta
@@ -145,6 +145,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     if c.restraint is not None:
         s, cos, open_by = _angles(c, sigma, x[0])
         against, added = _restraint(c, c.restraint, open_by, v[0])
+        against = once(against)
     else:
         s, cos = sincos(sigma * c.alpha - x[0])
     modes = c.vibration

@@ -228,13 +228,13 @@ def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> tuple[Je
         return x[1] - u_b, v[1] - u_b_dot, a[1] - u_b_ddot
 
     end = trial.end
-    return jet(state.x, state.v, trial.a0), jet(end.x, end.v, end.a)
+    return once((jet(state.x, state.v, trial.a0), jet(end.x, end.v, end.a)))
 
 
 def _spring(modes: Vibration, course: _Course, jets: tuple[Jet, Jet], h: Value) -> _Course:
     """Force of the spring and damper of each mode over its mass, Eq. (7)."""
-    first, last = (
-        (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s) for d, r, s in jets
+    first, last = once(
+        [(modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s) for d, r, s in jets]
     )
     return _Course(spring(course.path, modes.omega2, modes.damping, h), first, last)
 
