@@ -14,7 +14,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from rockjax._once import once
 from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
@@ -106,11 +105,10 @@ class AbstractSampled(AbstractExcitation):
     def piece(self, index: Index) -> Callable[[Value], Value]:
         _, dt, count, scale = self.sampling
         inside = (index > 0) & (index < count)
-        i = once(jnp.clip(index - 1, 0, count - 2))
+        i = jnp.clip(index - 1, 0, count - 2)
         a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
         a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
         t0 = self._time(i)
-        a0, slope, t0 = once((a0, slope, t0))
         return lambda t: a0 + slope * (t - t0)
 
     def curvature(self) -> Value:
