@@ -78,18 +78,8 @@ def advance(
         if plan.many_hops:
             state = _bounced(chunk, plan, options, state)
         ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
-        return _Loop(
-            *exchanged(
-                chunk,
-                Numbers(first, stride, count),
-                state,
-                loop.following,
-                loop.done,
-                ended,
-                _answered(chunk, plan, state),
-                refill,
-            )
-        )
+        found, numbers = _answered(chunk, plan, state), Numbers(first, stride, count)
+        return _Loop(*exchanged(chunk, numbers, state, loop.following, loop.done, ended, found, refill))
 
     def waiting(loop: _Loop) -> jax.Array:
         """How many lanes an exchange would help."""
