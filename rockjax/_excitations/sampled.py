@@ -217,7 +217,10 @@ class SampledLookahead(AbstractLookahead):
         a0, a1 = formula(begin), formula(end)
         slope = (a1 - a0) / jnp.where(end > begin, end - begin, 1.0)
         crossing = begin + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
-        crossing = jnp.nextafter(jnp.clip(crossing, begin, end), end)  # passed, not touched
+        crossing = jnp.clip(crossing, begin, end)
+        # Passed, not touched. (Older versions of JAX have no derivative of the next number.)
+        at = jax.lax.stop_gradient(crossing)
+        crossing += jnp.nextafter(at, jax.lax.stop_gradient(end)) - at
         return jnp.where(at_once, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
