@@ -41,6 +41,14 @@ class Done(NamedTuple):
     useful: jax.Array  # of all lanes, those that moved a scene on
 
 
+class Loop(NamedTuple):
+    """A chunk on its way through the lanes."""
+
+    lanes: Lanes
+    following: jax.Array  # the next place of the chunk to hand out
+    done: Done
+
+
 class Numbers(NamedTuple):
     """Which scenes of the batch a chunk holds: so many, first, first + stride, …"""
 
@@ -63,31 +71,16 @@ def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
 
 
 def exchanged(
-    chunk: Chunk,
-    numbers: Numbers,
-    state: Lanes,
-    following: jax.Array,
-    done: Done,
-    ended: Flag,
-    answers: Answers,
-    refill: bool,
-) -> tuple[Lanes, jax.Array, Done]:
-    """Lanes, the next place of the chunk to hand out, and what is done, after all lanes that `ended` or hold
-    nothing have been served."""
+    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+) -> Loop:
+    """The loop after all lanes that `ended` or hold nothing have been served."""
     serve = _one_by_one if ended.size <= ONE_BY_ONE else _together
-    return serve(chunk, numbers, state, following, done, ended, answers, refill)
+    return serve(chunk, numbers, loop, ended, answers, refill)
 
 
 def _one_by_one(
-    chunk: Chunk,
-    numbers: Numbers,
-    state: Lanes,
-    following: jax.Array,
-    done: Done,
-    ended: Flag,
-    answers: Answers,
-    refill: bool,
-) -> tuple[Lanes, jax.Array, Done]:
+    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+) -> Loop:
     count = jnp.arange(ended.size, dtype=jnp.int32)
 
     def put(stores, values, at, axis=0):
@@ -103,45 +96,29 @@ def _one_by_one(
     def row(stores, at, axis=0):
         return jax.tree.map(lambda y: jax.lax.dynamic_index_in_dim(y, at, axis, keepdims=False), stores)
 
-    def one(carry):
-        state, following, done, waits = carry
+    def one(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
+        (state, following, done), waits = carry
         k = jnp.min(jnp.where(waits, count, count.size))
-        floats, integers = row(answers, k)
-        done = done._replace(
-            which=put(done.which, row(state.held, k), done.used),
-            floats=put(done.floats, floats, done.used),
-            integers=put(done.integers, integers, done.used),
-            used=done.used + row(ended, k).astype(done.used.dtype),
-        )
+        write = lambda stores, values: put(stores, row(values, k), done.used)
+        done = _written(done, write, state.held, answers, row(ended, k))
         loads = following < numbers.scenes
 
         def load(store, differs, current, axis=0):
             new = row(store, jnp.where(loads, following, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        state = _loaded(chunk, state, load, refill)
-        if state.reach is not None:
-            state = state._replace(reach=load(jnp.inf, False, state.reach))
         held = put(state.held, jnp.where(loads, numbers.of(following), -1), k)
-        following = following + loads.astype(following.dtype)
-        return state._replace(held=held), following, done, put(waits, False, k)
+        state = _loaded(chunk, state, load, refill)._replace(held=held)
+        return Loop(state, following + loads.astype(following.dtype), done), put(waits, False, k)
 
-    waits = ended | ((state.held < 0) & (following < numbers.scenes))
-    carry = state, following, done, waits
-    state, following, done, _ = jax.lax.while_loop(lambda carry: jnp.any(carry[-1]), one, carry)
-    return state, following, done
+    waits = ended | ((loop.lanes.held < 0) & (loop.following < numbers.scenes))
+    return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), one, (loop, waits))[0]
 
 
 def _together(
-    chunk: Chunk,
-    numbers: Numbers,
-    state: Lanes,
-    following: jax.Array,
-    done: Done,
-    ended: Flag,
-    answers: Answers,
-    refill: bool,
-) -> tuple[Lanes, jax.Array, Done]:
+    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+) -> Loop:
+    state, following, done = loop
     done = _kept(done, ended, state.held, answers)
     free = ended | (state.held < 0)
     place = following + jnp.cumsum(free, dtype=following.dtype) - 1
@@ -153,12 +130,9 @@ def _together(
         new = jnp.take(store, local, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    state = _loaded(chunk, state, load, refill)
-    if state.reach is not None:
-        state = state._replace(reach=load(jnp.inf, False, state.reach))
     held = jnp.where(loads, numbers.of(place), jnp.where(free, -1, state.held)).astype(state.held.dtype)
     following = jnp.minimum(following + jnp.sum(free, dtype=following.dtype), numbers.scenes)
-    return state._replace(held=held), following, done
+    return Loop(_loaded(chunk, state, load, refill)._replace(held=held), following, done)
 
 
 def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
@@ -170,6 +144,8 @@ def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
 
     lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
     state = state._replace(lane=lane, parts=over(chunk.parts, state.parts) if refill else state.parts)
+    if state.reach is not None:
+        state = state._replace(reach=load(jnp.inf, False, state.reach))
     if state.slopes is None or chunk.slopes is None:
         return state
     # A row for each parameter comes before the lanes.
@@ -195,10 +171,15 @@ def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
             values,
         )
 
+    return _written(done, write, which, answers, number[-1])
+
+
+def _written(done: Done, write, which: jax.Array, answers: Answers, number: jax.Array) -> Done:
+    """With `write(stores, of the lanes)` of all that is kept of so many scenes."""
     floats, integers = answers
     return done._replace(
         which=write(done.which, which),
         floats=write(done.floats, floats),
         integers=write(done.integers, integers),
-        used=done.used + number[-1].astype(done.used.dtype),
+        used=done.used + number.astype(done.used.dtype),
     )

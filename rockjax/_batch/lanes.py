@@ -8,7 +8,6 @@ every few of them the lanes that wait are served together.
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,16 +24,10 @@ from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
 from .chunk import Chunk, LaneLayout, automaton, crossed, makes_trials, prepared
-from .exchange import Answers, Done, Lanes, Numbers, exchanged, room_for
+from .exchange import Answers, Done, Lanes, Loop, Numbers, exchanged, room_for
 from .reach import least_reach
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
-
-
-class _Loop(NamedTuple):
-    lanes: Lanes
-    following: jax.Array  # the next scene of the chunk to hand out
-    done: Done
 
 
 def advance(
@@ -73,34 +66,34 @@ def advance(
         lane, slopes = chunk.starts(lanes)
         held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes, _unlimited(layout))
 
-    def exchange(loop: _Loop) -> _Loop:
+    def exchange(loop: Loop) -> Loop:
         state = through(settle, loop.lanes)
         if plan.many_hops:
             state = _bounced(chunk, plan, options, state)
         ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
         found, numbers = _answered(chunk, plan, state), Numbers(first, stride, count)
-        return _Loop(*exchanged(chunk, numbers, state, loop.following, loop.done, ended, found, refill))
+        return exchanged(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
 
-    def waiting(loop: _Loop) -> jax.Array:
+    def waiting(loop: Loop) -> jax.Array:
         """How many lanes an exchange would help."""
         more = (loop.lanes.held >= 0) | (loop.following < count)
         return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & more)
 
-    def unfinished(loop: _Loop) -> Flag:
+    def unfinished(loop: Loop) -> Flag:
         return (loop.following < count) | (loop.done.trials < most)
 
-    def busy(loop: _Loop) -> Flag:
+    def busy(loop: Loop) -> Flag:
         """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
         going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
         return going & unfinished(loop)
 
-    def trials(loop: _Loop) -> _Loop:
+    def trials(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
         state = through(moves, loop.lanes)
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
-    def body(loop: _Loop) -> _Loop:
+    def body(loop: Loop) -> Loop:
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
@@ -110,7 +103,7 @@ def advance(
     loop = jax.lax.while_loop(
         lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.held >= 0)),
         body,
-        _Loop(held, start, done),
+        Loop(held, start, done),
     )
     return _turned(loop.lanes), loop.done
 

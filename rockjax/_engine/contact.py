@@ -322,7 +322,7 @@ def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> 
     stiff = turn > _SERIES
     safe = jnp.where(stiff, turn, 1.0)
     inverse, drag = 1 / safe**2, 2 * zeta * safe
-    # Barriers keep the compiler from working the recursions out again for everything that uses them.
+    # Held, or the recursions would be worked out again for everything that uses them.
     following = [zero] * (_TERMS + 2)
     for k in reversed(range(len(force))):
         y = inverse * (load[k] - drag * (k + 1) * following[k + 1] - (k + 2) * (k + 1) * following[k + 2])

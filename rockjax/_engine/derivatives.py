@@ -49,7 +49,7 @@ def pushed(
         along = lambda *row: jax.jvp(of_live, point, list(row), has_aux=True)
         return jax.vmap(along, out_axes=(None, 0, None))(*directions)
     floats, linear, rest = jax.linearize(of_live, *point, has_aux=True)
-    # Barriers keep the compiler from working the coefficients out anew in every row: a quarter of the time.
+    # Held, or every row would work the coefficients out anew: a quarter of the time.
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, once(coefficients))
     return floats, jax.vmap(linear)(*directions), rest

@@ -55,7 +55,7 @@ def watch(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
     rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
-    # Barriers keep the compiler from recomputing what many later kernels need in each of them.
+    # What many later kernels need would be worked out again in each of them.
     rising, rises_on, turned = once((rising, rises_on, turned))
     turn = jnp.where(turned, turning_point(fixed, rising), one)
     last = constant(at_end.c0)

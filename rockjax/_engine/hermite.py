@@ -88,7 +88,7 @@ def _safeguarded_newton(
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
-        # Without the barrier the compiler recomputes every iteration inside every later one.
+        # Or each iteration would be worked out again inside every later one.
         z, lo, hi = once((z, lo, hi))
     return z
 

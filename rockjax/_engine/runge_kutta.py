@@ -88,12 +88,13 @@ def step(
     def at(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
         vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
+        # Each of several accelerations needs all of it.
         return once((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
-        # The barrier keeps the compiler from recomputing each stage inside every later one.
+        # Or each stage would be worked out again inside every later one.
         k.append(once(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = at(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)
