@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 import rockjax as rj
+from rockjax._batch import chunk as _chunk
 from rockjax._batch import lanes as _lanes
 from rockjax._engine import contact as _contact
 from rockjax._engine import step as _step
@@ -45,7 +46,7 @@ def unknown_before_the_end(self, t, piece):
 
 SKIPS = {
     "full contact crossed in panels": lambda: mock.patch.object(
-        _lanes, "cross_full_contact", lambda scene, plan, lane: lane
+        _chunk, "cross_full_contact", lambda scene, plan, lane: lane
     ),
     "certificate before the end of the pulse": lambda: mock.patch.object(
         _PulseLookahead, "impulse", unknown_before_the_end
