@@ -22,7 +22,7 @@ import rockjax as rj
 from rockjax._batch.batch import layout
 from rockjax._batch.executors import DeviceExecutor, _on_mesh
 from rockjax._batch.lanes import idle
-from rockjax._batch.scenes import broadcast
+from rockjax._batch.scenes import Numbers, broadcast
 
 from .families import family
 from .measure import keep, options, podium, show
@@ -71,13 +71,13 @@ def program(name: str, device: jax.Device):
             np.shape(y), jax.dtypes.canonicalize_dtype(np.asarray(y).dtype), sharding=place
         )
 
-    leaves = scenes.part(0, plan.size, plan.size)
+    leaves = scenes.part(Numbers(0, 1, plan.size), plan.size)
     places = [common if rows is None else dealt for rows in scenes.rows]
     numbers = shape(np.zeros(1, int), dealt)
     lowered = _on_mesh(who.mesh).lower(
         jax.tree.map(lambda y: shape(y, dealt), idle(leaves, how, plan, 1)),
         [shape(y, place) for y, place in zip(leaves, places, strict=True)],
-        numbers, numbers, 0, jax.tree.map(lambda y: shape(y, common), how), layout=plan,
+        numbers, 1, numbers, 0, jax.tree.map(lambda y: shape(y, common), how), layout=plan,
     )  # fmt: skip
     return lowered, plan.lanes
 

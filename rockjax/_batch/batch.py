@@ -34,7 +34,7 @@ from .chunk import LaneLayout
 from .exchange import Done
 from .executors import AbstractExecutor, executor
 from .reach import SCALE
-from .scenes import SceneBatch, broadcast
+from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
 # What fits the first-level cache and still fills the vector unit: half as many where more goes with a lane.
 LANES = 64
@@ -215,17 +215,20 @@ def run_batch(
     todo = deque(_chunks(scenes, lane_layout, who))
 
     def ends() -> Iterator[tuple[Done, int]]:
-        lanes = idle
+        lanes, width = idle, idle.held.shape[0]
         while not stopped.is_set():
+            lanes_now = lanes.held.shape[0]
+            fewer = lanes_now < width  # for the last scenes of a thread
             with lock:
-                start, stop = todo.popleft() if todo else (0, 0)
-                last = not todo
-            width = lanes.held.shape[0]
-            # With nothing left to hand out, the lanes run to their ends.
-            lanes, done = advance(lanes, start, stop, last)
-            yield done, width
+                numbers = todo.popleft() if todo and not fewer else NOTHING
+                # With no further chunk for this thread, the lanes run to their ends.
+                last = fewer or len(todo) < who.hosts
+            lanes, done = advance(lanes, numbers, last)
+            yield done, lanes_now
             if last and (np.asarray(lanes.held) < 0).all():
-                return
+                if not todo:
+                    return
+                lanes = idle
 
     def work() -> None:
         # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
@@ -237,9 +240,9 @@ def run_batch(
     from rockjax._progress import bar as bar_of
 
     with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, Pool(who.hosts) as pool:
-        wanted = min(who.hosts, -(-scenes.total // LANES))
+        busy = min(who.hosts, len(todo))
         try:
-            for future in [pool.submit(work) for _ in range(wanted)]:
+            for future in [pool.submit(work) for _ in range(busy)]:
                 future.result()
         except BaseException as error:
             stopped.set()
@@ -288,13 +291,17 @@ class _Answers:
             self._closed = True
 
 
-def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[tuple[int, int]]:
-    """Where chunks begin and end. A small batch is shared out: not every chunk is full."""
-    # Of all lanes, or of few of them twice: one scene more than lanes would take as long as two.
-    lanes = lane_layout.lanes * who.devices
-    share = min(lane_layout.size * who.devices, lanes * max(1, scenes.total // (lanes * who.hosts)))
-    for start in range(0, scenes.total, share):
-        yield start, min(start + share, scenes.total)
+def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[Numbers]:
+    """Chunks of scenes, dealt out in turn to as many chunks as there are threads: neighbours cost about the
+    same, so that all threads have as much to do and end at about the same time."""
+    # Fewer scenes than lanes would take as long as all of them.
+    hosts = min(who.hosts, -(-scenes.total // (lane_layout.lanes * who.devices)))
+    most = lane_layout.size * who.devices * hosts
+    for start in range(0, scenes.total, most):
+        yield from (
+            Numbers(start + k, hosts, len(range(start + k, min(start + most, scenes.total), hosts)))
+            for k in range(min(hosts, scenes.total - start))
+        )
 
 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:

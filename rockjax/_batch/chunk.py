@@ -208,8 +208,9 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
 _CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")
 
 
-def crossed(chunk: Chunk, plan: Plan, lanes: int, count) -> Chunk:
-    """The lanes of a chunk where they first have to step, worked out in blocks that fit the cache."""
+def crossed(chunk: Chunk, plan: Plan, count) -> Chunk:
+    """The lanes of a chunk where they first have to step; what fills it up behind `count` scenes goes
+    nowhere."""
     if not plan.elastic:
         return chunk
 
@@ -218,24 +219,65 @@ def crossed(chunk: Chunk, plan: Plan, lanes: int, count) -> Chunk:
         kept = {name: getattr(lane, name) for name in _CROSSED}
         return {name: y for name, y in moving(lane).items() if name in kept}, kept
 
-    def block(arguments):
-        _, slopes, kept = chunk.in_lanes(one, *arguments, loops=True)
-        return kept, slopes
-
     size = chunk.parts[0].shape[0]
-    split = lambda y: y.reshape(size // lanes, lanes, *y.shape[1:])
-    split_rows = lambda y: jnp.moveaxis(y.reshape(len(y), size // lanes, lanes, *y.shape[2:]), 1, 0)
     starts, slopes = chunk.starts(size)
-    used = jnp.arange(size) < count  # what fills up the chunk goes nowhere
+    used = jnp.arange(size) < count
     starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
-    blocks = *jax.tree.map(split, (chunk.parts, starts)), jax.tree.map(split_rows, slopes)
-    crossed, rows = jax.lax.map(block, blocks)
-    crossed = jax.tree.map(lambda y: y.reshape(size, *y.shape[2:]), crossed)
+    _, rows, crossed = chunk.in_lanes(one, chunk.parts, starts, slopes, loops=True)
     differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, crossed))
-    if chunk.slopes is not None:
-        rows = jax.tree.map(lambda y: jnp.moveaxis(y, 0, 1).reshape(y.shape[1], size, *y.shape[3:]), rows)
+    if chunk.slopes is not None and rows is not None:
         chunk = chunk._replace(slopes=chunk.slopes._replace(lane=chunk.slopes.lane | rows))
     return chunk._replace(lane=chunk.lane._replace(**crossed), lane_differs=differs)
+
+
+def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
+    """The first `count` scenes of a chunk where they first have to step, in blocks that fit the cache; what
+    fills up the chunk costs nothing."""
+    plan, lanes = layout.plan(leaves, options), layout.lanes
+
+    def block(start) -> Chunk:
+        some = [
+            y if axis is None else jax.lax.dynamic_slice_in_dim(y, start, lanes)
+            for y, axis in zip(leaves, layout.axes, strict=True)
+        ]
+        return crossed(prepared(some, layout._replace(size=lanes), options), plan, count - start)
+
+    # Of the first block only what is common to all scenes is worked out here.
+    first = block(0)
+    if layout.size == lanes:
+        return first
+    own, axes, put_back = _own(first)
+    room = lambda y, axis: jnp.zeros((*y.shape[:axis], layout.size, *y.shape[axis + 1 :]), y.dtype)
+
+    def more(k, stores):
+        write = lambda store, y, axis: jax.lax.dynamic_update_slice_in_dim(store, y, k * lanes, axis)
+        return [write(*each) for each in zip(stores, _own(block(k * lanes))[0], axes, strict=True)]
+
+    stores = [room(*each) for each in zip(own, axes, strict=True)]
+    return put_back(jax.lax.fori_loop(0, -(-count // lanes), more, stores))
+
+
+def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
+    """All that has a row for each scene, the axes of these rows, and what makes a chunk of others like it."""
+    lane, lane_structure = jax.tree.flatten(chunk.lane)
+    differs = jax.tree.leaves(chunk.lane_differs)
+    slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
+    moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, moving(chunk.lane_differs)))
+    keeps = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in moves)]
+    every = [*chunk.parts, *lane, *slopes]
+    axes = [*(0 for _ in chunk.parts), *(0 for _ in lane), *(1 for _ in slopes)]
+
+    def put_back(stores: list[Any]) -> Chunk:
+        stored = iter(stores)
+        whole = [next(stored) if keep else y for y, keep in zip(every, keeps, strict=True)]
+        parts, rest = whole[: len(chunk.parts)], whole[len(chunk.parts) :]
+        state = jax.tree.unflatten(lane_structure, rest[: len(lane)])
+        beside = jax.tree.unflatten(slope_structure, rest[len(lane) :])
+        rows = chunk.slopes and chunk.slopes._replace(parts=beside[0], lane=beside[1])
+        return chunk._replace(parts=parts, lane=state, slopes=rows)
+
+    chosen = [k for k, keep in enumerate(keeps) if keep]
+    return [every[k] for k in chosen], [axes[k] for k in chosen], put_back
 
 
 def _differing(function, axes, leaves):

@@ -16,6 +16,7 @@ from rockjax._engine.state import LoopState, moving
 from rockjax._types import Flag
 
 from .chunk import Chunk, Slopes
+from .scenes import Numbers
 
 ONE_BY_ONE = 64  # lanes at most that are served one after another
 
@@ -47,17 +48,6 @@ class Loop(NamedTuple):
     lanes: Lanes
     following: jax.Array  # the next place of the chunk to hand out
     done: Done
-
-
-class Numbers(NamedTuple):
-    """Which scenes of the batch a chunk holds: so many, first, first + stride, …"""
-
-    first: jax.Array
-    stride: jax.Array
-    scenes: jax.Array
-
-    def of(self, place: jax.Array) -> jax.Array:
-        return self.first + self.stride * place
 
 
 Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and integers of every lane

@@ -19,10 +19,10 @@ from rockjax._programs.program import KeptProgram
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
 from .lanes import advance, idle, in_fewer
-from .scenes import SceneBatch
+from .scenes import NOTHING, Numbers, SceneBatch
 
-# (lanes, number of the first scene, that after the last one, whether none follow) → lanes, scenes that ended.
-Program = Callable[[Lanes, int, int, bool], tuple[Lanes, Done]]
+# (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
+Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
 
 FEW = 8  # lanes for the last scenes of a batch, …
 MANY_TRIALS = 30_000  # … looked at after so many trials, some tenths of a second: Ctrl-C stops between them
@@ -41,8 +41,8 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        """Lanes to begin with, and what goes on with them through the scenes from one number up to another;
-        if none follow, until all have ended, or until it is time to look at those that are left.
+        """Lanes to begin with, and what goes on with them through some scenes; if none follow, until all
+        have ended, or until it is time to look at those that are left.
 
         The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at
         about the same time. Every device has its own lanes, and counts for itself.
@@ -67,17 +67,17 @@ class ThreadExecutor(AbstractExecutor):
         # differs with the lanes beside them.
         narrows = layout.refill and not layout.sensitivities and layout.lanes > FEW
 
-        def go(held: Lanes, start: int, stop: int, last: bool) -> tuple[Lanes, Done]:
+        def go(held: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
             here = few if held.held.shape[0] < layout.lanes else layout
             most = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
-            leaves = scenes.part(start, stop, here.size)
+            leaves = scenes.part(numbers, here.size)
             with self._cores():
-                held, done = _on_one(held, leaves, start, 1, stop - start, most, options, layout=here)
+                held, done = _on_one(held, leaves, *numbers, most, options, layout=here)
             if last and narrows and here is layout:
                 held = in_fewer(held, FEW) or held
             return held, done
 
-        return idle(scenes.part(0, 0, layout.size), options, layout, 1), go
+        return idle(scenes.part(NOTHING, layout.size), options, layout, 1), go
 
 
 class DeviceExecutor(AbstractExecutor):
@@ -101,15 +101,14 @@ class DeviceExecutor(AbstractExecutor):
         places = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def go(held: Lanes, start: int, stop: int, last: bool) -> tuple[Lanes, Done]:
-            first = start + np.arange(self.devices)
-            count = np.maximum(0, -(-(stop - first) // self.devices))
-            parts = scenes.part(start, stop, layout.size, self.devices)
-            parts, numbers = jax.device_put((parts, (first, count)), (places, dealt))
+        def go(held: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
+            own, parts = numbers.dealt(self.devices), scenes.part(numbers, layout.size, self.devices)
+            parts, first, count = jax.device_put((parts, own.first, own.scenes), (places, dealt, dealt))
             most = ALL_TRIALS if last or not layout.refill else 0
-            return call(held, parts, *numbers, most, options, layout=layout)
+            return call(held, parts, first, own.stride, count, most, options, layout=layout)
 
-        return jax.device_put(idle(scenes.part(0, 0, layout.size), options, layout, self.devices), dealt), go
+        blank = idle(scenes.part(NOTHING, layout.size), options, layout, self.devices)
+        return jax.device_put(blank, dealt), go
 
 
 _on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
@@ -119,9 +118,9 @@ _on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
 def _on_mesh(mesh: Mesh):
     """The program of all devices of a mesh. None of its loops waits for another device."""
 
-    def advance_all(held, leaves, first, count, most, options, layout: LaneLayout):
-        def on_each(held, leaves, first, count, most, options):
-            held, done = advance(held, leaves, first[0], mesh.size, count[0], most, options, layout)
+    def advance_all(held, leaves, first, stride, count, most, options, layout: LaneLayout):
+        def on_each(held, leaves, first, stride, count, most, options):
+            held, done = advance(held, leaves, first[0], stride, count[0], most, options, layout)
             return held, done._replace(
                 used=done.used[None], trials=done.trials[None], useful=done.useful[None]
             )
@@ -131,11 +130,11 @@ def _on_mesh(mesh: Mesh):
         run = jax.shard_map(
             on_each,
             mesh=mesh,
-            in_specs=(dealt, places, dealt, dealt, common, common),
+            in_specs=(dealt, places, dealt, common, dealt, common, common),
             out_specs=dealt,
             check_vma=False,
         )
-        return run(held, leaves, first, count, most, options)
+        return run(held, leaves, first, stride, count, most, options)
 
     options = _COMPILER.get(mesh.devices.flat[0].platform)
     return jax.jit(advance_all, static_argnames="layout", donate_argnums=0, compiler_options=options)

@@ -23,9 +23,10 @@ from rockjax._programs.kept import remembered
 from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
-from .chunk import Chunk, LaneLayout, automaton, crossed, makes_trials, prepared
-from .exchange import Answers, Done, Lanes, Loop, Numbers, exchanged, room_for
+from .chunk import Chunk, LaneLayout, automaton, made_ready, makes_trials, prepared
+from .exchange import Answers, Done, Lanes, Loop, exchanged, room_for
 from .reach import least_reach
+from .scenes import Numbers
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
 
@@ -40,7 +41,7 @@ def advance(
     """
     lanes, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
-    chunk = crossed(prepared(leaves, layout, options), plan, lanes, count)
+    chunk = made_ready(leaves, layout, options, count)
     moves, settle = automaton(plan, options)
     patience = max(1, round(PATIENCE * lanes))
     held = _turned(held)

@@ -17,6 +17,26 @@ from rockjax._structures import Podium
 WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
 
 
+class Numbers(NamedTuple):
+    """Which scenes of a batch a chunk holds: so many, first, first + stride, …"""
+
+    first: Any
+    stride: Any
+    scenes: Any
+
+    def of(self, place):
+        return self.first + self.stride * place
+
+    def dealt(self, devices: int) -> Numbers:
+        """Those of each device, in arrays, where they are dealt out in turn."""
+        device = np.arange(devices)
+        share = np.maximum(0, -(-(self.scenes - device) // devices))
+        return Numbers(self.of(device), self.stride * devices, share)
+
+
+NOTHING = Numbers(0, 1, 0)
+
+
 class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
@@ -39,16 +59,17 @@ class SceneBatch(NamedTuple):
     def wide(self) -> bool:
         return self.numbers > WIDE
 
-    def part(self, start: int, stop: int, size: int, devices: int = 1) -> list[Any]:
-        """The leaves of the scenes from `start` to `stop` in C order, dealt out to so many devices in turn.
+    def part(self, numbers: Numbers, size: int, devices: int = 1) -> list[Any]:
+        """The leaves of these scenes, numbered in C order and dealt out to so many devices in turn.
 
         Those of the devices lie one after another, each filled up to the compiled size with copies that are
         never run.
         """
-        dealt = start + np.arange(devices)[:, None] + devices * np.arange(size)
-        dealt = np.where(dealt < stop, dealt, min(start, self.total - 1)).ravel()
+        place = np.arange(devices)[:, None] + devices * np.arange(size)
+        which = numbers.of(np.where(place < numbers.scenes, place, 0))
+        which = np.minimum(which, self.total - 1).ravel()
         return [
-            y if rows is None else y[rows.flat[dealt]] for y, rows in zip(self.leaves, self.rows, strict=True)
+            y if rows is None else y[rows.flat[which]] for y, rows in zip(self.leaves, self.rows, strict=True)
         ]
 
 

@@ -198,7 +198,7 @@ def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s,
 
 
 def test_rows_are_stored_once_however_many_scenes_share_them():
-    from rockjax._batch.scenes import broadcast
+    from rockjax._batch.scenes import Numbers, broadcast
 
     scenes, shape = broadcast(
         "", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None
@@ -207,7 +207,7 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
     filled_up = 2048
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * filled_up + 400 + 50
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
-    own = scenes.part(395, 405, 64)
+    own = scenes.part(Numbers(395, 1, 10), 64)
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
 
 

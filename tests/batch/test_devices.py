@@ -19,7 +19,7 @@ import rockjax as rj
 from rockjax._batch.batch import layout, responses
 from rockjax._batch.executors import DeviceExecutor, ThreadExecutor, _on_mesh, executor
 from rockjax._batch.lanes import idle
-from rockjax._batch.scenes import broadcast
+from rockjax._batch.scenes import NOTHING, Numbers, broadcast
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 DEVICES = 3
@@ -182,9 +182,16 @@ def test_threads_and_devices_that_cannot_be():
 
 def test_scenes_are_dealt_out_in_turn():
     scenes, _ = broadcast("", PODIUMS["block"], rj.Ricker(np.arange(10.0), 1.0), rj.State(), None)
-    (dealt,) = [y for y in scenes.part(2, 9, 4, 3) if np.ndim(y)]
+    seven = Numbers(2, 1, 7)
+    (dealt,) = [y for y in scenes.part(seven, 4, 3) if np.ndim(y)]
     np.testing.assert_array_equal(dealt.reshape(3, 4), [[2, 5, 8, 2], [3, 6, 2, 2], [4, 7, 2, 2]])
-    (none,) = [y for y in scenes.part(0, 0, 2, 3) if np.ndim(y)]
+    first, stride, count = seven.dealt(3)
+    np.testing.assert_array_equal(first, [2, 3, 4])
+    assert stride == 3
+    np.testing.assert_array_equal(count, [3, 2, 2])
+    (odd,) = [y for y in scenes.part(Numbers(1, 2, 5), 6) if np.ndim(y)]
+    np.testing.assert_array_equal(odd, [1, 3, 5, 7, 9, 1])
+    (none,) = [y for y in scenes.part(NOTHING, 2, 3) if np.ndim(y)]
     assert none.shape == (6,)
 
 
@@ -235,9 +242,9 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     scenes, _ = broadcast("", podium, motion, rj.State(), None)
     plan = layout(scenes, who)
     assert plan.lanes >= 1024
-    leaves, numbers = scenes.part(0, scenes.total, plan.size), np.zeros(1, int)
+    leaves, numbers = scenes.part(Numbers(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(who.mesh).trace(
-        idle(leaves, how, plan, 1), leaves, numbers, numbers, 0, how, layout=plan
+        idle(leaves, how, plan, 1), leaves, numbers, 1, numbers, 0, how, layout=plan
     )
     text = program.lower(lowering_platforms=("cuda",)).as_text()
     assert "stablehlo.while" in text
