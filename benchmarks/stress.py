@@ -53,7 +53,6 @@ PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
 TRUTH_STEPS = 50_000  # of the truth
 ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
 MOST_STEPS = 300_000_000  # of those that are left, with `--again` unless it says otherwise
-TOGETHER = 16  # of these: as many lanes as the longest scenes of a batch get, on two cores
 VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
 PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
@@ -378,18 +377,16 @@ def solved_by_reference(job: Job) -> bool:
 def asked_again(of: Batch, left: np.ndarray, most: int, kept: Kept | None, name: str) -> int:
     """How many of the scenes are answered where far more steps are allowed.
 
-    First a tenth as many, in small parts of similar scenes: enough for nearly all of them, who need not wait
-    for the one in a hundred that takes hours.
+    Ten times the default first, then ten times that, and so on: each answers nine of ten of those that are left,
+    who need not wait for the one that takes an hour. The longest vibrations begin first.
     """
     asked, left = left.size, left[np.argsort(-vibration(of)[left], kind="stable")]
-    for steps in (most // 10, most):
-        out = []
-        for first in range(0, left.size, TOGETHER):
-            part = left[first : first + TOGETHER]
-            options = of.options.replace(outputs=QUANTITIES, max_steps=steps)
-            answers = Batch(*scene(of, part), options).answers(options, kept, f"{name}-{steps:.0e}-{first}")
-            out.append(part[answers["result"] > 2])
-        left = np.concatenate(out) if out else left
+    steps = ASKED_STEPS
+    while left.size and steps < most:
+        steps = min(10 * steps, most)
+        options = of.options.replace(outputs=QUANTITIES, max_steps=steps)
+        answers = Batch(*scene(of, left), options).answers(options, kept, f"{name}-{steps:.0e}")
+        left = left[np.isin(answers["result"], OUT_OF_STEPS)]
     return asked - left.size
 
 

@@ -33,6 +33,9 @@ FINEST = 1e-6  # … down to this part of the line
 
 ZOOMS = 4  # closer looks around the lowest dips
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
+# Where all further changes of a scan are listed but not looked for between its places, they are narrowed down
+# to this.
+LISTED = 1e-6
 
 
 class Crossings(NamedTuple):
@@ -78,7 +81,7 @@ def scan(
     bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
     close that no interval wider than `width` times the range is missed (a motion must be proportional to y
     there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
-    a relative width of 1e-12.
+    a relative width of 1e-12; with `"below"` those above the first to 1e-6.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -116,8 +119,11 @@ def scan(
                 "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
             )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
-        changes = answered.first_changes() if look_closer == "first" else answered.changes()
-        close = max(CLOSE, NOISE * float(options.rtol))
+        first = answered.first_changes()
+        changes = first if look_closer == "first" else answered.changes()
+        close = np.full(changes.size, max(CLOSE, NOISE * float(options.rtol)))
+        if look_closer == "below":
+            close[~np.isin(changes, first)] = LISTED
         y, impacts = narrowed(answered, changes, look, close, 2 * LANES)
         crossings = Crossings(answered.line[changes], y, answered.margin[changes] > 0, impacts)
     return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
