@@ -377,8 +377,8 @@ def solved_by_reference(job: Job) -> bool:
 def asked_again(of: Batch, left: np.ndarray, most: int, kept: Kept | None, name: str) -> int:
     """How many of the scenes are answered where far more steps are allowed.
 
-    Ten times the default first, then ten times that, and so on: each answers nine of ten of those that are left,
-    who need not wait for the one that takes an hour. The longest vibrations begin first.
+    Ten times the default first, then ten times that, and so on: most are answered by the first, and need not
+    wait for the one that takes an hour. The longest vibrations begin first.
     """
     asked, left = left.size, left[np.argsort(-vibration(of)[left], kind="stable")]
     steps = ASKED_STEPS

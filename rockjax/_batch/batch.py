@@ -209,7 +209,7 @@ def run_batch(
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
-    answers = _Answers(scenes.total)
+    answers = _Answers(scenes)
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
     todo = deque(_chunks(scenes, lane_layout, who))
@@ -256,8 +256,8 @@ class _Answers:
     """What the threads of a batch have found so far; the codes of scenes that have not ended are
     INTERRUPTED."""
 
-    def __init__(self, total: int):
-        self.total = total
+    def __init__(self, scenes: SceneBatch):
+        self.scenes = scenes
         self.floats: dict[str, np.ndarray] = {}
         self.integers: dict[str, np.ndarray] = {}
         self.useful = self.possible = 0
@@ -269,7 +269,7 @@ class _Answers:
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
         rows = (np.arange(done.which.size // used.size) < used).ravel()
-        index = done.which[rows]
+        index = self.scenes.in_grid(np.asarray(done.which)[rows])
         with self._lock:
             if self._closed:
                 return 0
@@ -280,7 +280,7 @@ class _Answers:
                 for name, values in part.items():
                     if name not in whole:
                         blank = results.INTERRUPTED if name == "code" else fill
-                        whole[name] = np.full((self.total, *values.shape[1:]), blank, values.dtype)
+                        whole[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
                     whole[name][index] = values[rows]
         return index.size
 

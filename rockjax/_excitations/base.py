@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
@@ -96,6 +97,11 @@ class AbstractExcitation(eqx.Module):
         raise NotImplementedError(
             f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`"
         )
+
+    def strength(self) -> np.ndarray | None:
+        """max|ü_g| of each motion of a batch, or what is in proportion to it (host); None where it takes more
+        than a look at the motion's numbers."""
+        return None
 
     @property
     def last_piece(self) -> Any:

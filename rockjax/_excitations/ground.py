@@ -15,6 +15,7 @@ from typing import Any, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import concrete, shown, single
@@ -114,6 +115,9 @@ class GroundMotion(AbstractExcitation):
         return dataclasses.replace(
             self, horizontal=self.horizontal.scaled(factor), vertical=self.vertical.scaled(factor)
         )
+
+    def strength(self) -> np.ndarray | None:
+        return self.horizontal.strength()
 
     def common_form(self) -> Self:
         both = self.horizontal.common_form(), self.vertical.common_form()

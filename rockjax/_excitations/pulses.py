@@ -176,6 +176,9 @@ class AbstractPulse(AbstractExcitation):
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, a_p=factor * self.a_p)
 
+    def strength(self) -> np.ndarray:
+        return np.abs(self.a_p)
+
     def piece(self, index: Index) -> Callable[[Value], Value]:
         def formula(t):
             return self.a_p * self.shape(t / self.T_p)

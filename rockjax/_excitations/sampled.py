@@ -70,6 +70,10 @@ class AbstractSampled(AbstractExcitation):
     def sizes(self) -> Float[Array, "*table n"]:
         """|samples|, unscaled, zero in what only fills up the table [m/s²]."""
 
+    def strength(self) -> np.ndarray:
+        highest: Any = np.abs(self.table).max(axis=-1)
+        return np.abs(np.multiply(self.of_row(highest), self.sampling.scale))
+
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
         return self.sampling.start, self._time(self.sampling.count - 1)

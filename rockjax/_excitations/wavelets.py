@@ -10,6 +10,7 @@ from typing import Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_number, finite, positive, require
@@ -118,6 +119,9 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, A=factor * self.A)
 
+    def strength(self) -> np.ndarray:
+        return np.abs(np.multiply(self.A, self.f_p))
+
     def piece(self, index: Index) -> Callable[[Value], Value]:
         omega = 2 * math.pi * self.f_p
 
@@ -176,6 +180,9 @@ class Gabor(AbstractExcitation):
 
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, a_p=factor * self.a_p)
+
+    def strength(self) -> np.ndarray:
+        return np.abs(self.a_p)
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         del index

@@ -188,7 +188,7 @@ def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s,
     wanted = ("peak_rotation", "peak_deformation", "peak_shear")
     found, changes, fewer = [], [], executors.in_fewer
     monkeypatch.setattr(executors, "in_fewer", lambda *a: (changes.append(fewer(*a)), changes[-1])[1])
-    for trials in (executors.ALL_TRIALS, 40, 150, 400):
+    for trials in (executors.ALL_TRIALS, 20, 40, 150):
         monkeypatch.setattr(executors, "MANY_TRIALS", trials)
         found.append(rj.peak_responses(podium, ground, options=options(1e-8, outputs=wanted), threads=1))
     assert sum(lanes is not None and (lanes.held >= 0).any() for lanes in changes) >= 2
@@ -209,6 +209,38 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
     own = scenes.part(Numbers(395, 1, 10), 64)
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
+
+
+def test_scenes_begin_in_the_order_of_their_motions_strength():
+    """Whatever the order of the batch; strong motions end soon, so that they are the last."""
+    from rockjax._batch.scenes import SORTED, Numbers, broadcast
+
+    a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
+    of = lambda motion: broadcast("", PODIUMS["rigid"], motion, rj.State(), None)[0]
+    scenes = of(rj.Ricker(a_p, 1.0))
+    (begun,) = [y for y in scenes.part(Numbers(0, 2, 100), 100) if np.ndim(y)]
+    assert np.all(np.diff(np.abs(begun)) >= 0)
+    np.testing.assert_array_equal(np.sort(scenes.in_grid(np.arange(200))), np.arange(200))
+    record = np.sin(np.linspace(0, 6, 50))
+    suite = rj.Records.of([rj.Record(record, 0.02), rj.Record(-3 * record, 0.02)])
+    grid = suite.pick(np.arange(2)[:, None]).scaled(np.array([1.0, 2.0, 4.0]))
+    np.testing.assert_array_equal(of(grid).in_grid(np.arange(6)), [0, 1, 3, 2, 4, 5])
+    assert of(rj.GroundMotion(grid, grid)).order is not None
+    # As they are: where all motions are one, and where there are many.
+    assert of(rj.Ricker(np.ones(SORTED + 1), 1.0)).order is None
+    assert of(rj.Rest()).order is None
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_the_order_changes_no_answer(name):
+    podium, a_p = PODIUMS[name], amplitudes(300)
+    shuffled = np.random.default_rng(1).permutation(300)
+    sorted_ones, others = (
+        rj.peak_responses(podium, rj.Ricker(y, 1.0)) for y in (a_p, np.asarray(a_p)[shuffled])
+    )
+    for name in ("peak_rotation", "peak_rotation_time", "overturn_time", "uplift_time"):
+        np.testing.assert_array_equal(getattr(sorted_ones, name)[shuffled], getattr(others, name))
+    np.testing.assert_array_equal(sorted_ones.stats.steps[shuffled], others.stats.steps)
 
 
 def test_the_segments_engine_is_not_silently_replaced():

@@ -1,0 +1,180 @@
+"""Records: run time against error, all three peaks, whole analyses: `python -m benchmarks.records [--peer FILE]`.
+
+20 synthetic records of 2000 samples (dt = .01 s), each at 50 scales of .5 to 12 g tan α, the podium of Fig. 6 at
+η/γ = 10. Errors are those of max|θ|/α against rockjax at rtol = 1e-13, which an independent Taylor integrator has
+confirmed where columns chatter. A peer is a Python file with a function `sweep(params, "record", scales, ones, rtol=,
+atol=, cert=, track=, parallel=, record=(times, samples))` that solves the scales of one record on all cores.
+
+Writes the tables to `benchmarks/results/records.json` and the picture to `docs/images/records-precision.png`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib.util
+import math
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+import rockjax as rj
+
+from .families import PERIODS, Family, G
+from .measure import IMAGES, ROTATION, keep, podium, shortest, show
+
+RECORDS, SAMPLES, DT = 20, 2000, 0.01
+LEVELS = np.linspace(0.5, 12.0, 50)  # PGA over g tan α
+PEAKS = ("peak_rotation", "peak_deformation", "peak_shear")
+TOLERANCES = [10.0**-k for k in range(3, 13)]
+METHODS = ("dopri8", "tsit5")
+REFERENCE = 1e-13
+Answer = tuple[np.ndarray, np.ndarray]  # peaks and overturned, shape (records, levels)
+
+
+class Suite:
+    """The records, and the scales that bring each to its levels."""
+
+    def __init__(self):
+        motions = rj.synthetic_motions(RECORDS, seed=1, dt=DT)
+        self.samples = np.stack([np.asarray(motion.acceleration)[:SAMPLES] for motion in motions])
+        unit = G * math.tan(Family.alpha)
+        self.scales = LEVELS * unit / np.abs(self.samples).max(axis=1)[:, None]
+        self.records = rj.Records.of([rj.Record(row, DT) for row in self.samples])
+        self.scenes = self.records.pick(np.arange(RECORDS)[:, None]).scaled(self.scales)
+        self.intensity = np.linspace(0.5, 12.0, 12) * unit
+
+    def solve(self, structure: rj.Podium, options: rj.Options) -> Answer:
+        peaks = rj.peak_responses(structure, self.scenes, options=options)
+        return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
+
+
+def by_peer(peer: ModuleType, suite: Suite, scenes: Family, rtol: float) -> Answer:
+    params = {"alpha": scenes.alpha, "R": scenes.R, "gamma": scenes.gamma, "eta": scenes.eta}
+    params |= {"T_s": scenes.T_s, "zeta": scenes.zeta}
+    found = []
+    for samples, scales in zip(suite.samples, suite.scales, strict=True):
+        record = DT * np.arange(SAMPLES), samples
+        how = {"rtol": rtol, "atol": 0.01 * rtol, "cert": True, "track": False, "parallel": True}
+        found.append(peer.sweep(params, "record", scales, np.ones(scales.size), record=record, **how))
+    return np.stack([row["peak"] for row in found]), np.stack([row["overturned"] for row in found])
+
+
+def errors(found: Answer, truth: Answer) -> dict[str, float]:
+    same = found[1] == truth[1]
+    error = np.abs(found[0] - truth[0])[same]
+    return {
+        "median": float(np.median(error)),
+        "p99": float(np.quantile(error, 0.99)),
+        "max": float(error.max()),
+        "flips": int((~same).sum()),
+    }
+
+
+def options(rtol: float, method: str = "dopri8", outputs: tuple[str, ...] = ROTATION) -> rj.Options:
+    return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, outputs=outputs)
+
+
+def precision(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
+    """Time per scene and error, per method and tolerance."""
+    rows = []
+    for name, period in PERIODS.items():
+        scenes = Family(period, np.zeros(0), np.zeros(0))
+        structure = podium(scenes)
+        truth = suite.solve(structure, options(REFERENCE))
+        solvers: dict[str, Callable[[float], Answer]] = {
+            f"rockjax, {method}": functools.partial(_ours, suite, structure, method) for method in METHODS
+        }
+        if peer is not None:
+            solvers["numba loop, DOP853"] = functools.partial(by_peer, peer, suite, scenes)
+        for rtol in TOLERANCES:
+            for who, solve in solvers.items():
+                row = {"family": name, "by": who, "rtol": rtol} | errors(solve(rtol), truth)
+                rows.append(row | {"us": 1e6 * shortest(functools.partial(solve, rtol), 3) / truth[0].size})
+                print(rows[-1], flush=True)
+    return rows
+
+
+def _ours(suite: Suite, structure: rj.Podium, method: str, rtol: float) -> Answer:
+    return suite.solve(structure, options(rtol, method))
+
+
+def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
+    """At rtol = 1e-8: rotation alone, all three peaks, an analysis with certain boundaries; and the peer."""
+    rows = []
+    for name, period in PERIODS.items():
+        scenes = Family(period, np.zeros(0), np.zeros(0))
+        structure = podium(scenes)
+        times = {
+            "rotation [ms]": lambda: suite.solve(structure, options(1e-8)),
+            "three peaks [ms]": lambda: suite.solve(structure, options(1e-8, outputs=PEAKS)),
+            "analysis [ms]": lambda: rj.incremental_dynamic_analysis(
+                structure, suite.records, suite.intensity
+            ),
+        }
+        if peer is not None:
+            times["numba [ms]"] = lambda: by_peer(peer, suite, scenes, 1e-8)
+        # In turn: the machine is not the same from one minute to the next.
+        found = {what: math.inf for what in times}
+        for _ in range(3):
+            for what, work in times.items():
+                found[what] = min(found[what], 1e3 * shortest(work, 1 if "analysis" in what else 4))
+        rows.append({"family": name} | found)
+        print(rows[-1], flush=True)
+    return rows
+
+
+def draw(rows: list[dict[str, Any]]) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from rockjax.plots import COLOURS
+
+    figure, axes = plt.subplots(1, len(PERIODS), figsize=(14, 4.2), sharey=True, layout="constrained")
+    for ax, name in zip(axes, PERIODS, strict=True):
+        for k, who in enumerate(dict.fromkeys(row["by"] for row in rows)):
+            chosen = [row for row in rows if row["family"] == name and row["by"] == who]
+            x, y = ([row[key] for row in chosen] for key in ("p99", "us"))
+            line = ":" if who.startswith("numba") else "-"
+            ax.loglog(x, y, ms=4, color=COLOURS[k], linestyle=line, marker="so"[line == "-"], label=who)
+        ax.set(title=name, xlabel=r"99th percentile of the error of $\max|\theta|/\alpha$")
+        ax.invert_xaxis()
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel("time per scene, two cores [µs]")
+    axes[0].legend(fontsize=8)
+    figure.savefig(IMAGES / "records-precision.png", dpi=130)
+
+
+def _module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    arguments.add_argument("--peer", type=Path, help="a file with another implementation")
+    given = arguments.parse_args()
+    peer = None if given.peer is None else _module(given.peer)
+    suite = Suite()
+    beside = side_by_side(suite, peer)
+    rows = precision(suite, peer)
+    keep("records", [*beside, *rows])
+    draw(rows)
+    show(beside, {key: ".1f" if "[" in key else "" for key in beside[0]})
+    forms = {"us": ".1f", "median": ".0e", "p99": ".0e", "max": ".0e", "flips": "d"}
+    show(rows, {"family": "", "by": "", "rtol": ".0e"} | forms)
+
+
+if __name__ == "__main__":
+    main()
