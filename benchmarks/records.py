@@ -1,9 +1,10 @@
-"""Records: run time against error, all three peaks, whole analyses: `python -m benchmarks.records [--peer FILE]`.
+"""Records: run time against error, all three peaks, whole analyses: `python -m benchmarks.records`.
 
-20 synthetic records of 2000 samples (dt = .01 s), each at 50 scales of .5 to 12 g tan α, the podium of Fig. 6 at
-η/γ = 10. Errors are those of max|θ|/α against rockjax at rtol = 1e-13, which an independent Taylor integrator has
-confirmed where columns chatter. A peer is a Python file with a function `sweep(params, "record", scales, ones, rtol=,
-atol=, cert=, track=, parallel=, record=(times, samples))` that solves the scales of one record on all cores.
+20 synthetic records of 2000 samples (dt = .01 s), each at 50 scales of .5 to 12 g tan α, the podium of Fig. 6
+at η/γ = 10. Errors are those of max|θ|/α against rockjax at rtol = 1e-13, which an independent Taylor
+integrator has confirmed where columns chatter. With `--peer FILE` another implementation beside it: a Python
+file with a function `sweep(params, "record", scales, ones, rtol=, atol=, cert=, track=, parallel=,
+record=(times, samples))` that solves the scales of one record on all cores.
 
 Writes the tables to `benchmarks/results/records.json` and the picture to `docs/images/records-precision.png`.
 """
@@ -108,17 +109,16 @@ def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
     for name, period in PERIODS.items():
         scenes = Family(period, np.zeros(0), np.zeros(0))
         structure = podium(scenes)
-        times = {
-            "rotation [ms]": lambda: suite.solve(structure, options(1e-8)),
-            "three peaks [ms]": lambda: suite.solve(structure, options(1e-8, outputs=PEAKS)),
-            "analysis [ms]": lambda: rj.incremental_dynamic_analysis(
-                structure, suite.records, suite.intensity
-            ),
+        analysis = functools.partial(rj.incremental_dynamic_analysis, structure, suite.records)
+        times: dict[str, Callable[[], Any]] = {
+            "rotation [ms]": functools.partial(suite.solve, structure, options(1e-8)),
+            "three peaks [ms]": functools.partial(suite.solve, structure, options(1e-8, outputs=PEAKS)),
+            "analysis [ms]": functools.partial(analysis, suite.intensity),
         }
         if peer is not None:
-            times["numba [ms]"] = lambda: by_peer(peer, suite, scenes, 1e-8)
+            times["numba [ms]"] = functools.partial(by_peer, peer, suite, scenes, 1e-8)
         # In turn: the machine is not the same from one minute to the next.
-        found = {what: math.inf for what in times}
+        found = dict.fromkeys(times, math.inf)
         for _ in range(3):
             for what, work in times.items():
                 found[what] = min(found[what], 1e3 * shortest(work, 1 if "analysis" in what else 4))

@@ -6,6 +6,7 @@ those that are still running. Accelerators have lanes by the thousand, each devi
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
 import warnings
@@ -141,7 +142,7 @@ def responses(
     solutions = [run_batch(scenes, options, progress, stop, who, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
         solutions.append(run_batch(scenes, companion(options), False, stop, who)[:2])
-    if stop.is_set() and not all(floats for floats, _ in solutions):
+    if stop.is_set() and not all("code" in integers for _, integers in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
         (_, first), (_, second) = solutions
@@ -239,11 +240,16 @@ def run_batch(
 
     from rockjax._progress import bar as bar_of
 
-    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, Pool(who.hosts) as pool:
-        busy = min(who.hosts, len(todo))
+    threads = min(who.hosts, len(todo))
+    # To start a thread takes as long as some scenes.
+    pool = Pool(threads) if threads > 1 else contextlib.nullcontext()
+    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, pool:
         try:
-            for future in [pool.submit(work) for _ in range(busy)]:
-                future.result()
+            if not isinstance(pool, Pool):
+                work()
+            else:
+                for future in [pool.submit(work) for _ in range(threads)]:
+                    future.result()
         except BaseException as error:
             stopped.set()
             if stop is None or not isinstance(error, KeyboardInterrupt):
@@ -276,8 +282,10 @@ class _Answers:
             # Devices wait for the one that has most to do.
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * lanes
+            # The code last: without it a scene has not ended, should Ctrl-C come in between.
             for whole, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
-                for name, values in part.items():
+                for name in sorted(part, key="code".__eq__):
+                    values = part[name]
                     if name not in whole:
                         blank = results.INTERRUPTED if name == "code" else fill
                         whole[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
