@@ -197,6 +197,50 @@ def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s,
             np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("hosts", [1, 2, 3, 8])
+@pytest.mark.parametrize("total", [1, 7, 63, 64, 65, 100, 129, 484, 2047, 2048, 2049, 5000])
+def test_every_scene_is_dealt_to_a_thread_once(total, hosts):
+    """In chunks that fit, and to all threads as much, but for what fills no lanes."""
+    from rockjax._batch.batch import _chunks, layout
+    from rockjax._batch.executors import ThreadExecutor
+    from rockjax._batch.scenes import broadcast
+
+    scenes, _ = broadcast("", PODIUMS["block"], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
+    who = ThreadExecutor(hosts)
+    made = layout(scenes, who)
+    chunks = list(_chunks(scenes, made, who))
+    dealt = [chunk.of(np.arange(chunk.scenes)) for chunk in chunks]
+    np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
+    sizes = np.array([chunk.scenes for chunk in chunks])
+    assert np.all((sizes > 0) & (sizes <= made.size))
+    busy = min(hosts, -(-total // made.lanes))
+    assert len(chunks) >= busy
+    by_thread = [sizes[k::busy].sum() for k in range(busy)]
+    assert max(by_thread) - min(by_thread) <= len(chunks)
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatch):
+    """Also where its lanes have become fewer at what looked like the end of its work."""
+    from concurrent.futures import Future
+
+    from rockjax._batch import batch, executors
+
+    class Alone(batch.Pool):
+        def submit(self, fn, /, *args, **kwargs):
+            done = Future()
+            done.set_result(fn(*args, **kwargs))
+            return done
+
+    podium, motions = PODIUMS[name], rj.Ricker(amplitudes(300), 1.0)
+    together = rj.peak_responses(podium, motions, threads=3)
+    monkeypatch.setattr(batch, "Pool", Alone)
+    monkeypatch.setattr(executors, "MANY_TRIALS", 10)
+    alone = rj.peak_responses(podium, motions, threads=3)
+    for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 def test_rows_are_stored_once_however_many_scenes_share_them():
     from rockjax._batch.scenes import Numbers, broadcast
 
