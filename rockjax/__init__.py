@@ -13,6 +13,7 @@ from ._version import __version__ as __version__
 # What is public, and where it is, is said once, in __init__.pyi: imported when it is first asked for.
 _found, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 _RENAMED = {"AbstractOutlook": "AbstractLookahead"}
+_FOLDERS = ("plots",)  # public as well, and with a face of their own
 
 
 def __getattr__(name: str) -> Any:
@@ -22,7 +23,7 @@ def __getattr__(name: str) -> Any:
         new = _RENAMED[name]
         warnings.warn(f"rockjax.{name} is called rockjax.{new} now", DeprecationWarning, stacklevel=2)
         return __getattr__(new)
-    value = _found(name)
+    value = _import_module(f".{name}", __name__) if name in _FOLDERS else _found(name)
     globals()[name] = value
     return value
 

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import warnings
 
+from ._environment import switched_off
+
 
 class PlausibilityWarning(UserWarning):
     """A number is possible and makes little sense; the warning says what was understood.
 
-    `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)` silences all of them, in a shell
-    `PYTHONWARNINGS=ignore::rockjax.PlausibilityWarning`.
+    `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)` silences all of them, and so does
+    `ROCKJAX_PLAUSIBILITY=off` in the environment.
     """
 
 
-def doubt(message: str, stacklevel: int) -> None:
+def doubt(message: str, stacklevel: int, kind: type[PlausibilityWarning] = PlausibilityWarning) -> None:
     """Warn the caller `stacklevel` frames up, as `warnings.warn` counts them from here."""
-    warnings.warn(message, PlausibilityWarning, stacklevel + 1)
+    if not switched_off("ROCKJAX_PLAUSIBILITY"):
+        warnings.warn(message, kind, stacklevel + 1)

@@ -40,22 +40,30 @@ def test_a_bar_ends_full_unless_something_stops_it():
         assert last in shown.getvalue().split("\r")[-1]
 
 
-def test_bars_of_notebooks_are_widgets_and_end_full():
+def test_bars_of_notebooks_are_widgets_and_end_full(tmp_path):
     """In a kernel of its own: which bar it is, is decided when tqdm is imported."""
     pytest.importorskip("ipywidgets")
     pytest.importorskip("ipykernel")
     code = "\n".join(
         [
-            "import ipykernel.zmqshell",
+            "import sys, ipykernel.zmqshell",
             "from rockjax._progress import bar",
             "with bar(60, 'iterations', True, display=False) as made:",
             "    made.update(12)",
             "_, drawn, numbers = made.container.children",
             "assert (drawn.value, drawn.max, drawn.bar_style) == (12, 12, 'success'), drawn",
             "assert '12/12' in numbers.value, numbers.value",
+            # Those of sweeps as well.
+            "import rockjax as rj, tqdm.notebook",
+            "made, begin = [], tqdm.notebook.tqdm_notebook.__init__",
+            "def beginning(bar, *a, **k): made.append(bar); begin(bar, *a, **k | {'display': False})",
+            "tqdm.notebook.tqdm_notebook.__init__ = beginning",
+            "scenes = rj.grid(rj.Podium(0.15, 1.5), rj.Ricker(1.0, 1.0), acceleration_ratio=[1.5, 2.0])",
+            "rj.sweep(*scenes, store=sys.argv[1], progress=True)",
+            "assert any('chunks' in bar.desc and bar.n == bar.total > 0 for bar in made), made",
         ]
     )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.zarr")], check=True)
 
 
 def test_the_clock_goes_on_while_nothing_is_through(monkeypatch):

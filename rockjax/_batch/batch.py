@@ -18,9 +18,9 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._batch.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._checks import concrete
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
 from rockjax._responses.arguments import check_range, check_types

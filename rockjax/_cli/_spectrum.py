@@ -77,7 +77,7 @@ def spectrum(
 
     import rockjax as rj
     from rockjax import _partial
-    from rockjax._batch.memory import require_memory
+    from rockjax._memory import require_memory
     from rockjax._studies.grid_boundaries import with_boundaries
 
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)

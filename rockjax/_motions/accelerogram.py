@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rockjax._checks import as_float, single
-from rockjax._plausibility import PlausibilityWarning
+from rockjax._plausibility import PlausibilityWarning, doubt
 from rockjax._structures import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
@@ -117,25 +116,25 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
     """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say
     its unit."""
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
-        warnings.warn(
+        doubt(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?",
-            RecordWarning,
             stacklevel,
+            RecordWarning,
         )
     elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
-        warnings.warn(
+        doubt(
             f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is "
             f"read with "
             "units='g'",
-            RecordWarning,
             stacklevel,
+            RecordWarning,
         )
     left = abs(float(motion.velocity[-1]))
     if left > DRIFT * motion.pgv:
-        warnings.warn(
+        doubt(
             f"{where}: ends with a velocity of "
             f"{left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
             "it is cut; Motion.baseline_corrected() takes it out",
-            RecordWarning,
             stacklevel,
+            RecordWarning,
         )

@@ -48,7 +48,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
     if len(members) != 1:
         raise ValueError(
             f"{owner}: {name} must be one motion, got "
-            f"{len(members)}; give one of them, or all to rockjax.peak_responses"
+            f"{len(members)}; give one of them, or all to rockjax.peak_responses or "
+            f"rockjax.incremental_dynamic_analysis"
         )
     return members[0]
 

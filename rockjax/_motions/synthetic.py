@@ -20,6 +20,7 @@ import numpy as np
 
 from rockjax._checks import of_kind, shown, single, whole
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._memory import require_memory
 from rockjax._structures import STANDARD_GRAVITY
 
 from .motion import Motion, Motions
@@ -139,6 +140,8 @@ def synthetic_motions(
         raise ValueError(
             f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
         )
+    # The noise and what its filters make of it.
+    require_memory(owner, count, 3 * 8 * samples, of="motions", instead="ask for fewer, or for shorter ones")
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
         raise ValueError(

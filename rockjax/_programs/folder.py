@@ -16,10 +16,11 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from rockjax._environment import switched_off
+
 SUFFIX = ".program"
 LIMIT = 2048  # MiB
 _MAGIC = b"rockjax program 1\n"
-_OFF = ("0", "off", "no", "false")
 _STALE = 3600.0  # s: what a process that was killed has left half-written
 
 
@@ -37,7 +38,7 @@ class Entry(NamedTuple):
 
 def enabled() -> bool:
     """Whether programs are kept: not with `ROCKJAX_CACHE=off`."""
-    return os.environ.get("ROCKJAX_CACHE", "").strip().lower() not in _OFF
+    return not switched_off("ROCKJAX_CACHE")
 
 
 def path() -> Path:

@@ -19,6 +19,7 @@ from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
+from rockjax._memory import FEWER_LINES, require_memory
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
@@ -153,6 +154,7 @@ def incremental_dynamic_analysis(
     measure = _measure(owner, measure, records)
     unit = np.asarray(measure.values, float)
     count = len(records)
+    require_memory(owner, count * (levels.size + resolution + 1), instead=FEWER_LINES)
 
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)

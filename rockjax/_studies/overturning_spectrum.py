@@ -17,6 +17,7 @@ from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin
 from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._memory import FEWER_LINES, require_memory
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import check_parameters, varied
@@ -96,6 +97,7 @@ def overturning_spectrum(
         raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
     whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
+    require_memory(owner, x.size * (resolution + 1), instead=FEWER_LINES)
     derived = derived_numbers(podium)
     unit, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._batch.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._checks import as_float, of_kind, require, shown, texts
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.table import about

@@ -130,7 +130,7 @@ class ChunkProgress:
     """Progress in expected trial steps, so that the time left holds although chunks differ in cost."""
 
     def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
-        from tqdm import tqdm
+        from tqdm.auto import tqdm  # a widget in notebooks
 
         from rockjax._progress import ticking
 

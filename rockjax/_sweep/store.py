@@ -306,7 +306,8 @@ class Store:
         """The sweep as a lazy dataset; what has not been solved is NaN with the result `interrupted`."""
         import xarray
 
-        return xarray.open_zarr(self.path, consolidated=False, chunks={})[self.variables]
+        with _readable(self.path):
+            return xarray.open_zarr(self.path, consolidated=False, chunks={})[self.variables]
 
 
 def _about(group: zarr.Group) -> dict[str, Any]:

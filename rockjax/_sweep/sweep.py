@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._batch.memory import readable_bytes
 from rockjax._checks import of_kind
+from rockjax._memory import readable_bytes
 from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
@@ -151,7 +151,7 @@ def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: i
 def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
     """Chunks that are to be solved, the costliest first, so that none is waited for at the end; and those
     that are done."""
-    from tqdm import tqdm
+    from tqdm.auto import tqdm  # a widget in notebooks
 
     rows = found.rows()
     done = np.isfinite(rows[:, 0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._batch import memory
+from rockjax import _memory as memory
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 FIELDS = (
@@ -63,6 +63,21 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
         rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, axis, axis)
     with pytest.raises(ValueError, match="peak_responses: " + said):
         rj.peak_responses(PODIUMS["rigid"], rj.Ricker(axis[:, None], axis))
+    monkeypatch.setattr(memory, "free_memory", lambda: 2_000_000)
+    few = rj.Records.of([rj.Record(np.ones(50), 0.01)])
+    for owner, work in {
+        "overturning_spectrum: 12900 scenes": lambda: rj.overturning_spectrum(
+            PODIUMS["rigid"], rj.Ricker, np.linspace(1.0, 8.0, 100)
+        ),
+        "synthetic_motions: 100 motions": lambda: rj.synthetic_motions(100, seed=1),
+        "incremental_dynamic_analysis: 20129 scenes": lambda: rj.incremental_dynamic_analysis(
+            PODIUMS["rigid"], few, np.linspace(1.0, 2.0, 20_000)
+        ),
+    }.items():
+        with pytest.raises(
+            ValueError, match=rf"{owner} take some .* of memory, and 1\.91 MiB are free: ask for"
+        ):
+            work()
 
 
 @pytest.mark.slow

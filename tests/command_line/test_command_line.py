@@ -658,6 +658,13 @@ def test_every_public_name_is_there():
     assert set(rj.__all__) <= set(dir(rj))
     for name in rj.__all__:
         assert getattr(rj, name).__name__ == name
+    done = subprocess.run(
+        [sys.executable, "-c", "import rockjax as rj; print(rj.plots.spectra.__name__)"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.stdout == "spectra\n", done.stderr
     with pytest.raises(AttributeError, match="no_such_thing"):
         _ = rj.no_such_thing
 

@@ -644,6 +644,18 @@ def test_numbers_of_another_system_are_doubted(make, words):
         make()
 
 
+def test_the_environment_silences_doubts(monkeypatch, tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))
+    for word in ("off", "0", "No"):
+        monkeypatch.setenv("ROCKJAX_PLAUSIBILITY", word)
+        rj.Ricker(400.0, 1.0)  # warnings are errors here
+        rj.read_motion(path, units="m/s2", dt=0.01)
+    monkeypatch.setenv("ROCKJAX_PLAUSIBILITY", "on")
+    with pytest.warns(rj.PlausibilityWarning):
+        rj.Ricker(400.0, 1.0)
+
+
 def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))

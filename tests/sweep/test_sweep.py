@@ -387,7 +387,14 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
 
 
 @pytest.mark.parametrize(
-    "name", ["zarr.json", "peak_rotation/zarr.json", "progress/zarr.json", "progress/rows/zarr.json"]
+    "name",
+    [
+        "zarr.json",
+        "peak_rotation/zarr.json",
+        "progress/zarr.json",
+        "progress/rows/zarr.json",
+        "T_p/zarr.json",
+    ],
 )
 @pytest.mark.parametrize(
     "content", [b'{"zarr_format": 3, "node', b"", b"\xff\xfe\x00"], ids=["cut", "empty", "bytes"]

@@ -12,21 +12,27 @@ BYTES_OF_SLOPES = 32  # of one parameter with respect to which all peaks are dif
 _LITTLE = 2**20  # bytes
 _GROUPS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
 
+# What can be done instead.
+SWEEP = (
+    "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
+    "and keeps them on disk"
+)
+FEWER_LINES = "ask for fewer at a time"
 
-def require_memory(owner: str, scenes: int, each: int = BYTES) -> None:
-    """Raise `ValueError`, in the name of `owner`, for so many scenes that their answers do not fit into the
-    free memory."""
-    needed = scenes * each
+
+def require_memory(
+    owner: str, number: int, each: int = BYTES, of: str = "scenes", instead: str = SWEEP
+) -> None:
+    """Raise `ValueError`, in the name of `owner`, for so many scenes (or something else, of so many bytes
+    each) that their answers do not fit into the free memory; `instead` is what can be done."""
+    needed = number * each
     if needed < _LITTLE:  # not worth reading what is free
         return
     free = free_memory()
     if free is not None and needed > free:
         raise ValueError(
-            f"{owner}: {scenes} scenes take some "
-            f"{readable_bytes(needed)} of memory, and {readable_bytes(free)} are free: "
-            "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them "
-            "in chunks and "
-            "keeps them on disk"
+            f"{owner}: {number} {of} take some {readable_bytes(needed)} of memory, and "
+            f"{readable_bytes(free)} are free: {instead}"
         )
 
 
