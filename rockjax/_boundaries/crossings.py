@@ -35,7 +35,7 @@ ZOOMS = 4  # closer looks around the lowest dips
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 # Where all further changes of a scan are listed but not looked for between its places, they are narrowed down
 # to this.
-LISTED = 1e-6
+LISTED = 1e-8
 
 
 class Crossings(NamedTuple):
@@ -81,7 +81,7 @@ def scan(
     bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
     close that no interval wider than `width` times the range is missed (a motion must be proportional to y
     there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
-    a relative width of 1e-12; with `"below"` those above the first to 1e-6.
+    a relative width of 1e-12; with `"below"` those above the first to 1e-8.
     """
     x = np.asarray(x, float)
     scenes = 0

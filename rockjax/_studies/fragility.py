@@ -140,7 +140,7 @@ def incremental_dynamic_analysis(
     level does), `boundaries` (further dim `boundary`): survive → overturn → survive …, `certain_width`, the
     widest interval of intensities below the capacity that may overturn unseen, and `sensitivity` (further dim
     `parameter`). The capacity is exact to about 1e-9. Above it rocking through many impacts makes windows of
-    survival within windows without end: there all that `resolution` shows are listed, exact to 1e-6. Raises
+    survival within windows without end: there all that `resolution` shows are listed, exact to 1e-8. Raises
     `ValueError` for inputs that make no sense.
     """
     owner = "incremental_dynamic_analysis"
