@@ -66,9 +66,13 @@ def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
 def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
     """Quantiles of |error of max|θ|/α| over the scenes, and how many changed between standing and
     overturned."""
-    peak, overturned = reference(family)
-    same = found[1] == overturned
-    error = np.abs(found[0] - peak)[same]
+    return apart(found, reference(family))
+
+
+def apart(found: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+    """The same of (peaks, overturned) against others."""
+    same = found[1] == truth[1]
+    error = np.abs(found[0] - truth[0])[same]
     return {
         "median": float(np.median(error)),
         "p99": float(np.quantile(error, 0.99)),

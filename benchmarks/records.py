@@ -25,7 +25,7 @@ import numpy as np
 import rockjax as rj
 
 from .families import PERIODS, Family, G
-from .measure import IMAGES, ROTATION, keep, podium, shortest, show
+from .measure import IMAGES, apart, keep, options, podium, shortest, show
 
 RECORDS, SAMPLES, DT = 20, 2000, 0.01
 LEVELS = np.linspace(0.5, 12.0, 50)  # PGA over g tan α
@@ -64,21 +64,6 @@ def by_peer(peer: ModuleType, suite: Suite, scenes: Family, rtol: float) -> Answ
     return np.stack([row["peak"] for row in found]), np.stack([row["overturned"] for row in found])
 
 
-def errors(found: Answer, truth: Answer) -> dict[str, float]:
-    same = found[1] == truth[1]
-    error = np.abs(found[0] - truth[0])[same]
-    return {
-        "median": float(np.median(error)),
-        "p99": float(np.quantile(error, 0.99)),
-        "max": float(error.max()),
-        "flips": int((~same).sum()),
-    }
-
-
-def options(rtol: float, method: str = "dopri8", outputs: tuple[str, ...] = ROTATION) -> rj.Options:
-    return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, outputs=outputs)
-
-
 def precision(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
     """Time per scene and error, per method and tolerance."""
     rows = []
@@ -93,7 +78,7 @@ def precision(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
             solvers["numba loop, DOP853"] = functools.partial(by_peer, peer, suite, scenes)
         for rtol in TOLERANCES:
             for who, solve in solvers.items():
-                row = {"family": name, "by": who, "rtol": rtol} | errors(solve(rtol), truth)
+                row = {"family": name, "by": who, "rtol": rtol} | apart(solve(rtol), truth)
                 rows.append(row | {"us": 1e6 * shortest(functools.partial(solve, rtol), 3) / truth[0].size})
                 print(rows[-1], flush=True)
     return rows

@@ -33,9 +33,6 @@ FINEST = 1e-6  # … down to this part of the line
 
 ZOOMS = 4  # closer looks around the lowest dips
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
-# Where all further changes of a scan are listed but not looked for between its places, they are narrowed down
-# to this.
-LISTED = 1e-8
 
 
 class Crossings(NamedTuple):
@@ -81,7 +78,7 @@ def scan(
     bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
     close that no interval wider than `width` times the range is missed (a motion must be proportional to y
     there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
-    a relative width of 1e-12; with `"below"` those above the first to 1e-8.
+    a relative width of 1e-12.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -119,11 +116,8 @@ def scan(
                 "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
             )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
-        first = answered.first_changes()
-        changes = first if look_closer == "first" else answered.changes()
-        close = np.full(changes.size, max(CLOSE, NOISE * float(options.rtol)))
-        if look_closer == "below":
-            close[~np.isin(changes, first)] = LISTED
+        changes = answered.first_changes() if look_closer == "first" else answered.changes()
+        close = max(CLOSE, NOISE * float(options.rtol))
         y, impacts = narrowed(answered, changes, look, close, 2 * LANES)
         crossings = Crossings(answered.line[changes], y, answered.margin[changes] > 0, impacts)
     return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)

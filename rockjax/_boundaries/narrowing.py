@@ -21,10 +21,9 @@ SPREAD = 4.0  # from one place beside the zero to the next, where there are seve
 
 
 def narrowed(
-    known: Known, at: np.ndarray, look: Look, close: np.ndarray, lanes: int
+    known: Known, at: np.ndarray, look: Look, close: float, lanes: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(y, impacts) of the changes between the places `at` and the next ones, each to its relative width in
-    `close`.
+    """(y, impacts) of the changes between the places `at` and the next ones, to a relative width of `close`.
 
     `lanes`: so many scenes at once cost what one does. Impacts are those on the overturned side.
     """
@@ -43,7 +42,7 @@ def narrowed(
             break
         share = min(max(SHARE, lanes // wide.size), WIDTH)
         root, error = zero(y[wide], margin[wide])
-        where = _places(y[wide], root, np.where(smooth[wide], error, np.nan), close[wide], share)
+        where = _places(y[wide], root, np.where(smooth[wide], error, np.nan), close, share)
         found = look(np.repeat(line[wide], share), where.ravel(), True)
         more = (
             part.reshape(where.shape) for part in (where, np.nan_to_num(found.margin, nan=1.0), found.impacts)
@@ -93,7 +92,7 @@ def _through(y: np.ndarray, margin: np.ndarray) -> np.ndarray:
     return np.where(np.all(np.diff(margin, axis=1) < 0, axis=1), found[:, 0], np.nan)
 
 
-def _places(y: np.ndarray, root: np.ndarray, error: np.ndarray, close: np.ndarray, count: int) -> np.ndarray:
+def _places(y: np.ndarray, root: np.ndarray, error: np.ndarray, close: float, count: int) -> np.ndarray:
     """`count` places inside each bracket, from the surviving end on: beside the root, the others evenly; all
     evenly where the error is NaN."""
     start, size = y[:, 1, None], (y[:, 2] - y[:, 1])[:, None]

@@ -139,8 +139,8 @@ def incremental_dynamic_analysis(
     `record` alone there are `capacity`, the least intensity that overturns (NaN where none up to the highest
     level does), `boundaries` (further dim `boundary`): survive → overturn → survive …, `certain_width`, the
     widest interval of intensities below the capacity that may overturn unseen, and `sensitivity` (further dim
-    `parameter`). The capacity is exact to about 1e-9. Above it rocking through many impacts makes windows of
-    survival within windows without end: there all that `resolution` shows are listed, exact to 1e-8. Raises
+    `parameter`). Boundaries are exact to about 1e-9. Above the capacity rocking through many impacts makes
+    windows of survival within windows without end: there all that `resolution` shows are listed. Raises
     `ValueError` for inputs that make no sense.
     """
     owner = "incremental_dynamic_analysis"
