@@ -20,7 +20,7 @@ from rockjax._results import Errors
 # The true error is below this times the estimate, but for one scene in a hundred (docs/stress.md).
 SAFETY = 10.0
 FINER = 0.1
-# Where two solutions of chaotic rocking agree, they do so by chance: the closer they have to, the rarer it is.
+# Where two solutions of chaotic rocking agree, it is by chance: the closer they have to, the rarer it is.
 PARTED = 0.005  # energetic impacts: a sixteenth of a percent of the speed of one from which columns overturn
 FALL_APART = 0.01  # 1/p: the distance to the boundary is another one by a hundredth
 SHORTER = 0.7  # steps, where it is not the tolerance that sets them
