@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
@@ -22,6 +23,17 @@ def import_meanwhile(*modules: str) -> None:
                 importlib.import_module(name)
 
     threading.Thread(target=load).start()
+
+
+def meanwhile(work: Callable[[], object]) -> None:
+    """Do what will be done once more, and then say its errors, in a thread that computes like this one."""
+    x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def run() -> None:
+        with contextlib.suppress(Exception), precision(x64):
+            work()
+
+    threading.Thread(target=run).start()
 
 
 class Pool(ThreadPoolExecutor):

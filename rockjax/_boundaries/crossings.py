@@ -16,6 +16,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
+from rockjax._threads import meanwhile
 
 from .first import CLOSE
 from .looked import Known, Look, around_dips, dip
@@ -30,6 +31,10 @@ DOUBTFUL = 0.1  # of 1, to be on the safe side
 REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
+
+# Scenes: small batches are a program of their own, and no look is as small. What fills one up is at rest and
+# costs nothing.
+_SMALL = 2 * LANES + 1
 
 ZOOMS = 4  # closer looks around the lowest dips
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
@@ -51,6 +56,19 @@ class Crossings(NamedTuple):
         y, impacts = np.full(shape, np.nan), np.full(shape, -1, np.int32)
         y[self.line, order], impacts[self.line, order] = self.y, self.impacts
         return y, impacts
+
+
+def scanned_soon(
+    plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
+) -> None:
+    """Load or compile, while something else goes on, the program that a `scan` of these will look with."""
+    x, top = np.asarray(x, float)[:1], max(y_range)
+    rest = np.repeat(x, _SMALL), np.full(_SMALL, min(y_range))
+
+    def look() -> None:
+        margins(plane, *rest, looking(options, width, np), reaches=_in_proportion(plane, x, top, options))
+
+    meanwhile(look)
 
 
 class Scan(NamedTuple):
@@ -92,9 +110,7 @@ def scan(
         def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            # What fills up a small batch is at rest and costs nothing, while small batches are a program of
-            # their own.
-            rest = 0 if width is None else max(0, 2 * LANES + 1 - line.size)
+            rest = 0 if width is None else max(0, _SMALL - line.size)
             x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
             seen = margins(plane, x_all, y_all, options if sharp else loose, counter, reaches)
             margin, impacts, reach = (of_each[: line.size] for of_each in seen)

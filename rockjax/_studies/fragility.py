@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike, Float
 from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
 from rockjax._boundaries.branches import LANES
-from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
@@ -162,12 +162,11 @@ def incremental_dynamic_analysis(
         return podium, records.chosen(which, y / unit[which])
 
     import_meanwhile(*TABLES)
-    peaks = peak_responses(*plane(np.arange(count)[:, None], levels), options=options, progress=progress)
+    lines = np.arange(count), (0.0, float(levels[-1]))
+    scanned_soon(plane, *lines, options, width)
+    peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
-    top = float(levels[-1])
-    found = scan(
-        plane, np.arange(count), (0.0, top), resolution, options, progress, look_closer="below", width=width
-    )
+    found = scan(plane, *lines, resolution, options, progress, look_closer="below", width=width)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     import xarray

@@ -10,7 +10,7 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, positive_limit
-from rockjax._boundaries.crossings import scan
+from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, require
 from rockjax._motions.convert import AnyMotions, as_records
@@ -77,8 +77,9 @@ def record_spectrum(
 
     import_meanwhile(*TABLES)
     cells = np.arange(count * sizes.size)
-    peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     top = float(max_scale)
+    scanned_soon(plane, cells, (0.0, top), options, width)
+    peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     found = scan(plane, cells, (0.0, top), resolution, options, progress, look_closer="first", width=width)
     least = found.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)
