@@ -162,9 +162,9 @@ def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
 
 
 def in_fewer(held: Lanes, lanes: int) -> Lanes | None:
-    """The scenes that are still running, in so many lanes; None where they are more."""
+    """The scenes that are still running, in so many lanes; None where they are more, or none."""
     running = np.asarray(held.held) >= 0
-    if running.sum() > lanes:
+    if not 0 < running.sum() <= lanes:
         return None
     order = np.argsort(~running, kind="stable")[:lanes]
     return jax.tree.map(lambda y: np.asarray(y)[order], held)
