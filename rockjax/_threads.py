@@ -25,15 +25,15 @@ def import_meanwhile(*modules: str) -> None:
     threading.Thread(target=load).start()
 
 
-def meanwhile(work: Callable[[], object]) -> None:
-    """Do what will be done once more, and then say its errors, in a thread that computes like this one."""
-    x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+def meanwhile(work: Callable[[], object], name: str | None = None) -> None:
+    """Do what will be done again, in a thread that computes like this one; its errors are said then."""
+    work = _as_here(work)
 
     def run() -> None:
-        with contextlib.suppress(Exception), precision(x64):
+        with contextlib.suppress(Exception):
             work()
 
-    threading.Thread(target=run).start()
+    threading.Thread(target=run, name=name).start()
 
 
 class Pool(ThreadPoolExecutor):
@@ -41,13 +41,18 @@ class Pool(ThreadPoolExecutor):
     thread."""
 
     def submit(self, fn, /, *args, **kwargs) -> Future:
-        x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+        return super().submit(_as_here(fn), *args, **kwargs)
 
-        def run():
-            with precision(x64):
-                return fn(*args, **kwargs)
 
-        return super().submit(run)
+def _as_here(function: Callable) -> Callable:
+    """The same function for another thread, with the floating-point precision of this one."""
+    x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def run(*args, **kwargs):
+        with precision(x64):
+            return function(*args, **kwargs)
+
+    return run
 
 
 def precision(x64: bool):

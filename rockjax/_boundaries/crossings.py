@@ -32,12 +32,11 @@ REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
 
-# Scenes: small batches are a program of their own, and no look is as small. What fills one up is at rest and
-# costs nothing.
-_SMALL = 2 * LANES + 1
-
 ZOOMS = 4  # closer looks around the lowest dips
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
+# Scenes of a look at least: smaller batches are a program of their own. What fills one up is at rest and
+# costs nothing.
+FEWEST = 2 * LANES + 1
 
 
 class Crossings(NamedTuple):
@@ -63,7 +62,7 @@ def scanned_soon(
 ) -> None:
     """Load or compile, while something else goes on, the program that a `scan` of these will look with."""
     x, top = np.asarray(x, float)[:1], max(y_range)
-    rest = np.repeat(x, _SMALL), np.full(_SMALL, min(y_range))
+    rest = np.repeat(x, FEWEST), np.full(FEWEST, min(y_range))
 
     def look() -> None:
         margins(plane, *rest, looking(options, width, np), reaches=_in_proportion(plane, x, top, options))
@@ -110,7 +109,7 @@ def scan(
         def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            rest = 0 if width is None else max(0, _SMALL - line.size)
+            rest = 0 if width is None else max(0, FEWEST - line.size)
             x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
             seen = margins(plane, x_all, y_all, options if sharp else loose, counter, reaches)
             margin, impacts, reach = (of_each[: line.size] for of_each in seen)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from rockjax._threads import precision
+from rockjax._threads import meanwhile
 
 from . import folder, kind
 from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
@@ -89,11 +89,10 @@ class KeptProgram:
             return
 
         def make() -> None:
-            with contextlib.suppress(Exception), precision(key[2][0]):  # errors are said where it is called
-                if present_settings() == key[2]:  # a thread has the usual ones
-                    self._make(key, passed, fixed)
+            if present_settings() == key[2]:  # a thread has the usual ones
+                self._make(key, passed, fixed)
 
-        threading.Thread(target=make, name=AHEAD).start()
+        meanwhile(make, AHEAD)
 
     def traced(self, *arguments: Any, **named: Any) -> Any:
         """The same through `jax.jit`, for those who trace."""
