@@ -21,6 +21,7 @@ OF_STORIES = ("peak_drift", "peak_floor_acceleration")  # of buildings only
 PEAKS = ("peak_rotation", "peak_deformation", "peak_shear", *OF_STORIES)
 OUTPUTS = (*PEAKS, "impacts", "margin", "errors")
 LEAST_ATOL = 1e-17
+HISTORY = 4096
 
 
 def _names(outputs) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ class Options(eqx.Module):
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
     outputs: tuple[str, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
-    history: int = eqx.field(static=True, default=4096)
+    history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
     stride: float = 1.0
 

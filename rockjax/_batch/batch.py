@@ -19,6 +19,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._checks import concrete
+from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._motions.convert import AnyMotions, as_batch
@@ -208,6 +209,7 @@ def run_batch(
     # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
     # program.
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
+    options = as_compiled(jax.tree.unflatten(scenes.structure, scenes.leaves)[0], options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
     answers = _Answers(scenes)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
-from rockjax._options import Options
+from rockjax._options import HISTORY, OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import State
 from rockjax._structures import GivenRestitution, Podium, ShearBuilding
 from rockjax._structures.modes import as_many, joined
@@ -53,6 +53,22 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         drifts=elastic and stories > 0 and "peak_drift" in options.outputs,
         floors=elastic and stories > 0 and "peak_floor_acceleration" in options.outputs,
     )
+
+
+def as_compiled(podium: Podium, options: Options) -> Options:
+    """These options with all that makes no difference to a program as it is by default, so that who asks for
+    the same has one program: the order of outputs, those that the podium does not have, `history` and
+    `throw`."""
+    top, elastic = podium.superstructure, podium.vibrates
+    of_stories = elastic and isinstance(top, ShearBuilding)
+    has = {"peak_deformation": elastic, "peak_shear": top is not None} | dict.fromkeys(OF_STORIES, of_stories)
+    there = lambda names: tuple(name for name in OUTPUTS if name in names and has.get(name, True))
+    outputs = there(options.outputs) or options.outputs
+    if outputs == there(PEAKS):
+        outputs = PEAKS
+    plain = {"outputs": outputs, "history": HISTORY, "throw": True}
+    same = all(getattr(options, name) == value for name, value in plain.items())
+    return options if same else options.replace(**plain)
 
 
 # Of a closer look: the rest velocity reached so many impacts later, half of the usual one at most, and

@@ -27,7 +27,7 @@ from rockjax._structures import Podium
 from .coefficients import present
 from .derivatives import differentiable, known, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
-from .scene import plan_for, prepare
+from .scene import as_compiled, plan_for, prepare
 from .state import LoopState, Plan, Scene
 
 
@@ -49,7 +49,7 @@ def solve(
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(known, leaves)):
         return PROGRAM(*arguments, history=history)
-    arguments = podium, excitation.common_form(), initial, t_end, options
+    arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
     if any(isinstance(y, Tracer) for y in leaves):
         leaves, structure = jax.tree.flatten(arguments)
         return differentiable(PROGRAM, SLOPES, structure, history)(*leaves)

@@ -436,6 +436,31 @@ def test_suites_of_other_sizes_share_programs():
     np.testing.assert_allclose(whole.peak_rotation, np.array(alone), rtol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["rigid", "block"])
+def test_options_that_ask_for_the_same_share_programs(kind):
+    """Whatever the order of outputs, with or without those that the podium does not have."""
+    podium, pulse = PODIUMS[kind], rj.Ricker(3.0, 0.8)
+    shear = ("peak_shear",) if kind == "rigid" else ()
+    same = [
+        {"throw": False},
+        {"history": 64},
+        {"outputs": (*shear, "peak_rotation")},
+        {"outputs": ("peak_deformation", "peak_rotation", "peak_floor_acceleration", *shear)},
+    ]
+    batch = lambda **chosen: rj.peak_responses(
+        podium, rj.Ricker(np.linspace(1, 6, 3), 0.8), options=rj.Options(**chosen)
+    )
+    one = lambda **chosen: rj.peak_response(podium, pulse, options=rj.Options(**chosen))
+    for peaks in (one, batch):
+        plain = peaks()
+        counts = dict(COUNTS)
+        for chosen in same:
+            found = peaks(**chosen)
+            np.testing.assert_array_equal(found.peak_rotation, plain.peak_rotation)
+            np.testing.assert_array_equal(found.peak_shear, plain.peak_shear)
+        assert counts == COUNTS
+
+
 def broken(*passed):
     raise jax.errors.JaxRuntimeError("NOT_FOUND: Function add_fusion not found (type id: 1)")
 
