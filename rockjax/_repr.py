@@ -18,11 +18,6 @@ from ._checks import concrete
 LONGEST = 90  # characters of a meaning
 
 
-def units(of: str) -> str:
-    """The units of a dataset as they are shown; nothing for ratios."""
-    return "" if of == "1" else _tables.written(of)
-
-
 def readable(module: eqx.Module) -> str:
     """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
     return (

@@ -44,3 +44,8 @@ _UNITS = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", 
 def written(unit: str) -> str:
     """The unit of a dataset as it is shown, "–" for ratios."""
     return _UNITS.get(unit, unit)
+
+
+def units(of: str) -> str:
+    """The units of a dataset as they are shown; nothing for ratios."""
+    return "" if of == "1" else written(of)

@@ -163,6 +163,7 @@ def fragility(
         --intensity 0.5 12 --method stripes
       rockjax fragility --example fragility --levels 40
     """
+    report.pictures.apart()
     prepare(report)
     import numpy as np
 
@@ -217,8 +218,7 @@ def fragility(
 def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: Statistics) -> None:
     import numpy as np
 
-    from rockjax import plots
-    from rockjax._repr import units
+    from rockjax._tables import units
 
     name, of = analysis.attrs["measure"], units(analysis["intensity"].attrs["units"])
     in_units = f" {of}" if of else ""
@@ -240,11 +240,11 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
     if curve is None:
         # The analysis has cost something, and says where to go on.
         report.write(to.data(), analysis)
-        report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
+        report.draw(to.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
     report.write(to.data(), curve, {"analysis": analysis})
-    report.draw(to.picture("fragility"), plots.fragility(curve).figure)
-    report.draw(to.picture("ida"), plots.incremental_dynamic_analysis(analysis).figure)
+    report.draw(to.picture("fragility"), "fragility", curve)
+    report.draw(to.picture("ida"), "incremental_dynamic_analysis", analysis)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
     of_median = of_dispersion = ""
     report.facts |= {"units": of or "1", "median": median, "dispersion": dispersion}

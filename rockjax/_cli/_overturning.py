@@ -23,7 +23,7 @@ from ._options import (
 )
 from ._outputs import outputs
 from ._panels import joined, least
-from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
+from ._run import Flags, Report, interrupted, option, prepare
 
 
 @dataclass
@@ -74,6 +74,7 @@ def overturning(
       rockjax overturning --example spectrum --points 21
       rockjax overturning problem.toml --frequency 2 6
     """
+    report.pictures.apart()
     prepare(report)
     import numpy as np
 
@@ -98,7 +99,6 @@ def overturning(
         _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
-    prepare_pictures()
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
             if found[k] is not None:
@@ -119,15 +119,13 @@ def overturning(
                     ) from None
                 report.note(f"podium {k + 1}: {found[k].attrs['scenes']} scenes")
             bar.update()
-    from rockjax import plots
-
-    panels = joined(found, ratios, periods, zeta)
-    report.write(to.data(), panels)
-    pictures = {"boundaries": plots.overturning_boundaries(panels)}
-    if parameters:
-        pictures["sensitivity"] = plots.sensitivities(panels)
-    for suffix, figure in pictures.items():
-        report.draw(to.picture(suffix), figure)
+    try:
+        panels = joined(found, ratios, periods, zeta)
+        report.write(to.data(), panels)
+    except KeyboardInterrupt:
+        raise interrupted(to.prefix, found, "stopped before all was written") from None
+    for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
+        report.draw(to.picture(suffix), draw, panels)
     _partial.path_of(to.prefix).unlink(missing_ok=True)
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     windows = int((panels["boundaries"].count("boundary") > 1).sum())

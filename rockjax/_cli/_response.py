@@ -47,7 +47,6 @@ def response(
     """
     prepare(report)
     import rockjax as rj
-    from rockjax import plots
 
     to = outputs(output, "rockjax-response").check(("",))
     given = Given("response", problem_file(problem, example), structure, motion, span, accuracy)
@@ -58,7 +57,7 @@ def response(
     data = history.dataset()
     report.say(repr(history))
     report.write(to.data(), data)
-    report.draw(to.picture(), plots.response(data))
+    report.draw(to.picture(), "response", data)
     from rockjax import _results as results
     from rockjax._responses.peak import VARIABLES
 

@@ -90,7 +90,6 @@ def risk(
     given = Given("risk", problem_file(problem, example), curve, site)
     curve, site = given.settings(curve), given.settings(site)
     import rockjax as rj
-    from rockjax import plots
     from rockjax._risk.annual import OUTSIDE
 
     if site.hazard is None:
@@ -123,7 +122,7 @@ def risk(
         "sensitivities": slopes,
     }
     report.write(to.data(), contributions)
-    report.draw(to.picture("risk"), plots.risk(contributions))
+    report.draw(to.picture("risk"), "risk", contributions)
 
 
 def _path(given: Given, name: str) -> Path:

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from ._pictures import Pictures
+
 if TYPE_CHECKING:
     import xarray
 
@@ -73,6 +75,7 @@ class Report(Flags):
         self.began = time.perf_counter()
         self.facts: dict[str, Any] = {}
         self.written: list[Path] = []
+        self.pictures = Pictures()
         self.status = 0
 
     def say(self, line: str) -> None:
@@ -105,10 +108,12 @@ class Report(Flags):
         data.attrs["command"] = COMMAND.get()
         self.wrote(write_dataset(path, data, groups))
 
-    def draw(self, path: str | Path, figure: Any) -> None:
-        from rockjax._files import write_figure
+    def draw(self, path: str | Path, draw: str, data: Any) -> None:
+        """Write the picture `rockjax.plots.<draw>(data)`."""
+        self.written += self.pictures.draw(path, draw, data)
 
-        self.wrote(write_figure(path, figure))
+    def wait_for_pictures(self) -> None:
+        self.written += self.pictures.rest()
 
     def wrote(self, path: Path) -> None:
         self.written.append(path)
@@ -170,8 +175,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             warnings.showwarning = _speak
             try:
                 function(**own, **made)
+                report.wait_for_pictures()
             except KeyboardInterrupt as stopped:
-                typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; nothing is kept", err=True)
+                there = ", ".join(map(str, report.written))
+                kept = f"written so far: {there}" if there else "nothing is kept"
+                typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; {kept}", err=True)
                 raise typer.Exit(INTERRUPTED) from None
         report.close()
         if report.status:
@@ -207,16 +215,12 @@ def _speak(message, category, filename, lineno, file=None, line=None) -> None:
     typer.echo(f"rockjax: warning: {message}", err=True)
 
 
-def prepare(report: Report | None = None, pictures: bool = True) -> None:
-    """Compiled programs are kept between runs; pictures are made without a screen."""
+def prepare(report: Report | None = None) -> None:
+    """Compiled programs are kept between runs."""
     import jax
 
     from rockjax._programs import folder, kind
 
-    if pictures:
-        import matplotlib
-
-        matplotlib.use("Agg")
     if folder.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         # What is traced anew in every run; this process is our own. Of another version nothing is taken: what
         # comes from here cannot be kept as a program.
@@ -229,13 +233,6 @@ def prepare(report: Report | None = None, pictures: bool = True) -> None:
         report.note(
             f"{shlex.join(['rockjax', *sys.argv[1:]])}: jax {jax.__version__} on {jax.default_backend()}"
         )
-
-
-def prepare_pictures() -> None:
-    """What draws and writes is loaded while the scenes are worked out."""
-    from rockjax._threads import import_meanwhile
-
-    import_meanwhile("rockjax.plots")
 
 
 _MADE: dict[str, float] = {"programs": 0, "seconds": 0.0, "kept": 0}

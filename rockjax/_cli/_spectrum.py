@@ -22,7 +22,7 @@ from ._options import (
 )
 from ._outputs import outputs
 from ._panels import joined, least
-from ._run import Flags, Report, interrupted, option, prepare, prepare_pictures
+from ._run import Flags, Report, interrupted, option, prepare
 
 
 @dataclass
@@ -72,6 +72,7 @@ def spectrum(
       rockjax spectrum --eta-over-gamma 5 --T-s 0,0.5 --sensitivities alpha,gamma
       rockjax spectrum problem.toml --points 200
     """
+    report.pictures.apart()
     prepare(report)
     import numpy as np
 
@@ -98,21 +99,22 @@ def spectrum(
         f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
     )
     known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
-    prepare_pictures()
+    spectra = []
     try:
         with report.progress(total, "scenes") as bar:
             how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
             spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
+        report.draw(to.picture("rotation"), "spectra", joined(spectra, ratios, periods, zeta))
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
+        panels = joined(spectra, ratios, periods, zeta)
+        report.write(to.data(), panels)
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
-    from rockjax import plots
-
-    panels = joined(spectra, ratios, periods, zeta)
-    report.write(to.data(), panels)
-    draws = (plots.spectra, plots.overturning_curves, plots.sensitivity_spectra)
-    for suffix, draw in zip(drawn, draws, strict=False):
-        report.draw(to.picture(suffix), draw(panels))
+    except KeyboardInterrupt:
+        raise interrupted(to.prefix, spectra, "stopped before all was written") from None
+    report.draw(to.picture("overturning"), "overturning_curves", panels)
+    if parameters:
+        report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)
     _partial.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())

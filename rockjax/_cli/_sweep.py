@@ -103,7 +103,7 @@ def sweep(
       rockjax sweep problem.toml --scheduler tcp://10.0.0.1:8786 \\
         -o /shared/study.zarr
     """
-    prepare(report, pictures=False)
+    prepare(report)
     import rockjax as rj
     from rockjax._sweep.store import require_zarr
 

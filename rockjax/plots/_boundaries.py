@@ -10,8 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from rockjax._studies.spectra import minimum_overturning
-
 from ._panels import grid_of_panels, legend_beside, mass_of, period_of
 from ._spectra import dimensional_axes
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled, symbol_of
@@ -30,6 +28,8 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
     assert ax is not None
     if "boundaries" in dataset:
         return overturning_spectrum(dataset, ax, **line)
+    from rockjax._studies.spectra import minimum_overturning  # with JAX, which other pictures do without
+
     x, least = dataset["frequency_ratio"].values, minimum_overturning(dataset).values
     curve = ax.step(x, least, where="mid", **line)[0]
     _mark_ends(ax, x, least, float(dataset["acceleration_ratio"].values[-1]), curve.get_color())

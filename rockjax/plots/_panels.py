@@ -12,8 +12,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from rockjax._parameters.variants import find
-
 from ._style import symbol_of
 
 if TYPE_CHECKING:
@@ -86,6 +84,8 @@ def _restrainers(attributes: Mapping[str, Any]) -> str:
     """The devices and their numbers, in a line of their own; none without."""
     found = []
     for device in json.loads(attributes.get("restrainers", "[]")):
+        from rockjax._parameters.variants import find  # with JAX, which other pictures do without
+
         kind = device["kind"]
         known = {field: find(f"restrainers.{kind}.{field}") for field in device}
         # What is 0 is not there, and an exponent of 1 is that of a linear damper.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from rockjax._repr import units as written
 from rockjax._responses.simulate import simulate
+from rockjax._tables import units as written
 
 from ._histories import response
 from ._style import COLOURS, plt, styled

@@ -421,6 +421,26 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
     assert os.listdir() == []
 
 
+@pytest.mark.parametrize("command", ["spectrum", "overturning"])
+def test_ctrl_c_while_files_are_written_loses_nothing(run, monkeypatch, command):
+    line = f"{command} --gamma 10 --eta 20 --T-s 0 --frequency 2 4 --points 3 -q -o study".split()
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as context:
+        context.setattr("rockjax._files.write_dataset", stopped)
+        code, _, err = run(*line)
+    assert code == 130
+    assert "kept in study.partial.nc: the same command with --resume goes on from there" in err
+    monkeypatch.setattr(rj, "overturning_spectrum", stopped)
+    assert run(*line, "--resume")[0] == 0
+    assert "study.nc" in os.listdir()
+    assert "study.partial.nc" not in os.listdir()
+    drawn = "overturning" if command == "spectrum" else "boundaries"
+    assert f"study-{drawn}.png" in os.listdir()
+
+
 @pytest.mark.slow
 def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     """The example with fewer records and levels, and then the same records from files."""
