@@ -1,6 +1,6 @@
-"""Pictures, drawn in a process of their own where that is safe.
+"""Pictures, drawn in processes of their own where that is safe.
 
-It loads what draws, and draws, while the command goes on; threads of one interpreter would do it in turn.
+They load what draws, and draw, while the command goes on; threads of one interpreter would do it in turn.
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+
+COPIES = 2  # as many pictures at a time
 
 
 class _Wanted(NamedTuple):
@@ -37,46 +40,45 @@ class Pictures:
 
     def __init__(self) -> None:
         os.environ["MPLBACKEND"] = "Agg"  # without a screen; Matplotlib itself takes a while, and can wait
-        self._pipe: Connection | None = None
+        self._pipes: list[Connection] = []
         self._asked: list[_Wanted] = []
 
     def apart(self) -> None:
-        """Have pictures drawn by a copy of this process, as long as it has no threads, which a copy would
+        """Have pictures drawn by copies of this process, as long as it has no threads, which a copy would
         lack."""
         safe = sys.platform == "linux" and threading.active_count() == 1 and "jax" not in sys.modules
-        if not safe or self._pipe is not None:
+        if not safe or self._pipes:
             return
         import multiprocessing
 
         sys.stdout.flush()
         sys.stderr.flush()
-        ours, theirs = multiprocessing.Pipe()
+        ours, theirs = zip(*(multiprocessing.Pipe() for _ in range(COPIES)), strict=True)
         try:
             multiprocessing.get_context("fork").Process(target=_serve, args=(ours, theirs)).start()
         except OSError:  # no further process is allowed: drawn here
             return
-        theirs.close()
-        self._pipe = ours
-        # However the command ends: the copy then ends what it draws, and itself, which Python waits for.
-        atexit.register(ours.close)
+        _close(theirs)
+        self._pipes = list(ours)
+        # However the command ends: copies then end what they draw, and themselves, which Python waits for.
+        atexit.register(_close, ours)
 
     def draw(self, path: str | Path, draw: str, data: Any) -> list[Path]:
         """Draw a picture, and give the files that are there since; those of the others come with `rest`."""
         wanted = _Wanted(path, draw, data)
-        if self._pipe is None:
+        if not self._pipes:
             return [wanted.make()]
-        self._asked.append(wanted)
         with contextlib.suppress(OSError):  # it is gone: `rest` draws instead
-            self._pipe.send(wanted)
+            self._pipe_of(len(self._asked)).send(wanted)
+        self._asked.append(wanted)
         return []
 
     def rest(self) -> list[Path]:
         """Wait for all that are drawn beside. Raises what drawing or writing them raised."""
         made = []
-        for wanted in self._asked:
+        for number, wanted in enumerate(self._asked):
             try:
-                assert self._pipe is not None
-                answer = self._pipe.recv()
+                answer = self._pipe_of(number).recv()
             except (EOFError, OSError):  # it was stopped from outside
                 answer = wanted.make()
             if isinstance(answer, BaseException):
@@ -84,6 +86,15 @@ class Pictures:
             made.append(answer)
         self._asked.clear()
         return made
+
+    def _pipe_of(self, number: int) -> Connection:
+        """Copies draw in turn."""
+        return self._pipes[number % len(self._pipes)]
+
+
+def _close(pipes: Iterable[Connection]) -> None:
+    for pipe in pipes:
+        pipe.close()
 
 
 def _warm_up() -> None:
@@ -101,11 +112,29 @@ def _warm_up() -> None:
     plt.close(figure)
 
 
-def _serve(theirs: Connection, pipe: Connection) -> None:
-    """Draw what is asked for until the other end closes. Ctrl-C is for the command, which then closes it."""
+def _serve(theirs: Sequence[Connection], pipes: Sequence[Connection]) -> None:
+    """Draw what is asked for until the other ends close, each pipe in a process. Ctrl-C is for the command,
+    which then closes them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    theirs.close()
+    _close(theirs)
+    os.environ["OMP_NUM_THREADS"] = "1"  # NumPy's library has no threads either, then
     _warm_up()
+    for k in range(1, len(pipes)):
+        copy = 1
+        with contextlib.suppress(OSError):  # no further process: its pipe is closed, and the command draws
+            copy = os.fork()
+        if not copy:
+            _close(pipe for other, pipe in enumerate(pipes) if other != k)
+            _draw_all(pipes[k])
+            os._exit(0)
+    _close(pipes[1:])
+    _draw_all(pipes[0])
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            os.wait()
+
+
+def _draw_all(pipe: Connection) -> None:
     while True:
         try:
             wanted = pipe.recv()
