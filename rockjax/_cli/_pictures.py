@@ -54,14 +54,22 @@ class Pictures:
         sys.stdout.flush()
         sys.stderr.flush()
         ours, theirs = zip(*(multiprocessing.Pipe() for _ in range(COPIES)), strict=True)
+        copy = multiprocessing.get_context("fork").Process(target=_serve, args=(ours, theirs))
         try:
-            multiprocessing.get_context("fork").Process(target=_serve, args=(ours, theirs)).start()
+            copy.start()
         except OSError:  # no further process is allowed: drawn here
+            _close((*ours, *theirs))
             return
         _close(theirs)
         self._pipes = list(ours)
-        # However the command ends: copies then end what they draw, and themselves, which Python waits for.
-        atexit.register(_close, ours)
+
+        def end() -> None:
+            """However the command ends: what is being drawn is drawn to its end, which Python waits for."""
+            _close(ours)
+            if not self._asked:
+                copy.terminate()
+
+        atexit.register(end)
 
     def draw(self, path: str | Path, draw: str, data: Any) -> list[Path]:
         """Draw a picture, and give the files that are there since; those of the others come with `rest`."""
