@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jax.scipy.stats import norm
 from jaxtyping import Array, Bool, Float
 
@@ -88,6 +87,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
 
 def _fitted(loss, start, data, fits: Bool[Array, ""]) -> Lognormal:
     """The maximum of a likelihood in (ln median, ln dispersion): where its gradient is zero."""
+    import optimistix as optx  # which takes long to import, and is needed only where a fit is traced
+
     constant = jax.lax.stop_gradient
     near = optx.minimise(
         loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
