@@ -17,8 +17,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi, norm
+import scipy
 
 from ._estimators._subset import Subset
 from .limit_state import AbstractLimitState
@@ -126,7 +125,7 @@ def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.nd
 
 def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
     """A factor on u with which failure has nearly this probability, and a first run there."""
-    wanted, factor = -float(norm.ppf(probability)), 1.0
+    wanted, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
     known: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
         sampled = Subset(Scaled(limit, factor), None, rng, TRIED, SHARE)  # pyright: ignore[reportArgumentType]
@@ -134,7 +133,7 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
         found = sampled.estimate().probability
         if found > 0 and abs(math.log(found / probability)) < NEARLY:
             return factor, sampled
-        index = -float(norm.ppf(min(max(found, 1e-30), 1 - 1e-3)))
+        index = -float(scipy.stats.norm.ppf(min(max(found, 1e-30), 1 - 1e-3)))
         known.append((math.log(factor), index))
         # In proportion to 1/k if G were plane; else as the last two say.
         step = math.log(max(index, 0.5) / max(wanted, 0.5)) if wanted != index else 0.1
@@ -159,7 +158,7 @@ class _Scan:
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
-        self.ends = float(chi.ppf(LOW, d)), float(chi.isf(HIGH, d))
+        self.ends = float(scipy.stats.chi.ppf(LOW, d)), float(scipy.stats.chi.isf(HIGH, d))
         # Places are the same for all structures: what is seen does not depend on where a search began.
         self.step = SPACING / math.sqrt(d)
         self.first = self.after = math.floor(math.log(self.ends[0] * guess / WIDER) / self.step)
@@ -206,7 +205,7 @@ class _Scan:
 
     def shares(self, k: float) -> np.ndarray:
         """q(e; k) of every ray, (m,)."""
-        tail = self.sign * chi.sf(self.r / k, self.directions.shape[1])
+        tail = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
         return self.always + np.bincount(self.line, tail, minlength=len(self.directions))
 
 
@@ -223,7 +222,7 @@ def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequenc
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
     # dP/d ln k = Σ ± weight φ(r/k) r/k
-    push = of_ray * scan.sign * chi.pdf(scan.r / k, d) * scan.r / k
+    push = of_ray * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
     smooth = np.where(jumps, 0.0, push)
     moved = -slopes / np.where(jumps, 1.0, along)[:, None]  # d ln r/d ln y
     share = rays.weights * scan.shares(k)
@@ -289,4 +288,4 @@ def _root(scan: _Scan, weights: np.ndarray, probability: float, guess: float) ->
         low -= 0.05
     while off(high) < 0 and high < 10:
         high += 0.05
-    return math.exp(float(brentq(off, low, high, xtol=1e-14)))  # pyright: ignore[reportArgumentType]
+    return math.exp(float(scipy.optimize.brentq(off, low, high, xtol=1e-14)))  # pyright: ignore[reportArgumentType]

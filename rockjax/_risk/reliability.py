@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from rockjax._progress import bar
 from rockjax._results import Interrupted
@@ -205,7 +205,7 @@ def first_order(found: Found) -> float:
         both = sum(
             _both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i)
         )
-        total += max(float(stats.norm.sf(beta)) - both, 0.0)
+        total += max(float(scipy.stats.norm.sf(beta)) - both, 0.0)
     return total
 
 
@@ -215,11 +215,11 @@ def _both(a: float, b: float, correlation: float) -> float:
 
     rho = min(max(correlation, -1.0), 1.0)
     if rho > 1 - 1e-12:
-        return float(stats.norm.sf(max(a, b)))
+        return float(scipy.stats.norm.sf(max(a, b)))
 
     # r = sin t takes the singularity at ±1 away.
     def density(t: float) -> float:
         return math.exp(-(a * a + b * b - 2 * a * b * math.sin(t)) / (2 * math.cos(t) ** 2)) / (2 * math.pi)
 
     whole = quad(density, 0.0, math.asin(rho), epsabs=0.0, epsrel=1e-10, limit=200)[0]
-    return max(float(stats.norm.sf(a) * stats.norm.sf(b)) + whole, 0.0)
+    return max(float(scipy.stats.norm.sf(a) * scipy.stats.norm.sf(b)) + whole, 0.0)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from rockjax._risk.limit_state import AbstractLimitState
 from rockjax._risk.search import Found
@@ -103,5 +103,5 @@ def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float
     out."""
     if p == 0:
         return 0.0, 1 - (1 - LEVEL) ** (1 / count)
-    reach = math.exp(float(stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))
+    reach = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))
     return p / reach, min(p * reach, 1.0)

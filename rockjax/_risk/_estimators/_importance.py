@@ -14,8 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
-from scipy.stats import norm
+import scipy
 
 from rockjax._risk.search import Found, design_points, merged
 
@@ -36,7 +35,7 @@ class Importance(AbstractMean):
 
     def _around(self, found: Found) -> None:
         self.found = found
-        share = norm.cdf(-found.beta)
+        share = scipy.stats.norm.cdf(-found.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
         # Far and near ones alike get enough samples to be seen.
         weights = 0.5 * (weights + 1 / weights.size)
@@ -61,7 +60,7 @@ class Importance(AbstractMean):
         u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        known: Any = logsumexp(ratios, axis=1, b=self.weights)
+        known: Any = scipy.special.logsumexp(ratios, axis=1, b=self.weights)
         weight = np.exp(-known)
         failed = self.limit.values(u) <= 0
         self.add(np.where(failed, weight, 0.0))

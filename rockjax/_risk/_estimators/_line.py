@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+import scipy
 
 from rockjax._risk.lines import crossings
 
@@ -63,7 +63,7 @@ class Line(AbstractEstimator):
         self.found_on_lines: list[_Found] = []
 
     def round(self, size: int) -> None:
-        share = norm.cdf(-self.found.beta)
+        share = scipy.stats.norm.cdf(-self.found.beta)
         share = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
         count = max(size // SCENES, 4)
         lines = self._drawn(np.maximum(2, np.round(count * share)).astype(int))
@@ -77,15 +77,15 @@ class Line(AbstractEstimator):
         places = [self._places(low, max(REACH, b + NEAR), float(b)) for low, b in pairs]
         met = crossings(self.limit, lines.u, direction, places)
         # Failing stretches end at crossings; what is beyond the ends of a whole line goes on.
-        below = np.where(lines.low <= -REACH, 1.0, norm.sf(lines.low))
+        below = np.where(lines.low <= -REACH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(met.fails_first, below, 0.0)
-        np.add.at(probability, met.line, np.where(met.enters, 1.0, -1.0) * norm.sf(met.place))
+        np.add.at(probability, met.line, np.where(met.enters, 1.0, -1.0) * scipy.stats.norm.sf(met.place))
         for i, of in enumerate(self.lines):
             mine = lines.part == i
             of[lines.line[mine]] = probability[mine]
         u = lines.u[met.line] + met.place[:, None] * direction[met.line]
         where = lines.part[met.line], lines.line[met.line]
-        self.found_on_lines.append(_Found(u, norm.pdf(met.place), met.G, *where))
+        self.found_on_lines.append(_Found(u, scipy.stats.norm.pdf(met.place), met.G, *where))
 
     def _drawn(self, counts: np.ndarray) -> _Lines:
         """So many new lines of every design point; those that miss its part are none, but count."""

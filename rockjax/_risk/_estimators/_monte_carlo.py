@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from scipy import stats
+import scipy
 
 from ._base import LEVEL, AbstractMean, Estimate
 
@@ -22,6 +22,6 @@ class MonteCarlo(AbstractMean):
     def estimate(self) -> Estimate:
         failures = round(self.total)
         p = failures / self.count
-        found = stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
+        found = scipy.stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
         error = math.sqrt(p * (1 - p) / self.count)
         return Estimate(p, error, (float(found.low), float(found.high)), float(failures))

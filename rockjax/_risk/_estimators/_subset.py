@@ -18,7 +18,7 @@ from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from ._base import LEVEL, AbstractEstimator, Estimate, lognormal_interval
 
@@ -132,7 +132,9 @@ class Subset(AbstractEstimator):
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
         within = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
         # Of so few runs it is uncertain itself: as much larger as Student's interval is.
-        error = math.sqrt(max(spread, within)) * float(stats.t.ppf(TAIL, p.size - 1) / stats.norm.ppf(TAIL))
+        error = math.sqrt(max(spread, within)) * float(
+            scipy.stats.t.ppf(TAIL, p.size - 1) / scipy.stats.norm.ppf(TAIL)
+        )
         effective = min((mean / error) ** 2, 1e9) if error > 0 else 1e9
         return Estimate(mean, error, lognormal_interval(mean, error, p.size), effective)
 
