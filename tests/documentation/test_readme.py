@@ -1,4 +1,5 @@
 import importlib
+import inspect
 import re
 import shlex
 import tomllib
@@ -101,6 +102,14 @@ def test_every_public_name_is_in_the_reference(package):
     named = set(re.findall(rf"^::: {package}\.(\w+)$", reference, re.M))
     public = set(importlib.import_module(package).__all__) - {"__version__"}
     assert public == named - {"plots"}
+
+
+def test_every_picture_is_in_the_reference():
+    from rockjax import plots
+
+    page = (ROOT / "docs/api/plots.md").read_text()
+    drawn = {name for name in plots.__all__ if inspect.isfunction(getattr(plots, name))}
+    assert drawn == set(re.findall(r"^::: rockjax\.plots\.(\w+)$", page, re.M))
 
 
 def test_versions_agree():
