@@ -209,7 +209,7 @@ def run_batch(
     # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
     # program.
     options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
-    options = as_compiled(jax.tree.unflatten(scenes.structure, scenes.leaves)[0], options)
+    options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
     answers = _Answers(scenes)
@@ -317,8 +317,7 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
     if who.platform == "cpu":
-        podium, *_ = jax.tree.unflatten(scenes.structure, scenes.leaves)
-        lanes, chunk = LANES // 2 if sensitivities or podium.vibrates else LANES, CHUNK
+        lanes, chunk = LANES // 2 if sensitivities or scenes.podium.vibrates else LANES, CHUNK
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)

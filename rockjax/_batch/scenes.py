@@ -53,6 +53,11 @@ class SceneBatch(NamedTuple):
         return tuple(None if rows is None else 0 for rows in self.rows)
 
     @property
+    def podium(self) -> Podium:
+        """Of all scenes, where a number differs with their rows."""
+        return jax.tree.unflatten(self.structure, self.leaves)[0]
+
+    @property
     def numbers(self) -> int:
         """The most numbers that a scene has to itself in one leaf."""
         return max(y[0].size for y, rows in zip(self.leaves, self.rows, strict=True) if rows is not None)
