@@ -25,7 +25,6 @@ from rockjax._once import once
 from rockjax._types import Flag, Index, Value, Values
 
 from .coefficients import Coefficients, Vibration, present, summed, weighted
-from .hermite import derivative
 from .model import drift_weights, horizontal, uplift_demand
 from .ratio import safe_ratio
 from .records import larger
@@ -75,8 +74,8 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             values = values.horizontal
         force = list(once(_combine(to_powers, values)))
         move = swing.across(force, half, over, state.x[1], state.v[1])
-        padded = [*force, *[jnp.zeros_like(half)] * (len(move.path) - len(force))]
-        demand = [f - weighted(modes.demand, s) for f, s in zip(padded, move.spring, strict=True)]
+        padded = _padded(force)
+        demand = padded - _weighted_rows(modes.demand, move.spring)
         shaken = weighted(modes.demand, move.shaken)
         goes = _stays_down(c, demand, shaken, raised, rounding)
         goes &= _under_records(scene, plan, state, move, padded)
@@ -114,8 +113,8 @@ class _Moves(NamedTuple):
     """What modes do over a panel: bounds are of polynomials by their coefficients, of the free vibration by
     its energy."""
 
-    path: list[Values]  # the particular solution, in powers of r on [−1, 1]
-    spring: list[Values]  # ω²d + 2ζω ḋ of it
+    path: Values  # the particular solution: a row for each power of r on [−1, 1]
+    spring: Values  # ω²d + 2ζω ḋ of it
     vibration: Values  # amplitude of the free vibration …
     shaken: Values  # … and of its ω²d + 2ζω ḋ
     x: Values  # displacement and velocity at the end
@@ -137,23 +136,20 @@ class _Swing(NamedTuple):
         """The motion over a panel, from the displacement and velocity at its start."""
         turn, free = over
         path = once(_particular(force, self.zeta, turn, half))
-        rates = [*derivative(path), jnp.zeros_like(half)]
-        before = [-1.0 if k % 2 else 1.0 for k in range(len(path))]
+        rates = _rate(path)
+        (first, last), (slow, fast) = _ends(path), _ends(rates)
         # The free vibration is what the state at the start has besides the particular solution.
-        offset = u - sum(y * s for y, s in zip(path, before, strict=True))
-        speed = u_dot * half - sum(y * s for y, s in zip(rates, before, strict=True))
-        x = sum(path) + free[0] * offset + free[1] * speed
-        v = (sum(rates) + free[2] * offset + free[3] * speed) / half
+        offset, speed = once((u - first, u_dot * half - slow))
+        x = last + free[0] * offset + free[1] * speed
+        v = (fast + free[2] * offset + free[3] * speed) / half
         vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
         omega2, damping = self.modes.omega2, self.modes.damping
-        spring = [omega2 * y + damping * r / half for y, r in zip(path, rates, strict=True)]
+        spring = omega2[None] * path + (damping / half)[None] * rates
         shaken = omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
         return _Moves(path, spring, vibration, shaken, x, v)
 
 
-def _under_records(
-    scene: Scene, plan: Plan, state: LoopState, move: _Moves, force: list[Value]
-) -> Flag | bool:
+def _under_records(scene: Scene, plan: Plan, state: LoopState, move: _Moves, force: Values) -> Flag | bool:
     """Whether what is wanted of the superstructure stays under its records over a panel, with `force` the
     coefficients of ü_g."""
     c, several, under = scene.c, scene.c.several, True
@@ -169,16 +165,15 @@ def _under_records(
 
     def drift(weights: Values) -> Value:
         """Of a story, at most."""
-        size = _size([weighted(weights, y) for y in move.path])
+        size = _size(_weighted_rows(weights, move.path))
         return size + weighted(jnp.abs(weights), move.vibration)
 
     def carried(weights: Values) -> Value:
         """The absolute acceleration of springs, over −1, and of the beam, at most."""
-        found = [weighted(weights, y) for y in move.spring]
+        found = _weighted_rows(weights, move.spring)
         if several.residual is not None:
-            rest = 1 - summed(weights)
-            found = [s - rest * f for s, f in zip(found, force, strict=True)]
-        return _size([*found, weighted(jnp.abs(weights), move.shaken)])
+            found -= (1 - summed(weights)) * force
+        return _size(found) + weighted(jnp.abs(weights), move.shaken)
 
     if plan.shear:
         under &= carried(several.shares) < jnp.maximum(present(state.shear) * c.g, weak)
@@ -208,16 +203,15 @@ def _past_panel(
 
 
 def _stays_down(
-    c: Coefficients, demand: list[Value], shaken: Value, raised: list[Value], rounding: list[Value]
+    c: Coefficients, demand: Values, shaken: Value, raised: list[Value], rounding: list[Value]
 ) -> Flag:
     """Whether the demand of a panel, with what shakes freely, stays below that which lifts; `raised` are the
     coefficients of K v̈_g, and `rounding` those that were left out of it."""
     if not raised:
         return _size(demand) + shaken < c.uplift
     # ±q − K v̈_g, (C10)
-    raised = [*raised, *[jnp.zeros_like(shaken)] * (len(demand) - len(raised))]
-    sides = ([d + s * r for d, r in zip(demand, raised, strict=True)] for s in (1.0, -1.0))
-    goes = jnp.maximum(*map(_size, sides)) + shaken < c.uplift
+    up = _padded(raised)
+    goes = jnp.maximum(_size(demand + up), _size(demand - up)) + shaken < c.uplift
     for coefficient in rounding:
         goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
     return goes
@@ -297,8 +291,31 @@ def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:
     return combined
 
 
-def _size(coefficients: list[Values]) -> Values:
-    return sum((jnp.abs(y) for y in coefficients[1:]), jnp.abs(coefficients[0]))
+def _padded(coefficients: list[Value]) -> Values:
+    """A row for each power, as many as a particular solution has."""
+    return jnp.stack([*coefficients, *[jnp.zeros_like(coefficients[0])] * (_TERMS - len(coefficients))])
+
+
+def _weighted_rows(weights: Values, rows: Values) -> Values:
+    """Σ w_i y_i over modes, of each power."""
+    return jax.vmap(weighted, in_axes=(None, 0))(weights, rows)
+
+
+def _size(rows: Values) -> Values:
+    """What a polynomial does not exceed on [−1, 1]."""
+    return jnp.sum(jnp.abs(rows), axis=0)
+
+
+def _rate(rows: Values) -> Values:
+    """The derivative of a polynomial."""
+    powers = np.arange(1.0, _TERMS).reshape(-1, *[1] * (rows.ndim - 1))
+    return jnp.concatenate([powers * rows[1:], jnp.zeros_like(rows[:1])])
+
+
+def _ends(rows: Values) -> tuple[Values, Values]:
+    """A polynomial at −1 and at 1."""
+    even, odd = once((jnp.sum(rows[::2], axis=0), jnp.sum(rows[1::2], axis=0)))
+    return even - odd, even + odd
 
 
 def _free(zeta: Values, turn: Values) -> tuple[Values, Values, Values, Values]:
@@ -311,13 +328,13 @@ def _free(zeta: Values, turn: Values) -> tuple[Values, Values, Values, Values]:
     return cos + decay * sin, sin, -(turn**2) * sin, cos - decay * sin
 
 
-def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> list[Values]:
-    """A solution Σ y_k r^k of y'' + 2ζΩy' + Ω²y = −h²Σ f_k r^k on r ∈ [−1, 1].
+def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> Values:
+    """The rows y_k of a solution Σ y_k r^k of y'' + 2ζΩy' + Ω²y = −h²Σ f_k r^k on r ∈ [−1, 1].
 
     For a stiff oscillator the one that follows the ground motion, a polynomial of the same degree, from the
     highest power down; for a soft one the Taylor series from rest at r = 0, from the lowest power up.
     """
-    zero = jnp.zeros_like(half)
+    zero = jnp.zeros_like(turn)
     load = [-(half**2) * f for f in force] + [zero] * (_TERMS - len(force))
     stiff = turn > _SERIES
     safe = jnp.where(stiff, turn, 1.0)
@@ -334,7 +351,7 @@ def _particular(force: list[Value], zeta: Values, turn: Values, half: Value) -> 
         series.append(
             once((load[k] - drag * (k + 1) * series[k + 1] - square * series[k]) / ((k + 2) * (k + 1)))
         )
-    return [jnp.where(stiff, a, b) for a, b in zip(following, series, strict=False)]
+    return jnp.where(stiff[None], jnp.stack(following[:_TERMS]), jnp.stack(series))
 
 
 def _interpolation(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
