@@ -16,14 +16,18 @@ from typing import Any
 
 import jax
 
+from rockjax._threads import meanwhile
+
 from . import folder, kind
 from .lighter import lighter
 from .settings import device
+from .turns import turn
 
 _LOG = logging.getLogger("rockjax")
 # How programs are compiled that do not say otherwise: a quarter less compiling, and they take the same time,
 # for most of what LLVM does at its higher levels is done by then.
 QUICK = {"xla_backend_optimization_level": 1}
+KEEPING = "rockjax program being kept"  # name of threads that write one
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process, for those who want to know
 ANEW = threading.Event()  # set while nothing is kept, see `program.anew`
 
@@ -44,7 +48,8 @@ def remembered(name: str, what: Any, make: Callable[[], Any]) -> Any:
             return pickle.loads(content)
         except Exception as error:  # a class that is no longer there
             _LOG.debug("what is kept of %s cannot be loaded: %r", name, error)
-    value = make()
+    with turn():
+        value = make()
     try:
         folder.write(place, text, pickle.dumps(value))
     except Exception as error:
@@ -88,7 +93,19 @@ def load(place: Path, text: str) -> Callable | None:
 
 
 def keep(place: Path, text: str, compiled: Any) -> None:
-    """Keep a program, where that is possible."""
+    """Keep a program, where that is possible, while it is already used: a process waits for it at its
+    end."""
+    meanwhile(lambda: _keep(place, text, compiled), KEEPING)
+
+
+def wait_until_kept() -> None:
+    """Wait for programs that are being kept."""
+    for thread in threading.enumerate():
+        if thread.name == KEEPING:
+            thread.join()
+
+
+def _keep(place: Path, text: str, compiled: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 
     try:

@@ -18,6 +18,7 @@ from rockjax._threads import meanwhile
 from . import folder, kind
 from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
 from .settings import ARRAYS, is_here, present_settings, type_of, usual
+from .turns import is_mine, turn
 
 _LOG = logging.getLogger("rockjax")
 _NUMBERS = ARRAYS | bool | int | float
@@ -127,7 +128,8 @@ class KeptProgram:
     def _make(self, key: Hashable, passed: list, fixed: _Fixed) -> Callable:
         with self._lock:
             lock = self._making.setdefault(key, threading.Lock())
-        with lock:  # one thread compiles, the others wait for it
+        # One thread compiles and the others wait for it, but for one that is tracing what calls this.
+        with contextlib.nullcontext() if is_mine() else lock:
             if key not in self._ready:
                 self._ready[key] = self._kept(passed, fixed)
             return self._ready[key]
@@ -152,7 +154,8 @@ class KeptProgram:
         if found is not None:
             return found
         with _said(place):
-            lowered = self._jitted(fixed).lower(*passed)
+            with turn():
+                lowered = self._jitted(fixed).lower(*passed)
             if place and not text:
                 text = self._text_of(lowered)
                 found = load(place, text)

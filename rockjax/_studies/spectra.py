@@ -189,9 +189,10 @@ def _in_order(
 
 
 def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
-    """Which podiums can share one batch: their numbers, by the structure of their pytrees."""
+    """Which podiums can share one batch: their numbers, by the structure of their pytrees. Those that take
+    longest to compile come first."""
     kinds: dict[Any, list[int]] = {}
-    for k, podium in enumerate(podiums):
+    for k, podium in sorted(enumerate(podiums), key=lambda each: not each[1].vibrates):
         kinds.setdefault(jax.tree.structure(podium.split()), []).append(k)
     return kinds
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from importlib.metadata import version
 
 import jax
@@ -16,7 +17,7 @@ import pytest
 import rockjax as rj
 from rockjax._programs import folder, kind, lighter, program
 from rockjax._programs import kept as keeping
-from rockjax._programs.kept import COUNTS
+from rockjax._programs.kept import COUNTS, wait_until_kept
 from rockjax._programs.program import KeptProgram, forget
 from tests.scenes import PODIUMS
 
@@ -56,6 +57,7 @@ def kept(monkeypatch, tmp_path):
             made.forget()
             before = len(TRACED)
             answer = made(*(arguments or ARGUMENTS), **named)
+            wait_until_kept()
             assert np.array_equal(answer["sum"], expected(*(arguments or ARGUMENTS), **named))
             return len(TRACED) > before
 
@@ -470,6 +472,7 @@ def test_a_broken_program_of_the_users_own_classes_is_taken_away(kept, monkeypat
     made = KeptProgram(lambda law, x: law(x))
     try:
         assert float(made(lambda x: 5 * x, 3.0)) == 15
+        wait_until_kept()
         assert len(folder.entries(kept.place)) == 1
         made.forget()
         with monkeypatch.context() as patch:
@@ -529,3 +532,30 @@ def test_importing_leaves_settings_of_jax_open():
     )
     done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["3"]
+
+
+def test_threads_trace_one_after_another(kept):
+    """Or the first would get to compiling only when all are done; and two that need each other's programs do
+    not wait for ever."""
+    from rockjax._programs.turns import is_mine, turn
+
+    made, answers = program._ALL[-1], []
+    other = threading.Thread(target=lambda: made(*ARGUMENTS), daemon=True)
+
+    def tracing():
+        with turn():
+            assert is_mine()
+            other.start()
+            while not made._making:  # the other holds the lock of this program, and waits for its turn
+                time.sleep(0.01)
+            time.sleep(0.2)
+            assert other.is_alive()
+            answers.append(made(*ARGUMENTS))
+        assert not is_mine()
+
+    first = threading.Thread(target=tracing, daemon=True)
+    first.start()
+    for thread in (first, other):
+        thread.join(60)
+        assert not thread.is_alive()
+    np.testing.assert_array_equal(answers[0]["sum"], expected(*ARGUMENTS))
