@@ -181,7 +181,7 @@ def fragility(
     podium = given.podium(structure)
     suite, levels, statistics = given.settings(suite), given.settings(levels), given.settings(statistics)
     found = _suite(given, suite, statistics.seed, paths)
-    options = given.options(accuracy, method="tsit5")
+    options = given.options(accuracy)
     if not 0 < statistics.confidence < 1:
         raise ValueError(f"--confidence: must be in (0, 1), got {statistics.confidence:g}")
     measure = _measure(levels, found)

@@ -123,7 +123,7 @@ def overturning(
         panels = joined(found, ratios, periods, zeta)
         report.write(to.data(), panels)
     except KeyboardInterrupt:
-        raise interrupted(to.prefix, found, "stopped before all was written") from None
+        raise interrupted(to.prefix, found) from None
     for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
         report.draw(to.picture(suffix), draw, panels)
     _partial.path_of(to.prefix).unlink(missing_ok=True)

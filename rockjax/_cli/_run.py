@@ -274,7 +274,7 @@ def _programs() -> str:
     )
 
 
-def interrupted(output: Path, datasets: list, message: str) -> typer.Exit:
+def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:
     """Keep what is there, and say how to go on."""
     from rockjax import _partial
 

@@ -111,7 +111,7 @@ def spectrum(
     except rj.Interrupted as stopped:
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     except KeyboardInterrupt:
-        raise interrupted(to.prefix, spectra, "stopped before all was written") from None
+        raise interrupted(to.prefix, spectra) from None
     report.draw(to.picture("overturning"), "overturning_curves", panels)
     if parameters:
         report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)
