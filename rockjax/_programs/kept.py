@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from rockjax._threads import meanwhile
 
@@ -83,6 +84,8 @@ def load(place: Path, text: str) -> Callable | None:
         return None
     try:
         program, arguments, answers = pickle.loads(content)
+        if b"lapack" in program:
+            _find_lapack()
         found = deserialize_and_load(program, arguments, answers, execution_devices=[device()])
     except Exception as error:  # another library's format, a class that is no longer there
         _LOG.debug("a kept program cannot be loaded: %r", error)
@@ -90,6 +93,13 @@ def load(place: Path, text: str) -> Callable | None:
         return None
     COUNTS["loaded"] += 1
     return found
+
+
+@functools.cache
+def _find_lapack() -> None:
+    """JAX looks for LAPACK when it lowers the first program that needs it. One that is only loaded would call
+    what is not there, and take the process with it."""
+    jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
 
 def keep(place: Path, text: str, compiled: Any) -> None:

@@ -559,3 +559,22 @@ def test_threads_trace_one_after_another(kept):
         thread.join(60)
         assert not thread.is_alive()
     np.testing.assert_array_equal(answers[0]["sum"], expected(*ARGUMENTS))
+
+
+def test_a_program_that_needs_lapack_finds_it_in_a_later_process(tmp_path):
+    """JAX looks for it when something is lowered, which a later process does not do: calling it ended the
+    process."""
+    script = (
+        "import numpy as np, jax, rockjax\n"
+        "from rockjax._programs.kept import COUNTS\n"
+        "from rockjax._programs.program import KeptProgram\n"
+        "solve = KeptProgram(lambda a, b: jax.numpy.linalg.solve(a, b), name='rockjax.solve')\n"
+        "print(solve(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])), COUNTS['loaded'])"
+    )
+    environment = os.environ | {"ROCKJAX_CACHE_DIR": str(tmp_path / "cache")}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    for loaded in (0, 1):
+        done = subprocess.run(
+            [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+        )
+        assert done.stdout.split() == ["[1.", "1.]", str(loaded)]
