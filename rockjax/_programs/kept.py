@@ -108,13 +108,6 @@ def keep(place: Path, text: str, compiled: Any) -> None:
     meanwhile(lambda: _keep(place, text, compiled), KEEPING)
 
 
-def wait_until_kept() -> None:
-    """Wait for programs that are being kept."""
-    for thread in threading.enumerate():
-        if thread.name == KEEPING:
-            thread.join()
-
-
 def _keep(place: Path, text: str, compiled: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 

@@ -211,8 +211,6 @@ def first_order(found: Found) -> float:
 
 def _both(a: float, b: float, correlation: float) -> float:
     """P(x > a, y > b) of two standard normal numbers: Φ(−a)Φ(−b) + ∫₀^ρ φ₂(a, b; r) dr."""
-    from scipy.integrate import quad
-
     rho = min(max(correlation, -1.0), 1.0)
     if rho > 1 - 1e-12:
         return float(scipy.stats.norm.sf(max(a, b)))
@@ -221,5 +219,5 @@ def _both(a: float, b: float, correlation: float) -> float:
     def density(t: float) -> float:
         return math.exp(-(a * a + b * b - 2 * a * b * math.sin(t)) / (2 * math.cos(t) ** 2)) / (2 * math.pi)
 
-    whole = quad(density, 0.0, math.asin(rho), epsabs=0.0, epsrel=1e-10, limit=200)[0]
+    whole = scipy.integrate.quad(density, 0.0, math.asin(rho), epsabs=0.0, epsrel=1e-10, limit=200)[0]
     return max(float(scipy.stats.norm.sf(a) * scipy.stats.norm.sf(b)) + whole, 0.0)

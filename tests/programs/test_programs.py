@@ -17,7 +17,7 @@ import pytest
 import rockjax as rj
 from rockjax._programs import folder, kind, lighter, program
 from rockjax._programs import kept as keeping
-from rockjax._programs.kept import COUNTS, wait_until_kept
+from rockjax._programs.kept import COUNTS, KEEPING
 from rockjax._programs.program import KeptProgram, forget
 from tests.scenes import PODIUMS
 
@@ -57,7 +57,7 @@ def kept(monkeypatch, tmp_path):
             made.forget()
             before = len(TRACED)
             answer = made(*(arguments or ARGUMENTS), **named)
-            wait_until_kept()
+            wait_for(KEEPING)
             assert np.array_equal(answer["sum"], expected(*(arguments or ARGUMENTS), **named))
             return len(TRACED) > before
 
@@ -67,6 +67,14 @@ def kept(monkeypatch, tmp_path):
 
     yield Kept()
     program._ALL.remove(made)
+
+
+def wait_for(name):
+    """For threads of a name: others may wait for work as long as the process lives."""
+    for thread in threading.enumerate():
+        if thread.name == name:
+            thread.join(60)
+            assert not thread.is_alive()
 
 
 def expected(x, y, times=2):
@@ -211,10 +219,7 @@ def test_a_program_is_made_ready_ahead(kept):
         np.testing.assert_array_equal(answer["sum"], expected(*ARGUMENTS, times=times))
     with jax.numpy_rank_promotion("warn"):  # which that thread would not have
         made.ahead(*ARGUMENTS, times=4)
-    for thread in threading.enumerate():  # (other threads may wait for work as long as the process lives)
-        if thread.name == program.AHEAD:
-            thread.join(60)
-            assert not thread.is_alive()
+    wait_for(program.AHEAD)
     assert len(TRACED) == before + 2
 
 
@@ -472,7 +477,7 @@ def test_a_broken_program_of_the_users_own_classes_is_taken_away(kept, monkeypat
     made = KeptProgram(lambda law, x: law(x))
     try:
         assert float(made(lambda x: 5 * x, 3.0)) == 15
-        wait_until_kept()
+        wait_for(KEEPING)
         assert len(folder.entries(kept.place)) == 1
         made.forget()
         with monkeypatch.context() as patch:
