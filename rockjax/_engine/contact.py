@@ -35,6 +35,7 @@ from .transitions import contact_mode, restart
 _SERIES = 2.0  # radians per half panel up to which the particular solution is a Taylor series, …
 _TERMS = 24  # … of so many terms; beyond, it follows the ground motion
 _ROUNDING = 1e-14
+_FEW = 1  # degree of a ground motion up to which the solutions under its powers are kept for all panels
 _DAMPED = 0.95  # ζ up to which the free vibration is worked out; stronger damping is left to the steps
 
 
@@ -47,9 +48,9 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return state
     degree, lengths = excitation.panels
     omega = jnp.sqrt(modes.omega2)
-    swing = _Swing(modes, omega, 0.5 * modes.damping / omega)
+    swing = _Swing(scene, plan, modes, omega, 0.5 * modes.damping / omega)
     # Long panels as far as they go, then shorter ones.
-    kinds = [(half, swing.over(half)) for half in (0.5 * constant(y) for y in lengths)]
+    kinds = [(half, swing.over(half, degree)) for half in (0.5 * constant(y) for y in lengths)]
     shaking = excitation.piece(state.piece)(state.t)
     settled = (state.code == results.RUNNING) & certificate(scene, plan, state, state.piece, shaking)
     state = state._replace(code=jnp.where(settled, results.SETTLED, state.code).astype(state.code.dtype))
@@ -74,11 +75,12 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
             values = values.horizontal
         force = list(once(_combine(to_powers, values)))
         move = swing.across(force, half, over, state.x[1], state.v[1])
-        padded = _padded(force)
-        demand = padded - _weighted_rows(modes.demand, move.spring)
         shaken = weighted(modes.demand, move.shaken)
-        goes = _stays_down(c, demand, shaken, raised, rounding)
-        goes &= _under_records(scene, plan, state, move, padded)
+        # With vertical motion ±q − K v̈_g, (C10).
+        goes = move.most.demand + shaken + sum(map(jnp.abs, raised)) < c.uplift
+        goes &= _under_records(scene, plan, state, move)
+        for coefficient in rounding:
+            goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
         for coefficient in _combine(to_tail, values):
             goes &= jnp.abs(coefficient) <= _ROUNDING * highest
         # Not past the end of the scene, where it comes before the breakpoint.
@@ -109,12 +111,41 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     return jax.lax.while_loop(may, panel, (state, level, jnp.full_like(state.t, -jnp.inf), level))[0]
 
 
+class _Most(NamedTuple):
+    """What a particular solution does not exceed over a panel; None of what is not wanted."""
+
+    demand: Value
+    deformation: Values | None
+    shear: Value | None  # of springs and of what moves with the beam, over the mass
+    drifts: Values | None
+    floors: Values | None
+
+
+class _Particular(NamedTuple):
+    """A solution under the force of a panel: (y, y') at both ends of r ∈ [−1, 1], and its bounds."""
+
+    first: Values
+    last: Values
+    slow: Values
+    fast: Values
+    most: _Most
+
+
+class _Across(NamedTuple):
+    """What is the same for all panels of one length."""
+
+    turn: Values  # radians of half a panel
+    free: tuple[Values, ...]  # the free vibration across all of it
+    # For each power of r the solution under it alone, where the ground motion has few: a record is crossed
+    # sample by sample, and adding these up takes half the time of solving anew.
+    of_powers: _Particular | None
+
+
 class _Moves(NamedTuple):
     """What modes do over a panel: bounds are of polynomials by their coefficients, of the free vibration by
     its energy."""
 
-    path: Values  # the particular solution: a row for each power of r on [−1, 1]
-    spring: Values  # ω²d + 2ζω ḋ of it
+    most: _Most  # of the particular solution
     vibration: Values  # amplitude of the free vibration …
     shaken: Values  # … and of its ω²d + 2ζω ḋ
     x: Values  # displacement and velocity at the end
@@ -124,64 +155,97 @@ class _Moves(NamedTuple):
 class _Swing(NamedTuple):
     """Modes in full contact."""
 
+    scene: Scene
+    plan: Plan
     modes: Vibration
     omega: Values
     zeta: Values
 
-    def over(self, half: Value) -> tuple[Values, tuple[Values, ...]]:
-        """Radians of half a panel, and the free vibration across all of it."""
-        return self.omega * half, _free(self.zeta, self.omega * half)
+    def over(self, half: Value, degree: int) -> _Across:
+        turn = self.omega * half
+        of_powers = None
+        if degree <= _FEW:
+            of_powers = once(
+                jax.vmap(lambda force: self.under(list(force), turn, half))(
+                    jnp.eye(degree + 1, dtype=half.dtype)
+                )
+            )
+        return _Across(turn, _free(self.zeta, turn), of_powers)
 
-    def across(self, force: list[Value], half: Value, over, u: Values, u_dot: Values) -> _Moves:
-        """The motion over a panel, from the displacement and velocity at its start."""
-        turn, free = over
+    def under(self, force: list[Value], turn: Values, half: Value) -> _Particular:
+        """The particular solution under Σ f_k r^k."""
         path = once(_particular(force, self.zeta, turn, half))
         rates = _rate(path)
+        spring = self.modes.omega2[None] * path + (self.modes.damping / half)[None] * rates
+        most = _most(self.scene.c, self.plan, path, spring, _padded(force))
         (first, last), (slow, fast) = _ends(path), _ends(rates)
+        return _Particular(first, last, slow, fast, most)
+
+    def across(self, force: list[Value], half: Value, over: _Across, u: Values, u_dot: Values) -> _Moves:
+        """The motion over a panel, from the displacement and velocity at its start."""
+        turn, free, of_powers = over
+        found = self.under(force, turn, half) if of_powers is None else _added(force, of_powers)
         # The free vibration is what the state at the start has besides the particular solution.
-        offset, speed = once((u - first, u_dot * half - slow))
-        x = last + free[0] * offset + free[1] * speed
-        v = (fast + free[2] * offset + free[3] * speed) / half
+        offset, speed = once((u - found.first, u_dot * half - found.slow))
+        x = found.last + free[0] * offset + free[1] * speed
+        v = (found.fast + free[2] * offset + free[3] * speed) / half
         vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
-        omega2, damping = self.modes.omega2, self.modes.damping
-        spring = omega2[None] * path + (damping / half)[None] * rates
-        shaken = omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
-        return _Moves(path, spring, vibration, shaken, x, v)
+        shaken = self.modes.omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
+        return _Moves(found.most, vibration, shaken, x, v)
 
 
-def _under_records(scene: Scene, plan: Plan, state: LoopState, move: _Moves, force: Values) -> Flag | bool:
-    """Whether what is wanted of the superstructure stays under its records over a panel, with `force` the
-    coefficients of ü_g."""
-    c, several, under = scene.c, scene.c.several, True
-    short, weak = scene.atol * c.two_R * c.sin_alpha, scene.atol * c.uplift
-    if plan.deformation:
-        size = _size(move.path) + move.vibration
-        under &= every(size < jnp.maximum(present(state.deformation), short))
+def _added(force: list[Value], of_powers: _Particular) -> _Particular:
+    """The solution under Σ f_k r^k from those under each power. Those of even and odd powers share next to
+    no powers of r, so that their bounds add up to that of the sum."""
+
+    def total(rows: Values, weights: list[Value]) -> Values:
+        return sum((w * row for w, row in zip(weights, rows, strict=True)), jnp.zeros_like(rows[0]))
+
+    ends = (total(rows, force) for rows in of_powers[:-1])
+    sizes = [jnp.abs(f) for f in force]
+    return _Particular(*ends, jax.tree.map(lambda rows: total(rows, sizes), of_powers.most))
+
+
+def _most(c: Coefficients, plan: Plan, path: Values, spring: Values, force: Values) -> _Most:
+    """The bounds of a particular solution, by the coefficients of its deformations, of ω²d + 2ζω ḋ and of
+    ü_g."""
+    several = c.several
+    demand = _size(force - _weighted_rows(present(c.vibration).demand, spring))
+    found = _Most(demand, _size(path) if plan.deformation else None, None, None, None)
     if several is None:
-        if plan.shear:
-            most = jnp.maximum(present(state.shear) * c.g, weak)
-            under &= _size(move.spring) + move.shaken < most
-        return under
-
-    def drift(weights: Values) -> Value:
-        """Of a story, at most."""
-        size = _size(_weighted_rows(weights, move.path))
-        return size + weighted(jnp.abs(weights), move.vibration)
+        return found._replace(shear=_size(spring)) if plan.shear else found
 
     def carried(weights: Values) -> Value:
-        """The absolute acceleration of springs, over −1, and of the beam, at most."""
-        found = _weighted_rows(weights, move.spring)
-        if several.residual is not None:
-            found -= (1 - summed(weights)) * force
-        return _size(found) + weighted(jnp.abs(weights), move.shaken)
+        rows = _weighted_rows(weights, spring)
+        return _size(rows if several.residual is None else rows - (1 - summed(weights)) * force)
 
     if plan.shear:
-        under &= carried(several.shares) < jnp.maximum(present(state.shear) * c.g, weak)
+        found = found._replace(shear=carried(several.shares))
     if plan.drifts:
-        drifts = jax.vmap(drift)(drift_weights(present(several.floors)))
-        under &= every(drifts < jnp.maximum(present(state.drifts), short))
+        weights = drift_weights(present(several.floors))
+        found = found._replace(drifts=jax.vmap(lambda each: _size(_weighted_rows(each, path)))(weights))
     if plan.floors:
-        floors = jax.vmap(carried)(present(several.floors))
+        found = found._replace(floors=jax.vmap(carried)(present(several.floors)))
+    return found
+
+
+def _under_records(scene: Scene, plan: Plan, state: LoopState, move: _Moves) -> Flag | bool:
+    """Whether what is wanted of the superstructure stays under its records over a panel."""
+    c, several, under, most = scene.c, scene.c.several, True, move.most
+    short, weak = scene.atol * c.two_R * c.sin_alpha, scene.atol * c.uplift
+    # Of floors and stories, a row of weights for each.
+    freely = lambda weights, modes: jax.vmap(lambda each: weighted(jnp.abs(each), modes))(weights)
+    if plan.deformation:
+        size = present(most.deformation) + move.vibration
+        under &= every(size < jnp.maximum(present(state.deformation), short))
+    if plan.shear:
+        shaken = move.shaken if several is None else weighted(jnp.abs(several.shares), move.shaken)
+        under &= present(most.shear) + shaken < jnp.maximum(present(state.shear) * c.g, weak)
+    if several is not None and plan.drifts:
+        drifts = present(most.drifts) + freely(drift_weights(present(several.floors)), move.vibration)
+        under &= every(drifts < jnp.maximum(present(state.drifts), short))
+    if several is not None and plan.floors:
+        floors = present(most.floors) + freely(present(several.floors), move.shaken)
         under &= every(floors < jnp.maximum(present(state.floors), weak))
     return under
 
@@ -200,21 +264,6 @@ def _past_panel(
     piece = scene.excitation.past(state.piece, reaches)
     x, v = restart(scene, t, past, x, v, state.sigma, piece)
     return state._replace(t=t, event_time=event_time, x=x, v=v, piece=piece, steps=state.steps + 1)
-
-
-def _stays_down(
-    c: Coefficients, demand: Values, shaken: Value, raised: list[Value], rounding: list[Value]
-) -> Flag:
-    """Whether the demand of a panel, with what shakes freely, stays below that which lifts; `raised` are the
-    coefficients of K v̈_g, and `rounding` those that were left out of it."""
-    if not raised:
-        return _size(demand) + shaken < c.uplift
-    # ±q − K v̈_g, (C10)
-    up = _padded(raised)
-    goes = jnp.maximum(_size(demand + up), _size(demand - up)) + shaken < c.uplift
-    for coefficient in rounding:
-        goes &= jnp.abs(coefficient) <= _ROUNDING * c.uplift
-    return goes
 
 
 @functools.partial(jax.jit, static_argnames="plan")
