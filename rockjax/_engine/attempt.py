@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
-from .coefficients import Coefficients, summed
+from .coefficients import Coefficients, over_inertia, summed
 from .hermite import quintic
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
@@ -65,7 +65,7 @@ class StepOutcome(NamedTuple):
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
     constant = jax.lax.stop_gradient
-    c, t = scene.c, state.t
+    c, t = over_inertia(scene.c), state.t
 
     @jax.jit  # traced once for all stages
     def field(t, x, v):

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
+from rockjax._once import once
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.together import apparent_mass, stiffness
 from rockjax._structures import Podium
@@ -84,6 +85,15 @@ class Coefficients(NamedTuple):
     def etas(self) -> Values:
         """η_i of what vibrates."""
         return self.eta if self.several is None else self.several.eta
+
+
+def over_inertia(c: Coefficients) -> Coefficients:
+    """The same for the equations of motion alone, with an inertia of 1 where it is the same at all times: not
+    to be divided by in each stage of a step."""
+    if c.vibration is not None or c.restraint is not None:
+        return c
+    gravity, ground = once((c.gravity / c.inertia, c.ground / c.inertia))
+    return c._replace(gravity=gravity, ground=ground, inertia=1.0)
 
 
 def present(value: T | None) -> T:

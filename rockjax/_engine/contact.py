@@ -201,9 +201,9 @@ def _added(force: list[Value], of_powers: _Particular) -> _Particular:
     def total(rows: Values, weights: list[Value]) -> Values:
         return sum((w * row for w, row in zip(weights, rows, strict=True)), jnp.zeros_like(rows[0]))
 
-    ends = (total(rows, force) for rows in of_powers[:-1])
     sizes = [jnp.abs(f) for f in force]
-    return _Particular(*ends, jax.tree.map(lambda rows: total(rows, sizes), of_powers.most))
+    first, last, slow, fast = (total(rows, force) for rows in of_powers[:-1])
+    return _Particular(first, last, slow, fast, jax.tree.map(lambda rows: total(rows, sizes), of_powers.most))
 
 
 def _most(c: Coefficients, plan: Plan, path: Values, spring: Values, force: Values) -> _Most:
