@@ -9,6 +9,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import _results
+from rockjax._engine import contact
 from rockjax._engine import flat as _flat
 from rockjax._engine.contact import _combine, _interpolation, cross_full_contact
 from rockjax._engine.flat import runs
@@ -18,6 +19,7 @@ from rockjax._programs.program import anew
 from tests.scenes import PODIUMS, elastic, options, pulse, shaking
 
 ROTATION = ("peak_rotation",)
+DEFAULT = rj.Options().outputs
 UP = float(PODIUMS["elastic"].uplift_acceleration)
 WEAK = 0.35  # of the uplift acceleration: lifts late, or never
 
@@ -133,6 +135,31 @@ def test_derivatives_through_panels(motion):
         slope = lambda h, d=d: (peak(y + h * d, fine) - peak(y - h * d, fine)) / (2e-5 * h)
         numeric.append((4 * slope(0.5) - slope(1.0)) / 3)
     np.testing.assert_allclose(forward, numeric, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("outputs", [ROTATION, DEFAULT], ids=["rotation", "all peaks"])
+@pytest.mark.parametrize("kind", ["one mode", "stories", "vertical"])
+def test_solutions_under_each_power_add_up(kind, outputs, monkeypatch):
+    """To the same as a solution under all of the ground motion of a panel, and to as sharp a bound."""
+    motion, podium = shaking(400, peak=0.6), elastic(0.3)
+    if kind == "stories":
+        building = rj.ShearBuilding((3.0, 3.0, 2.0), (900.0, 700.0, 500.0), modes=2)
+        podium = podium.replace(superstructure=building)
+    if kind == "vertical":
+        motion = rj.GroundMotion(motion, shaking(400, peak=0.3, seed=7))
+    scene, plan, lane = start(podium, motion, outputs)
+    # With records that are not broken at once.
+    known = {name: getattr(lane, name) for name in ("deformation", "shear", "drifts", "floors")}
+    lane = lane._replace(**{name: None if y is None else y + 1.0 for name, y in known.items()})
+    cross = lambda: jax.jit(lambda lane: cross_full_contact.__wrapped__(scene, plan, lane))(lane)
+    added = cross()
+    monkeypatch.setattr(contact, "_FEW", -1)
+    anew = cross()
+    assert int(anew.steps) > 20
+    assert int(added.steps) == int(anew.steps)
+    np.testing.assert_array_equal(added.t, anew.t)
+    for one, other, unit in zip((added.x, added.v), (anew.x, anew.v), (1e-2, 0.1), strict=True):
+        np.testing.assert_allclose(one[1], other[1], rtol=1e-11, atol=1e-12 * unit)
 
 
 @pytest.mark.parametrize("degree", [1, 16])
