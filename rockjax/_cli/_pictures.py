@@ -106,25 +106,18 @@ def _close(pipes: Iterable[Connection]) -> None:
 
 
 def _warm_up() -> None:
-    """Draw a small picture while there is nothing to draw yet: what data are read with is loaded then, and
-    fonts, formulas and ticks are where Matplotlib finds them sooner."""
+    """Load what data are read with, and what Matplotlib looks for when it draws for the first time."""
     import io
 
     import numpy as np
     import xarray
 
-    from rockjax import plots
+    from rockjax.plots import plt
 
-    grid = {"eta_over_gamma": 1, "T_s": 2, "acceleration_ratio": 2, "frequency_ratio": 2}
-    on_grid = lambda values: (list(grid), np.broadcast_to(values, tuple(grid.values())))
-    small = xarray.Dataset(
-        {"peak_rotation": on_grid([0.2, 0.6]), "overturned": on_grid(False)},
-        coords={name: np.arange(1.0, 1.0 + size) for name, size in grid.items()},
-        attrs={"pulse": "Ricker", "p_rad_s": 2.0, "alpha_rad": 0.15, "R_m": 1.5, "gamma": 10.0},
-    )
-    figure = plots.spectra(small)
+    figure, ax = plt.subplots()
+    ax.contourf(xarray.DataArray(np.eye(2)).where(True))
     figure.savefig(io.BytesIO())
-    plots.plt.close(figure)
+    plt.close(figure)
 
 
 def _serve(theirs: Sequence[Connection], pipes: Sequence[Connection]) -> None:
