@@ -129,11 +129,11 @@ def _angular_at_most(
     vertical: Value | float,
     springs: Value | None = None,
 ) -> Value:
-    """The most that |θ̈| + θ̇² can be inside the well, (C20): |ü_b| ≤ 2R(|θ̈| + θ̇²), Eq. (14), with |sin ψ| ≤
-    sin α there; `springs` is the most of Ση_iF_i."""
+    """The most that |θ̈| + θ̇²|sin ψ| can be inside the well: |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq. (14), with
+    |sin ψ| ≤ sin α there. (C20) leaves out the sine. `springs` is the most of Ση_iF_i."""
     steepest = _steepest(c, well)
     weight = c.gravity if isinstance(vertical, float) else c.gravity * (1 + vertical / c.g)
-    angular = (weight * steepest + c.ground * to_come) / c.inertia + 2 * most / c.spin
+    angular = (weight * steepest + c.ground * to_come) / c.inertia + steepest * 2 * most / c.spin
     if c.restraint is not None:
         angular += restraint_at_most(c, c.restraint, well, jnp.sqrt(2 * most / c.spin)) / c.inertia
     if springs is not None:

@@ -97,7 +97,7 @@ class Bounds:
         return self.sum_of(weights * self.omega * np.sqrt(1 + 4 * self.zeta**2), beam)
 
     def angular(self) -> float:
-        """θ̈_max + ϑ² of (C20)."""
+        """θ̈_max + ϑ² max|sin ψ|: (C20), but that ϑ² acts by the sine of ψ only, Eq. (14)."""
         s, rate = math.sin(ALPHA), self.turning
         most = P2 * (2 * self.w * (1 + self.a_v / G) * self.steepest + (2 * self.gamma + 1) * self.a / G)
         if self.podium.restrainers:
@@ -105,7 +105,7 @@ class Bounds:
             most += P2 * 3.0 * (2 * s) ** 1.5 * math.sqrt(rate / math.sqrt(P2)) + 0.75 * 8.0 * s**2 * rate**2
         if len(self.eta):
             most += 1.5 * self.mass * rate**2 + 3 * self.springs(self.eta) / (2 * R)
-        return most / (3 * self.gamma + 1.0) + rate**2
+        return most / (3 * self.gamma + 1.0) + self.steepest * rate**2
 
     def base(self) -> float:
         """The most of the beam's absolute acceleration."""
