@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 
 from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive
-from rockjax._once import once
 from rockjax._plausibility import doubt
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
@@ -181,11 +180,8 @@ class AbstractPulse(AbstractExcitation):
         return np.abs(self.a_p)
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        # Divided once: a stage of a step has no time for it.
-        frequency = once(1 / self.T_p)
-
         def formula(t):
-            return self.a_p * self.shape(t * frequency)
+            return self.a_p * self.shape(t / self.T_p)
 
         def inside(t):
             return jnp.where(index == 1, formula(t), 0.0)

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_number, finite, positive, require
-from rockjax._once import once
 from rockjax._sincos import cos, sin
 from rockjax._types import Index, Number, Value
 
@@ -125,12 +124,10 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         omega = 2 * math.pi * self.f_p
-        slower = once(1 / self.gamma)
 
         def inside(t):
-            carrier = omega * t
-            envelope, carrier = slower * carrier, carrier + self.nu
-            rate = slower * sin(envelope) * cos(carrier) + (1 + cos(envelope)) * sin(carrier)
+            envelope, carrier = omega * t / self.gamma, omega * t + self.nu
+            rate = sin(envelope) * cos(carrier) / self.gamma + (1 + cos(envelope)) * sin(carrier)
             return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
 
         return inside
@@ -190,11 +187,9 @@ class Gabor(AbstractExcitation):
     def piece(self, index: Index) -> Callable[[Value], Value]:
         del index
 
-        omega, slower = once((2 * math.pi / self.T_p, 1 / self.gamma))
-
         def formula(t):
-            z = omega * t
-            return self.a_p * jnp.exp(-0.5 * (slower * z) ** 2) * cos(z + self.phi)
+            z = 2 * math.pi * t / self.T_p
+            return self.a_p * jnp.exp(-0.5 * (z / self.gamma) ** 2) * cos(z + self.phi)
 
         return formula
 
