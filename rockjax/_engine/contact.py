@@ -48,7 +48,7 @@ def cross_full_contact(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return state
     degree, lengths = excitation.panels
     omega = jnp.sqrt(modes.omega2)
-    swing = _Swing(scene, plan, modes, omega, 0.5 * modes.damping / omega)
+    swing = _Swing(c, plan, omega, 0.5 * modes.damping / omega)
     # Long panels as far as they go, then shorter ones.
     kinds = [(half, swing.over(half, degree)) for half in (0.5 * constant(y) for y in lengths)]
     shaking = excitation.piece(state.piece)(state.t)
@@ -155,9 +155,8 @@ class _Moves(NamedTuple):
 class _Swing(NamedTuple):
     """Modes in full contact."""
 
-    scene: Scene
+    c: Coefficients
     plan: Plan
-    modes: Vibration
     omega: Values
     zeta: Values
 
@@ -174,10 +173,10 @@ class _Swing(NamedTuple):
 
     def under(self, force: list[Value], turn: Values, half: Value) -> _Particular:
         """The particular solution under Σ f_k r^k."""
-        path = once(_particular(force, self.zeta, turn, half))
+        modes, path = present(self.c.vibration), once(_particular(force, self.zeta, turn, half))
         rates = _rate(path)
-        spring = self.modes.omega2[None] * path + (self.modes.damping / half)[None] * rates
-        most = _most(self.scene.c, self.plan, path, spring, _padded(force))
+        spring = modes.omega2[None] * path + (modes.damping / half)[None] * rates
+        most = _most(self.c, self.plan, path, spring, _padded(force))
         (first, last), (slow, fast) = _ends(path), _ends(rates)
         return _Particular(first, last, slow, fast, most)
 
@@ -190,7 +189,7 @@ class _Swing(NamedTuple):
         x = found.last + free[0] * offset + free[1] * speed
         v = (found.fast + free[2] * offset + free[3] * speed) / half
         vibration = jnp.sqrt(offset**2 + (speed / turn) ** 2)
-        shaken = self.modes.omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
+        shaken = present(self.c.vibration).omega2 * jnp.sqrt(1 + 4 * self.zeta**2) * vibration
         return _Moves(found.most, vibration, shaken, x, v)
 
 

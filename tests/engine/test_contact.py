@@ -154,11 +154,11 @@ def test_solutions_under_each_power_add_up(kind, outputs, monkeypatch):
     cross = lambda: jax.jit(lambda lane: cross_full_contact.__wrapped__(scene, plan, lane))(lane)
     added = cross()
     monkeypatch.setattr(contact, "_FEW", -1)
-    anew = cross()
-    assert int(anew.steps) > 20
-    assert int(added.steps) == int(anew.steps)
-    np.testing.assert_array_equal(added.t, anew.t)
-    for one, other, unit in zip((added.x, added.v), (anew.x, anew.v), (1e-2, 0.1), strict=True):
+    solved = cross()
+    assert int(solved.steps) > 20
+    assert int(added.steps) == int(solved.steps)
+    np.testing.assert_array_equal(added.t, solved.t)
+    for one, other, unit in zip((added.x, added.v), (solved.x, solved.v), (1e-2, 0.1), strict=True):
         np.testing.assert_allclose(one[1], other[1], rtol=1e-11, atol=1e-12 * unit)
 
 
