@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import html, lines, of_kind
+from rockjax.internal import Module, html, lines, of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -43,7 +43,7 @@ class Effort(NamedTuple):
     seconds: float
 
 
-class Design(eqx.Module):
+class Design(Module):
     """A design and the account of it.
 
     - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)

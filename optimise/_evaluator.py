@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import KeptProgram, TracedFunction
+from rockjax.internal import KeptProgram, Module, TracedFunction
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
@@ -38,7 +38,7 @@ class Part(NamedTuple):
     size: int
 
 
-class DesignProblem(eqx.Module):
+class DesignProblem(Module):
     """What is differentiated. Suites are held once, and those that want the same are one; `uses` says which
     one an item reads, and which part of it."""
 

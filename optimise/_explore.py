@@ -27,6 +27,7 @@ from rockjax.internal import (
     STRUCTURE,
     AbstractPeak,
     AnyMotion,
+    Module,
     as_excitation,
     of_kind,
     of_motion,
@@ -202,7 +203,7 @@ def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple
     return [name for name in names if name in fields and name not in own]
 
 
-class _Study(eqx.Module):
+class _Study(Module):
     """What the sliders move."""
 
     structure: Structure
@@ -223,7 +224,7 @@ class _Study(eqx.Module):
         return float(value), written(parameter(self.structure, name).unit)
 
 
-class _Answer(eqx.Module):
+class _Answer(Module):
     """Peaks, and curves over time: rotation over α, sway [m], ground acceleration [g]."""
 
     peak: rj.Peak

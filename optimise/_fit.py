@@ -13,7 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax.internal import AnyMotion, as_excitation, as_float, of_kind, single, whole
+from rockjax.internal import AnyMotion, Module, as_excitation, as_float, of_kind, single, whole
 
 from ._variables import Structure, Variables, as_podium, variables
 
@@ -24,7 +24,7 @@ STEPS = 40  # of the solver in each window
 WALK = 16  # random numbers tried, for every start, on the first window
 
 
-class Fit(eqx.Module):
+class Fit(Module):
     """A fitted podium and how well it is known.
 
     - `podium`: the structure; `structure`: the same in the form it was given
@@ -164,7 +164,7 @@ def fit(
     )
 
 
-class _Scene(eqx.Module):
+class _Scene(Module):
     variables: Variables
     excitation: rj.AbstractExcitation
     times: Float[Array, " n"]

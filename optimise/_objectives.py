@@ -10,14 +10,14 @@ import equinox as eqx
 import jax.numpy as jnp
 
 import rockjax as rj
-from rockjax.internal import of_kind
+from rockjax.internal import Module, of_kind
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
 from ._targets import AbstractResponses, check_limit, of_building, severity
 
 
-class AbstractObjective(eqx.Module):
+class AbstractObjective(Module):
     """Base class of objectives: the largest entry of `values` is minimised. To write one, give what is
     abstract here."""
 

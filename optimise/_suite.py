@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import PEAKS, AnyMotions, several
+from rockjax.internal import PEAKS, AnyMotions, Module, several
 
 from ._fresh import FreshSamples
 
 Margins = Float[Array, " k"]
 
 
-class Suite(eqx.Module):
+class Suite(Module):
     """Ground motions of any kinds, in groups that one compiled loop serves: records of any lengths, motions
     of one kind."""
 

@@ -16,7 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import NARROWEST, concrete, fit_capacities
+from rockjax.internal import NARROWEST, Module, concrete, fit_capacities
 
 from ._suite import Margins, Suite
 
@@ -26,7 +26,7 @@ Searched = TypeVar("Searched", bound="AbstractTarget")
 WIDTH_WHILE_SEARCHING = 1e-3  # of the range of scales: ten times the speed, and the end is verified
 
 
-class AbstractTarget(eqx.Module):
+class AbstractTarget(Module):
     """Base class of targets. To write one, give what is abstract here."""
 
     name: eqx.AbstractVar[Name]
@@ -50,7 +50,7 @@ class AbstractTarget(eqx.Module):
         return 0
 
 
-class AbstractResponses(eqx.Module):
+class AbstractResponses(Module):
     """What is read off the peak responses to a suite. Those that share a suite share the simulations."""
 
     suite: eqx.AbstractVar[Suite]

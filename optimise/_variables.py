@@ -19,6 +19,7 @@ from rockjax import internal
 from rockjax.internal import (
     DIMENSIONS,
     ROWS_OF_DIMENSIONS,
+    Module,
     Parameter,
     as_exponent,
     as_float,
@@ -37,7 +38,7 @@ def _row(values: Any, name: str) -> Any:
     return None if values is None else as_float(values, f"Dimensions: {name}")
 
 
-class Dimensions(eqx.Module):
+class Dimensions(Module):
     """A podium as it stands on a drawing: the arguments of `rockjax.Podium.from_dimensions`, so that masses
     can vary.
 
@@ -113,7 +114,7 @@ def as_podium(structure: Structure) -> rj.Podium:
     return structure if isinstance(structure, rj.Podium) else structure.podium()
 
 
-class Variables(eqx.Module):
+class Variables(Module):
     """The varied numbers of a structure, x in [0, 1]ⁿ in the order of `names`.
 
     - `base`: the structure that the others are kept from; `lower`, `upper`: bounds in user units

@@ -15,19 +15,28 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 
+def float_type() -> np.dtype:
+    """The default floating-point type: float64 unless the user switched it off. `jnp.result_type(float)` says
+    the same, and takes .02 ms."""
+    return _FLOAT64 if jax.config.jax_enable_x64 else _FLOAT32  # pyright: ignore[reportAttributeAccessIssue]
+
+
+_FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
+
+
 def as_float(x, what: str = "it") -> Array:
     """`x` as an array of the default floating-point type (float64 unless the user switched it off).
 
     Raises `ValueError` that begins with `what` for anything but numbers.
     """
-    if isinstance(x, jax.Array) and x.dtype == jnp.result_type(float) and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
         if isinstance(x, float | int | np.ndarray | np.generic) and np.asarray(x).dtype.kind in "fiub":
-            return from_host(x, jnp.result_type(float))
-        return jnp.asarray(x, dtype=jnp.result_type(float))
+            return from_host(x, float_type())
+        return jnp.asarray(x, dtype=float_type())
     except (TypeError, ValueError):
         raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
 
@@ -52,7 +61,7 @@ def as_number(what: str) -> Callable[..., Array]:
 def check_dtype(owner: str, name: str, tree) -> None:
     """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds
     here."""
-    expected = jnp.result_type(float)
+    expected = float_type()
     for leaf in jax.tree.leaves(tree):
         if (
             isinstance(leaf, jax.Array)

@@ -6,7 +6,8 @@ import dataclasses
 from typing import TYPE_CHECKING, Literal
 
 import equinox as eqx
-import jax.numpy as jnp
+
+from rockjax._module import Module
 
 from ._checks import require, texts
 from ._repr import card
@@ -28,7 +29,7 @@ def _names(outputs) -> tuple[str, ...]:
     return texts("Options", "outputs", outputs)
 
 
-class Options(eqx.Module):
+class Options(Module):
     """Accuracy, method and scope of a simulation.
 
     - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for
@@ -112,18 +113,6 @@ class Options(eqx.Module):
     def solver(self) -> diffrax.AbstractSolver:
         """The Diffrax solver that `method` names."""
         return solver_of(self.method)
-
-    def check_precision(self) -> None:
-        """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
-        eps = float(jnp.finfo(jnp.result_type(float)).eps)
-        require(
-            "Options",
-            "rtol",
-            self.rtol,
-            lambda v: v >= 20 * eps,
-            f">= {20 * eps:.1e} in {jnp.result_type(float)} (loosen it, or enable float64 with "
-            f"jax_enable_x64)",
-        )
 
     def replace(self, **changes) -> Options:
         """A variant with some fields changed, as `dataclasses.replace`."""

@@ -9,6 +9,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from rockjax._module import Module
+
 from ._checks import as_number
 
 
@@ -60,7 +62,10 @@ NAMES = (
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
     """The results of codes from the loop: members are numbered in the order of their definition."""
-    return eqx.tree_at(code_of, RESULTS.settled, code)
+    return jax.tree.unflatten(_RESULT, [code])
+
+
+_RESULT = jax.tree.structure(RESULTS.settled)
 
 
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
@@ -79,7 +84,7 @@ class Interrupted(KeyboardInterrupt):
         self.partial = partial
 
 
-class State(eqx.Module):
+class State(Module):
     """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its
     rate.
 
@@ -98,7 +103,7 @@ class State(eqx.Module):
 REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 
-class Stats(eqx.Module):
+class Stats(Module):
     """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event),
     `end_time` [s]."""
 
@@ -107,7 +112,7 @@ class Stats(eqx.Module):
     end_time: Float[Array, "*batch"]
 
 
-class Errors(eqx.Module):
+class Errors(Module):
     """Estimated errors of a scene's answers, and whether they leave its class open.
 
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import jax
 
@@ -40,8 +41,42 @@ class Pool(ThreadPoolExecutor):
     """A thread pool whose threads have the floating-point precision of the caller, which JAX keeps for each
     thread."""
 
+    def __init__(self, threads: int):
+        super().__init__(threads)
+        self._submitted: list[Future] = []
+
     def submit(self, fn, /, *args, **kwargs) -> Future:
-        return super().submit(_as_here(fn), *args, **kwargs)
+        future = super().submit(_as_here(fn), *args, **kwargs)
+        self._submitted.append(future)
+        return future
+
+    def finish(self) -> None:
+        """Wait for all that was submitted."""
+        wait(self._submitted)
+        self._submitted.clear()
+
+
+_IDLE: dict[int, list[Pool]] = {}  # by their number of threads
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_IDLE.clear)  # a forked process has none of their threads
+
+
+@contextlib.contextmanager
+def borrowed_pool(threads: int) -> Iterator[Pool]:
+    """A pool that others use when this one is through: to start a thread takes as long as some scenes.
+
+    Left only when all that was submitted has ended.
+    """
+    idle = _IDLE.setdefault(threads, [])
+    try:
+        pool = idle.pop()
+    except IndexError:
+        pool = Pool(threads)
+    try:
+        yield pool
+    finally:
+        pool.finish()
+        idle.append(pool)
 
 
 def _as_here(function: Callable) -> Callable:

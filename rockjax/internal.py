@@ -6,6 +6,7 @@ from ._boundaries.boundary import BOUNDARY
 from ._boundaries.verdict import NARROWEST, has_margin
 from ._checks import as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
+from ._module import Module
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
 from ._motions.intensity import measured_as
 from ._options import PEAKS
@@ -51,6 +52,7 @@ __all__ = [
     "AnyMotions",
     "KeptProgram",
     "Kind",
+    "Module",
     "Parameter",
     "Rays",
     "Reader",

@@ -30,7 +30,7 @@ from rockjax._responses.peak import Peak, peak_fields
 from rockjax._responses.sensitivities import of_scenes, sensitivities_of
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
-from rockjax._threads import Pool
+from rockjax._threads import borrowed_pool
 
 from .chunk import LaneLayout
 from .exchange import Done
@@ -39,7 +39,7 @@ from .reach import SCALE
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
 # What fits the first-level cache and still fills the vector unit: half as many where more goes with a lane.
-LANES = 64
+LANES = 32
 CHUNK = 1024  # scenes prepared at once
 
 # An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
@@ -243,11 +243,10 @@ def run_batch(
     from rockjax._progress import bar as bar_of
 
     threads = min(who.hosts, len(todo))
-    # To start a thread takes as long as some scenes.
-    pool = Pool(threads) if threads > 1 else contextlib.nullcontext()
-    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, pool:
+    others = borrowed_pool(threads) if threads > 1 else contextlib.nullcontext()
+    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, others as pool:
         try:
-            if not isinstance(pool, Pool):
+            if pool is None:
                 work()
             else:
                 for future in [pool.submit(work) for _ in range(threads)]:
@@ -317,7 +316,7 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
     if who.platform == "cpu":
-        lanes, chunk = LANES // 2 if sensitivities or scenes.podium.vibrates else LANES, CHUNK
+        lanes, chunk = LANES, CHUNK
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)

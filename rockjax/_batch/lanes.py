@@ -175,7 +175,7 @@ def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
     chunk."""
     shapes = tuple((y.shape, y.dtype) for y in leaves)
     numbers, plan = jax.tree.flatten(options)
-    blank = _blank_lanes(shapes, tuple(jnp.result_type(y) for y in numbers), plan, layout)
+    blank = _blank_lanes(shapes, tuple(y.dtype for y in numbers), plan, layout)
     if devices == 1:
         return blank
     return jax.tree.map(lambda y: np.concatenate([y] * devices), blank)

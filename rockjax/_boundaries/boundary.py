@@ -18,7 +18,6 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,11 +26,12 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
-from rockjax._checks import array_module, as_float, require
+from rockjax._checks import array_module, as_float, float_type, require
 from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion, OfAmplitude
+from rockjax._module import Module
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
@@ -53,7 +53,7 @@ SPACING = 0.95  # of the width: a tolerance may move the ends of a window
 ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin this low: another branch is about to take over
 
 
-class Boundary(eqx.Module):
+class Boundary(Module):
     """Where a ground motion begins to overturn a podium.
 
     - `scale`: the least factor of the motion that overturns, inf where none in the range does;
@@ -213,7 +213,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         places = [k for k, moves in enumerate(live) if moves]
         if all(map(known, primals)) and set(places) <= set(numbers):
             arguments = jax.tree.unflatten(structure, primals)
-            weights.ahead(arguments, np.zeros((), jnp.result_type(float)), numbers=numbers, margin=margin)
+            weights.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
             first = search(*primals)
             slopes = weights(arguments, first.scale, numbers=numbers, margin=margin)
             change = along(np.asarray(slopes), dict(zip(map(numbers.index, places), moving, strict=True)))
@@ -291,7 +291,7 @@ def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> Fir
     found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, look_closer="first", width=width)
     first, impacts = (y[:, 0] for y in found.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
-    kind = jnp.result_type(float)
+    kind = float_type()
     scale, dip, certain = (np.asarray(y, kind) for y in (scale, found.dip, found.certain * limits))
     return First(scale, dip, certain, np.maximum(impacts, 0))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
@@ -59,16 +60,22 @@ def as_compiled(podium: Podium, options: Options) -> Options:
     """These options with all that makes no difference to a program as it is by default, so that who asks for
     the same has one program: the order of outputs, those that the podium does not have, `history` and
     `throw`."""
+    numbers, structure = jax.tree.flatten(options)
     top, elastic = podium.superstructure, podium.vibrates
-    of_stories = elastic and isinstance(top, ShearBuilding)
-    has = {"peak_deformation": elastic, "peak_shear": top is not None} | dict.fromkeys(OF_STORIES, of_stories)
+    plain = _as_compiled(structure, elastic, top is not None, elastic and isinstance(top, ShearBuilding))
+    return jax.tree.unflatten(plain, numbers)
+
+
+@functools.lru_cache(maxsize=256)
+def _as_compiled(structure, elastic: bool, superstructure: bool, stories: bool):
+    """The same of the structure of options."""
+    options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
+    has = {"peak_deformation": elastic, "peak_shear": superstructure} | dict.fromkeys(OF_STORIES, stories)
     there = lambda names: tuple(name for name in OUTPUTS if name in names and has.get(name, True))
     outputs = there(options.outputs) or options.outputs
     if outputs == there(PEAKS):
         outputs = PEAKS
-    plain = {"outputs": outputs, "history": HISTORY, "throw": True}
-    same = all(getattr(options, name) == value for name, value in plain.items())
-    return options if same else options.replace(**plain)
+    return jax.tree.structure(options.replace(outputs=outputs, history=HISTORY, throw=True))
 
 
 # Of a closer look: the rest velocity reached so many impacts later, half of the usual one at most, and

@@ -13,13 +13,13 @@ import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
+from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._types import Index, Number, Value
 
@@ -33,7 +33,7 @@ class Shaking(NamedTuple):
     vertical: Value  # upwards
 
 
-class AbstractLookahead(eqx.Module):
+class AbstractLookahead(Module):
     """What is still to come of one excitation; everything here is a constant for derivatives."""
 
     @abc.abstractmethod
@@ -53,7 +53,7 @@ class AbstractLookahead(eqx.Module):
         """When |ü_g| is largest between two times [s], with a threshold; `end` may be inf."""
 
 
-class AbstractExcitation(eqx.Module):
+class AbstractExcitation(Module):
     """Base class of ground motions ü_g(t) [m/s²]. To write one, give what is abstract here."""
 
     def __init_subclass__(cls, **kwargs):

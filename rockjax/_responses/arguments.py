@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from rockjax._checks import as_float, check_dtype, concrete, of_kind, require
+from rockjax._checks import as_float, check_dtype, concrete, float_type, of_kind, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
@@ -24,7 +23,15 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
     of_kind(owner, "options", options, Options, "rockjax.Options")
     for part, value in ((name, podium), ("options", options)):
         check_dtype(owner, part, value)
-    options.check_precision()
+    check_precision(options)
+
+
+def check_precision(options: Options) -> None:
+    """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
+    kind = float_type()
+    least = 20 * float(np.finfo(kind).eps)
+    accepted = f">= {least:.1e} in {kind} (loosen it, or enable float64 with jax_enable_x64)"
+    require("Options", "rtol", options.rtol, lambda v: v >= least, accepted)
 
 
 def check_single(owner: str, podium: Podium) -> None:
@@ -41,7 +48,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     """
     of_kind(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
-    if initial is REST and REST.theta.dtype == jnp.result_type(float) and (top is None or not top.several):
+    if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.several):
         return initial  # as it is: in small batches every array put on a device shows
     initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     if top is None or not top.several:

@@ -12,8 +12,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from rockjax import _results as results
+from rockjax._checks import float_type
 from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
@@ -31,7 +33,7 @@ def companion(options: Options) -> Options:
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
     finer, looser = (FINER * rtol, larger(FINER * atol, LEAST_ATOL)), (rtol / FINER, atol / FINER)
-    room = FINER * rtol >= 100 * float(jnp.finfo(jnp.result_type(float)).eps)
+    room = FINER * rtol >= 100 * float(np.finfo(float_type()).eps)
     if isinstance(room, bool):  # as plain numbers, which the program of the first solution takes as well
         tolerances = finer if room else looser
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from rockjax._engine.model import acceleration, beam, drift_weights, floor_accel
 from rockjax._engine.runge_kutta import step, tableau
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
+from rockjax._module import Module
 from rockjax._options import solver_of
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
@@ -27,7 +27,7 @@ from rockjax._types import Value, Vector
 POINTS = 10  # of Gauss–Legendre on one step of the history: far below the error of the step itself
 
 
-class Energies(eqx.Module):
+class Energies(Module):
     """Where the energy is and went, per N m_c [m²/s²].
 
     initial + input = mechanical + impacts + damping + dampers + residual:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from rockjax import _tables
 from rockjax._checks import concrete, from_host
 from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
+from rockjax._module import Module
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
 
@@ -55,7 +55,7 @@ VARIABLES = {
 }
 
 
-class AbstractPeak(eqx.Module):
+class AbstractPeak(Module):
     """What every scene answers.
 
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached

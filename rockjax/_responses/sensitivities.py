@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
+from rockjax._module import Module
 from rockjax._options import PEAKS
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
@@ -24,7 +25,7 @@ from rockjax._structures import Podium
 SENSITIVE = (*PEAKS, "margin")  # answers that have sensitivities
 
 
-class Sensitivities(eqx.Module):
+class Sensitivities(Module):
     """Derivatives of peaks with respect to the logarithms ln y of some parameters y, the others held.
 
     - `parameters`: their names; they are along the last axis of what follows

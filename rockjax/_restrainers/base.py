@@ -15,14 +15,14 @@ a function of these two alone.
 import abc
 from typing import Self
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._types import Number, Value
 
 
-class AbstractRestrainer(eqx.Module):
+class AbstractRestrainer(Module):
     """A device of each column. To add a kind, say what it does over its own elongation; what it does not do
     is zero."""
 

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive
+from rockjax._module import Module
 
 
-class Filter(eqx.Module):
+class Filter(Module):
     """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), from rest; several make any other.
 
     - `numerator`: (b₂, b₁, b₀); `denominator`: (a₁, a₀), both > 0, so that it decays [1, 1/s, 1/s²]

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive, require
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._module import Module
 from rockjax._motions.measures import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
@@ -40,7 +41,7 @@ Number = Float[Array, ""]
 SQUARINGS = 48  # of a matrix exponential: numbers up to 1e14
 
 
-class Envelope(eqx.Module):
+class Envelope(Module):
     """(t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)): the intensity of the noise over time [–].
 
     - `t_1`: end of the rise, > 0 [s]; `t_2`: begin of the decay, ≥ t₁ [s]; `c`: its rate, ≥ 0 [1/s]
@@ -68,7 +69,7 @@ class Envelope(eqx.Module):
         return rise * jnp.exp(-self.c * jnp.maximum(t - self.t_2, 0.0))
 
 
-class RandomPulse(eqx.Module):
+class RandomPulse(Module):
     """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou
     2003).
 
@@ -110,7 +111,7 @@ def _several(filters: Any) -> tuple:
     return tuple(filters) if isinstance(filters, Iterable) else (filters,)
 
 
-class GaussianMotion(eqx.Module):
+class GaussianMotion(Module):
     """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi,
     Clough–Penzien).
 

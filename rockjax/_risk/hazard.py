@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
+from rockjax._module import Module
 
 from .integral import log_rate_at
 from .units import SI
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-class Hazard(eqx.Module):
+class Hazard(Module):
     """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
 
     Between its points it is linear in ln x, ln λ; its first and last segment go on outside.

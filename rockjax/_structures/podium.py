@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import as_float, as_number, concrete, not_negative, positive, require, shown
+from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.dimensions import restrainers_of
@@ -41,7 +42,7 @@ from .superstructures import (
 )
 
 
-class Podium(eqx.Module):
+class Podium(Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
     - `alpha`: column slenderness α = atan(B/H), 0 < α < π/2 [rad], Eq. (1)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import equinox as eqx
 
 from rockjax._checks import as_number, concrete, require
+from rockjax._module import Module
 from rockjax._types import Number
 
 
-class PaperRestitution(eqx.Module):
+class PaperRestitution(Module):
     """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
 
     With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
@@ -25,7 +26,7 @@ class PaperRestitution(eqx.Module):
         return "'paper'"
 
 
-class CompatibleRestitution(eqx.Module):
+class CompatibleRestitution(Module):
     """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
@@ -42,7 +43,7 @@ class CompatibleRestitution(eqx.Module):
         return "'compatible'"
 
 
-class GivenRestitution(eqx.Module):
+class GivenRestitution(Module):
     """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
 
     e: Number = eqx.field(converter=as_number("Podium: restitution"))

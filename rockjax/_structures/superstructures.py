@@ -15,13 +15,14 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._checks import as_number, not_negative, require
+from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._types import Array, Number
 
 from .eigen import eigh
 
 
-class AbstractSuperstructure(eqx.Module):
+class AbstractSuperstructure(Module):
     """A superstructure. To add a kind, say which oscillators it is, and what of it moves with the beam."""
 
     rows: ClassVar[tuple[str, ...]] = ()  # fields with a number for each mode or story along the last axis
