@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
+
+_Kind = TypeVar("_Kind", bound=eqx.Module)
 
 
 class Module(eqx.Module):
@@ -16,3 +19,12 @@ class Module(eqx.Module):
 
     if not TYPE_CHECKING:
         __getattribute__ = object.__getattribute__
+
+
+def filled(kind: type[_Kind], **fields: Any) -> _Kind:
+    """A module whose fields are known to be right, others as by default: without checks, which take long."""
+    made = object.__new__(kind)
+    defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # pyright: ignore
+    for name, value in (defaults | fields).items():
+        object.__setattr__(made, name, value)
+    return made

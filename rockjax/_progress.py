@@ -65,4 +65,15 @@ def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
     true."""
     if hasattr(progress, "update"):
         return contextlib.nullcontext(progress)
-    return Bar(total=total, unit=f" {unit}", disable=not progress, **settings)
+    if not progress:
+        return contextlib.nullcontext(_Count())
+    return Bar(total=total, unit=f" {unit}", **settings)
+
+
+class _Count:
+    """A bar that is not shown: to make one that is takes as long as some scenes."""
+
+    n = 0
+
+    def update(self, n: int = 1) -> None:
+        self.n += n

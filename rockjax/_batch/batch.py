@@ -22,6 +22,7 @@ from rockjax._checks import concrete
 from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._module import filled
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
 from rockjax._responses.arguments import check_range, check_types
@@ -35,6 +36,7 @@ from rockjax._threads import borrowed_pool
 from .chunk import LaneLayout
 from .exchange import Done
 from .executors import AbstractExecutor, executor
+from .packed import Packed, on_host
 from .reach import SCALE
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
@@ -163,7 +165,7 @@ def responses(
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=doubt, sensitivities=slopes))
-    return Peak(**peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
+    return filled(Peak, **peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
 
 
 def responses_with_reach(
@@ -217,26 +219,26 @@ def run_batch(
     stopped = threading.Event() if stop is None else stop
     todo = deque(_chunks(scenes, lane_layout, who))
 
-    def ends() -> Iterator[tuple[Done, int]]:
-        lanes, width = idle, idle.held.shape[0]
+    def ends() -> Iterator[tuple[Done | Packed, int]]:
+        held = idle
         while not stopped.is_set():
-            lanes_now = lanes.held.shape[0]
-            fewer = lanes_now < width  # for the last scenes of a thread
+            lanes = held.width
+            fewer = lanes < idle.width  # for the last scenes of a thread
             with lock:
                 numbers = todo.popleft() if todo and not fewer else NOTHING
                 # With no further chunk for this thread, the lanes run to their ends.
                 last = fewer or len(todo) < who.hosts
-            lanes, done = advance(lanes, numbers, last)
-            yield done, lanes_now
-            if last and (np.asarray(lanes.held) < 0).all():
+            held, done = advance(held, numbers, last)
+            yield done, lanes
+            if last and not np.any(on_host(done).left):
                 if not todo:
                     return
-                lanes = idle
+                held = idle
 
     def work() -> None:
         # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
         for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
-            number = answers.keep(*cast(tuple[Done, int], ended))
+            number = answers.keep(*cast(tuple[Done | Packed, int], ended))
             with _REPORTING:
                 bar.update(number)
 
@@ -271,11 +273,14 @@ class _Answers:
         self._lock = threading.Lock()
         self._closed = False
 
-    def keep(self, done: Done, lanes: int) -> int:
+    def keep(self, ended: Done | Packed, lanes: int) -> int:
         """Write the scenes that ended in so many lanes; how many they are."""
-        done = jax.tree.map(np.asarray, done)
+        done: Done = on_host(ended)
         used = np.reshape(done.used, (-1, 1))
-        rows = (np.arange(done.which.size // used.size) < used).ravel()
+        # Those of one device are the first ones.
+        rows: Any = slice(int(done.used.ravel()[0]))
+        if used.size > 1:
+            rows = (np.arange(done.which.size // used.size) < used).ravel()
         index = self.scenes.in_grid(np.asarray(done.which)[rows])
         with self._lock:
             if self._closed:

@@ -40,6 +40,7 @@ class Done(NamedTuple):
     used: jax.Array
     trials: jax.Array  # of each lane
     useful: jax.Array  # of all lanes, those that moved a scene on
+    left: jax.Array  # lanes that still hold a scene
 
 
 class Loop(NamedTuple):
@@ -57,7 +58,7 @@ def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
     """Room for the answers of so many scenes, of which none has ended."""
     floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
     none = jnp.zeros((), index_type)
-    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none, left=none)
 
 
 def exchanged(

@@ -7,6 +7,7 @@ import contextlib
 import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -19,10 +20,19 @@ from rockjax._programs.program import KeptProgram
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
 from .lanes import advance, idle, in_fewer
-from .scenes import NOTHING, Numbers, SceneBatch
+from .packed import Packed, packed
+from .scenes import Numbers, SceneBatch
+
+
+class Held(NamedTuple):
+    """Lanes with their scenes, and how many lanes a device has."""
+
+    lanes: Packed | Lanes
+    width: int
+
 
 # (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
-Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
+Program = Callable[[Held, Numbers, bool], tuple[Held, Done | Packed]]
 
 FEW = 8  # lanes for the last scenes of a batch, …
 MANY_TRIALS = 30_000  # … looked at after so many trials, some tenths of a second: Ctrl-C stops between them
@@ -40,7 +50,7 @@ class AbstractExecutor(abc.ABC):
     platform: str
 
     @abc.abstractmethod
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
         """Lanes to begin with, and what goes on with them through some scenes; if none follow, until all
         have ended, or until it is time to look at those that are left.
 
@@ -61,23 +71,23 @@ class ThreadExecutor(AbstractExecutor):
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
         few = layout._replace(lanes=FEW, size=FEW)
         # Lanes that take no further scenes end with their chunk. Where derivatives come along, rounding
         # differs with the lanes beside them.
         narrows = layout.refill and not layout.sensitivities and layout.lanes > FEW
 
-        def go(held: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
-            here = few if held.held.shape[0] < layout.lanes else layout
+        def go(held: Held, numbers: Numbers, last: bool) -> tuple[Held, Done | Packed]:
+            here = few if held.width < layout.lanes else layout
             most = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
             leaves = scenes.part(numbers, here.size)
             with self._cores():
-                held, done = _on_one(held, leaves, *numbers, most, options, layout=here)
-            if last and narrows and here is layout:
-                held = in_fewer(held, FEW) or held
-            return held, done
+                lanes, done = _on_one(held.lanes, leaves, *numbers, most, options, layout=here)
+            if last and narrows and here is layout and 0 < done.tree().left <= FEW:
+                return Held(packed(in_fewer(lanes.tree(), FEW)), FEW), done
+            return Held(lanes, here.lanes), done
 
-        return idle(scenes.part(NOTHING, layout.size), options, layout, 1), go
+        return Held(idle(scenes, options, layout), layout.lanes), go
 
 
 class DeviceExecutor(AbstractExecutor):
@@ -90,7 +100,7 @@ class DeviceExecutor(AbstractExecutor):
         self.platform = devices[0].platform
         self.mesh = Mesh(np.array(devices), ("scenes",))
 
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
         # What is common to all scenes goes to the devices once.
         leaves = [
@@ -101,17 +111,26 @@ class DeviceExecutor(AbstractExecutor):
         places = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def go(held: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
+        def go(held: Held, numbers: Numbers, last: bool) -> tuple[Held, Done | Packed]:
             own, parts = numbers.dealt(self.devices), scenes.part(numbers, layout.size, self.devices)
             parts, first, count = jax.device_put((parts, own.first, own.scenes), (places, dealt, dealt))
             most = ALL_TRIALS if last or not layout.refill else 0
-            return call(held, parts, first, own.stride, count, most, options, layout=layout)
+            lanes, done = call(held.lanes, parts, first, own.stride, count, most, options, layout=layout)
+            return Held(lanes, layout.lanes), done
 
-        blank = idle(scenes.part(NOTHING, layout.size), options, layout, self.devices)
-        return jax.device_put(blank, dealt), go
+        blank = idle(scenes, options, layout).tree()
+        blank = jax.tree.map(lambda y: np.concatenate([y] * self.devices), blank)  # one after another
+        return Held(jax.device_put(blank, dealt), layout.lanes), go
 
 
-_on_one = KeptProgram(advance, donate=[0], compiler_options=_COMPILER["cpu"])
+def _advance_packed(
+    held: Packed, leaves, first, stride, count, most, options: Options, layout: LaneLayout
+) -> tuple[Packed, Packed]:
+    lanes, done = advance(held.tree(), leaves, first, stride, count, most, options, layout)
+    return packed(lanes), packed(done)
+
+
+_on_one = KeptProgram(_advance_packed, donate=[0], compiler_options=_COMPILER["cpu"])
 
 
 @functools.cache
@@ -121,9 +140,8 @@ def _on_mesh(mesh: Mesh):
     def advance_all(held, leaves, first, stride, count, most, options, layout: LaneLayout):
         def on_each(held, leaves, first, stride, count, most, options):
             held, done = advance(held, leaves, first[0], stride, count[0], most, options, layout)
-            return held, done._replace(
-                used=done.used[None], trials=done.trials[None], useful=done.useful[None]
-            )
+            own = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
+            return held, done._replace(**own)
 
         dealt, common = P("scenes"), P()
         places = [common if axis is None else dealt for axis in layout.axes]

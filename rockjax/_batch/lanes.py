@@ -25,8 +25,9 @@ from rockjax._types import Flag
 
 from .chunk import Chunk, LaneLayout, automaton, made_ready, makes_trials, prepared
 from .exchange import Answers, Done, Lanes, Loop, exchanged, room_for
+from .packed import Packed, packed
 from .reach import least_reach
-from .scenes import Numbers
+from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
 
@@ -106,7 +107,8 @@ def advance(
         body,
         Loop(held, start, done),
     )
-    return _turned(loop.lanes), loop.done
+    left = jnp.sum(loop.lanes.held >= 0, dtype=index_type)
+    return _turned(loop.lanes), loop.done._replace(left=left)
 
 
 def _unlimited(layout: LaneLayout) -> jax.Array | None:
@@ -161,36 +163,32 @@ def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
     return jax.lax.while_loop(lambda state: jnp.any(waits(state)), one, state)
 
 
-def in_fewer(held: Lanes, lanes: int) -> Lanes | None:
-    """The scenes that are still running, in so many lanes; None where they are more, or none."""
-    running = np.asarray(held.held) >= 0
-    if not 0 < running.sum() <= lanes:
-        return None
-    order = np.argsort(~running, kind="stable")[:lanes]
-    return jax.tree.map(lambda y: np.asarray(y)[order], held)
+def in_fewer(held: Lanes, lanes: int) -> Lanes:
+    """The scenes that are still running, no more than so many, in so many lanes (host)."""
+    order = np.argsort(held.held < 0, kind="stable")[:lanes]
+    return jax.tree.map(lambda y: y[order], held)
 
 
-def idle(leaves, options: Options, layout: LaneLayout, devices: int) -> Lanes:
-    """Lanes that hold nothing, those of several devices one after another; `leaves` are those of one
-    chunk."""
-    shapes = tuple((y.shape, y.dtype) for y in leaves)
+def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Packed:
+    """Lanes that hold nothing, for a program that takes chunks of these scenes."""
+    shapes = tuple(
+        (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
+        for y, axis in zip(scenes.leaves, layout.axes, strict=True)
+    )
     numbers, plan = jax.tree.flatten(options)
-    blank = _blank_lanes(shapes, tuple(y.dtype for y in numbers), plan, layout)
-    if devices == 1:
-        return blank
-    return jax.tree.map(lambda y: np.concatenate([y] * devices), blank)
+    return _blank_lanes(shapes, tuple(y.dtype for y in numbers), plan, layout)
 
 
 @functools.lru_cache(maxsize=256)
-def _blank_lanes(*plan) -> Lanes:
-    """Lanes of one device without a scene; finding their shapes needs tracing, so they are kept like
+def _blank_lanes(*plan) -> Packed:
+    """Lanes without a scene; finding their shapes needs tracing, so they are kept like
     programs."""
     shapes = functools.partial(_shapes_of_lanes, *plan)
     none: Lanes = remembered(
         "lanes", plan, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes())
     )
     code = np.full_like(none.lane.code, results.END_OF_TIME)
-    return none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1))
+    return packed(none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1)))
 
 
 def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout):

@@ -143,6 +143,8 @@ def axes_of(
 
 def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
     """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
+    if not excitations.own_dimensions:
+        return [0] * structure.num_leaves
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
     for name, dimensions in excitations.own_dimensions.items():
         *path, field = name.split(".")

@@ -18,7 +18,7 @@ from rockjax import _tables
 from rockjax._checks import concrete, from_host
 from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
-from rockjax._module import Module
+from rockjax._module import Module, filled
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
 
@@ -138,7 +138,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     code = integers["code"]
     if throw:
         raise_without_answer(code)
-    stats = Stats(integers["steps"], integers["rejected"], floats["end_time"])
+    stats = filled(Stats, steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
     names = (
         "peak_rotation",
         "peak_rotation_time",
