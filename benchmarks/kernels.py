@@ -75,7 +75,7 @@ def program(name: str, device: jax.Device):
     places = [common if rows is None else dealt for rows in scenes.rows]
     numbers = shape(np.zeros(1, int), dealt)
     lowered = _on_mesh(who.mesh).lower(
-        jax.tree.map(lambda y: shape(y, dealt), idle(leaves, how, plan, 1)),
+        jax.tree.map(lambda y: shape(y, dealt), idle(scenes, how, plan).tree()),
         [shape(y, place) for y, place in zip(leaves, places, strict=True)],
         numbers, 1, numbers, 0, jax.tree.map(lambda y: shape(y, common), how), layout=plan,
     )  # fmt: skip

@@ -40,9 +40,10 @@ from .packed import Packed, on_host
 from .reach import SCALE
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
-# What fits the first-level cache and still fills the vector unit: half as many where more goes with a lane.
+# What fits the first-level cache and still fills the vector unit.
 LANES = 32
 CHUNK = 1024  # scenes prepared at once
+QUICK = 5  # times the lanes: so many quick scenes a thread is woken for
 
 # An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
 ACCELERATOR_LANES = 1024, 32768  # at least, so that few programs serve all sizes of batches; and at most
@@ -308,8 +309,9 @@ class _Answers:
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[Numbers]:
     """Chunks of scenes, dealt out in turn to as many chunks as there are threads: neighbours cost about the
     same, so that all threads have as much to do and end at about the same time."""
-    # Fewer scenes than lanes would take as long as all of them.
-    hosts = min(who.hosts, -(-scenes.total // (lane_layout.lanes * who.devices)))
+    # Fewer scenes than lanes would take as long as all of them; and to wake a thread takes longer than some.
+    least = lane_layout.lanes * who.devices * (QUICK if scenes.quick else 1)
+    hosts = min(who.hosts, -(-scenes.total // least))
     most = lane_layout.size * who.devices * hosts
     for start in range(0, scenes.total, most):
         yield from (
@@ -320,15 +322,15 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """How many lanes a device has, and how many scenes are prepared at once."""
+    refill = not scenes.wide
     if who.platform == "cpu":
-        lanes, chunk = LANES, CHUNK
+        lanes, size = LANES, CHUNK if refill else LANES  # of any number of scenes: one program
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)
         lanes = min(most, max(least, 1 << (share - 1).bit_length()))
         while lanes > LANES and lanes * scenes.numbers > ACCELERATOR_NUMBERS:
             lanes //= 2
-        chunk = ACCELERATOR_CHUNK * lanes
-    refill = not scenes.wide
-    size = chunk if refill and scenes.total > max(2, who.devices) * lanes else lanes
+        many = scenes.total > max(2, who.devices) * lanes
+        size = ACCELERATOR_CHUNK * lanes if refill and many else lanes
     return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill, sensitivities)

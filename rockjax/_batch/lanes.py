@@ -176,7 +176,7 @@ def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Packed:
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
     )
     numbers, plan = jax.tree.flatten(options)
-    return _blank_lanes(shapes, tuple(y.dtype for y in numbers), plan, layout)
+    return _blank_lanes(shapes, tuple(np.asarray(y).dtype for y in numbers), plan, layout)
 
 
 @functools.lru_cache(maxsize=256)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 Shape = tuple[int, ...]
 
@@ -46,7 +47,7 @@ class Packed:
         return self._tree
 
     def _unpacked(self) -> Any:
-        traced = any(isinstance(y, jax.core.Tracer) for y in self.arrays)
+        traced = any(isinstance(y, Tracer) for y in self.arrays)
         arrays = self.arrays if traced else [np.asarray(y) for y in self.arrays]
         leaves = [arrays[k][start:end].reshape(shape) for k, start, end, shape in _places(self.form.leaves)]
         return jax.tree.unflatten(self.form.structure, leaves)

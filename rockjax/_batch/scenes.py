@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.pulses import AbstractPulse
 from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
@@ -56,6 +57,12 @@ class SceneBatch(NamedTuple):
     def podium(self) -> Podium:
         """Of all scenes, where a number differs with their rows."""
         return jax.tree.unflatten(self.structure, self.leaves)[0]
+
+    @property
+    def quick(self) -> bool:
+        """Whether a scene takes but a few steps: nothing vibrates, and the motion is a pulse."""
+        podium, excitation, *_ = jax.tree.unflatten(self.structure, self.leaves)
+        return isinstance(excitation, AbstractPulse) and not podium.vibrates
 
     @property
     def numbers(self) -> int:

@@ -1,3 +1,4 @@
+import contextlib
 import warnings
 
 import jax
@@ -87,7 +88,7 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
     same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
-    monkeypatch.setattr(rj._batch.batch, "LANES", 32)
+    monkeypatch.setattr(rj._batch.batch, "LANES", 48)
     monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
     same(whole, chunks, rtol=1e-6)
@@ -212,15 +213,18 @@ def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s,
             np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("name", ["block", "elastic"])
 @pytest.mark.parametrize("hosts", [1, 2, 3, 8])
 @pytest.mark.parametrize("total", [1, 7, 63, 64, 65, 100, 129, 484, 2047, 2048, 2049, 5000])
-def test_every_scene_is_dealt_to_a_thread_once(total, hosts):
-    """In chunks that fit, and to all threads as much, but for what fills no lanes."""
-    from rockjax._batch.batch import _chunks, layout
+def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
+    """In chunks that fit, and to all threads as much, but for what fills no lanes, or is too little to wake a
+    thread for."""
+    from rockjax._batch.batch import QUICK, _chunks, layout
     from rockjax._batch.executors import ThreadExecutor
     from rockjax._batch.scenes import broadcast
 
-    scenes, _ = broadcast("", PODIUMS["block"], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
+    scenes, _ = broadcast("", PODIUMS[name], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
+    assert scenes.quick == (name == "block")
     who = ThreadExecutor(hosts)
     made = layout(scenes, who)
     chunks = list(_chunks(scenes, made, who))
@@ -228,7 +232,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, hosts):
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
     assert np.all((sizes > 0) & (sizes <= made.size))
-    busy = min(hosts, -(-total // made.lanes))
+    busy = min(hosts, -(-total // (made.lanes * (QUICK if scenes.quick else 1))))
     assert len(chunks) >= busy
     by_thread = [sizes[k::busy].sum() for k in range(busy)]
     assert max(by_thread) - min(by_thread) <= len(chunks)
@@ -241,7 +245,7 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
 
     from rockjax._batch import batch, executors
 
-    class Alone(batch.Pool):
+    class Alone:
         def submit(self, fn, /, *args, **kwargs):
             done = Future()
             done.set_result(fn(*args, **kwargs))
@@ -249,7 +253,7 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
 
     podium, motions = PODIUMS[name], rj.Ricker(amplitudes(300), 1.0)
     together = rj.peak_responses(podium, motions, threads=3)
-    monkeypatch.setattr(batch, "Pool", Alone)
+    monkeypatch.setattr(batch, "borrowed_pool", lambda threads: contextlib.nullcontext(Alone()))
     monkeypatch.setattr(executors, "MANY_TRIALS", 10)
     alone = rj.peak_responses(podium, motions, threads=3)
     for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):

@@ -226,7 +226,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(100, 1) == (1024, 1024)
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
-    assert lanes(500_000, 2, "cpu") == (64, 1024)
+    assert lanes(500_000, 2, "cpu") == lanes(1, 2, "cpu") == (32, 1024)
     # Of a record of 100 samples, and its padding.
     monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**20)
     assert lanes(2000, 1, samples=100) == (512, 512)
@@ -244,7 +244,7 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     assert plan.lanes >= 1024
     leaves, numbers = scenes.part(Numbers(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(who.mesh).trace(
-        idle(leaves, how, plan, 1), leaves, numbers, 1, numbers, 0, how, layout=plan
+        idle(scenes, how, plan).tree(), leaves, numbers, 1, numbers, 0, how, layout=plan
     )
     text = program.lower(lowering_platforms=("cuda",)).as_text()
     assert "stablehlo.while" in text
