@@ -22,9 +22,14 @@ class Module(eqx.Module):
 
 
 def filled(kind: type[_Kind], **fields: Any) -> _Kind:
-    """A module whose fields are known to be right, others as by default: without checks, which take long."""
+    """A module whose fields are known to be right, others as by default: without checks, which take long.
+
+    Raises `TypeError` for a field that is not given and has no default.
+    """
     made = object.__new__(kind)
-    defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # pyright: ignore
-    for name, value in (defaults | fields).items():
-        object.__setattr__(made, name, value)
+    for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
+        value = fields.get(field.name, field.default)
+        if value is dataclasses.MISSING:
+            raise TypeError(f"{kind.__name__}: no {field.name}")
+        object.__setattr__(made, field.name, value)
     return made

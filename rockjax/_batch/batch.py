@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._checks import concrete
+from rockjax._checks import concrete, float_type
 from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
@@ -211,7 +211,7 @@ def run_batch(
     who = executor("run_batch") if who is None else who
     # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
     # program.
-    options = jax.tree.map(lambda y: np.asarray(y, jax.dtypes.canonicalize_dtype(float)), options)
+    options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
@@ -278,10 +278,8 @@ class _Answers:
         """Write the scenes that ended in so many lanes; how many they are."""
         done: Done = on_host(ended)
         used = np.reshape(done.used, (-1, 1))
-        # Those of one device are the first ones.
-        rows: Any = slice(int(done.used.ravel()[0]))
-        if used.size > 1:
-            rows = (np.arange(done.which.size // used.size) < used).ravel()
+        several = used.size > 1  # devices, one after another; the rows of one are the first
+        rows = (np.arange(done.which.size // used.size) < used).ravel() if several else slice(used.item())
         index = self.scenes.in_grid(np.asarray(done.which)[rows])
         with self._lock:
             if self._closed:

@@ -26,7 +26,7 @@ from rockjax._responses.peak import Peak, data_variables, parameter_axis
 from rockjax._responses.sensitivities import of_scenes
 from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
-from rockjax._threads import TABLES, Pool, import_meanwhile
+from rockjax._threads import TABLES, borrowed_pool, import_meanwhile
 
 if TYPE_CHECKING:
     import xarray
@@ -165,7 +165,7 @@ def rocking_spectra(
 
 def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
     """The answers of all kinds that were begun: one is compiled while another runs. Ctrl-C sets `stop`."""
-    with Pool(max(1, len(kinds))) as pool:
+    with borrowed_pool(max(1, len(kinds))) as pool:
         futures = []
         try:
             for members in kinds:
