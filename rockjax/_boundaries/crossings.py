@@ -21,7 +21,7 @@ from rockjax._threads import meanwhile
 from .first import CLOSE
 from .looked import Known, Look, around_dips, dip
 from .narrowing import narrowed
-from .steps import SPACING, certain, gaps
+from .steps import certain, gaps, spacing_for
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
@@ -32,7 +32,8 @@ REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
 
-ZOOMS = 4  # closer looks around the lowest dips
+ZOOMS = 4  # closer looks around the lowest dips …
+FEWER_ZOOMS = 2  # … where only windows are looked for
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 # Scenes of a look at least: smaller batches are a program of their own. What fills one up is at rest and
 # costs nothing.
@@ -88,6 +89,7 @@ def scan(
     progress: Any = False,
     look_closer: Literal["everywhere", "below", "first"] = "everywhere",
     width: float | None = NARROWEST,
+    dips: bool = True,
 ) -> Scan:
     """Changes along the lines x = const, y from one end of `y_range` to the other.
 
@@ -95,7 +97,8 @@ def scan(
     bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
     close that no interval wider than `width` times the range is missed (a motion must be proportional to y
     there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
-    a relative width of 1e-12.
+    a relative width of 1e-12. With `dips` the lowest dips of the margin are followed down, else only those in
+    which an interval may open: `Scan.dip` is rough then.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -120,10 +123,13 @@ def scan(
         known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
         if look_closer == "everywhere":
             known = _refined(known, look, FINEST * size)
-        spacing = np.inf if width is None else SPACING * width * size
+        spacing = spacing_for(width, size, resolution)
         known = certain(known, look, spacing, look_closer == "first")
-        for _ in range(ZOOMS):
-            known = known.and_also(look(*around_dips(known), False))
+        for _ in range(ZOOMS if dips else FEWER_ZOOMS):
+            places = around_dips(known, may_open=not dips)
+            if places[0].size == 0:
+                break
+            known = known.and_also(look(*places, False))
         known = certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:

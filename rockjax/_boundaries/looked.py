@@ -69,12 +69,13 @@ def lowest(known: Known) -> np.ndarray:
     return here
 
 
-def around_dips(known: Known) -> tuple[np.ndarray, np.ndarray]:
-    """Places on both sides of the dips of each line that may be the lowest."""
+def around_dips(known: Known, may_open: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Places on both sides of the dips of each line that may be the lowest, or only of those in which a window
+    may open."""
     here, margin = lowest(known), known.margin
     # Straight lines on either side, prolonged, would meet there.
     depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
-    may_be = depth < dip(known)[known.line[here]]
+    may_be = depth < (0.0 if may_open else dip(known)[known.line[here]])
     here, depth = here[may_be], depth[may_be]
     order = np.lexsort((depth, known.line[here]))
     line = known.line[here[order]]

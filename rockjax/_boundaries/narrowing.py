@@ -12,9 +12,10 @@ import numpy as np
 from .first import WIDTH
 from .looked import Known, Look
 
-MOST = 24  # divisions of a bracket
-SHARE = 3  # scenes to divide one, more where lanes would be idle: few of them tell the most each
-CLOSER = 0.05  # of a bracket is left where a polynomial knows the root; else it is divided evenly
+MOST = 64  # divisions of a bracket
+BESIDE = 2  # scenes where a polynomial knows the root, one to halve a bracket; more where lanes would be idle
+CLOSER = 0.05  # of a bracket is left where a polynomial knows the root; else it is divided evenly …
+RIGHT = 2  # … until the polynomial has been right so many times in a row: once may be chance
 AGREED = 0.25  # of the difference between two orders: how far from its zero a polynomial may be
 UNKNOWN = 0.05  # of the bracket, where a straight line is all there is
 SPREAD = 4.0  # from one place beside the zero to the next, where there are several
@@ -35,30 +36,44 @@ def narrowed(
     margin = np.where(
         (inside == places) & (known.line[inside] == line[:, None]), known.margin[inside], np.nan
     )
-    smooth = np.ones(line.size, bool)
+    known_of = (y, margin, impacts)
+    right = np.full(line.size, RIGHT)  # times in a row
     for _ in range(MOST):
         wide = np.flatnonzero(np.abs(y[:, 2] - y[:, 1]) > close * np.abs(y[:, 1:3]).max(axis=1))
         if wide.size == 0:
             break
-        share = min(max(SHARE, lanes // wide.size), WIDTH)
-        root, error = zero(y[wide], margin[wide])
-        where = _places(y[wide], root, np.where(smooth[wide], error, np.nan), close, share)
-        found = look(np.repeat(line[wide], share), where.ravel(), True)
-        more = (
-            part.reshape(where.shape) for part in (where, np.nan_to_num(found.margin, nan=1.0), found.impacts)
-        )
-        rows = [
-            np.concatenate([old[wide, :2], new, old[wide, 2:]], axis=1)
-            for old, new in zip((y, margin, impacts), more, strict=True)
-        ]
-        first = 2 + np.argmax(rows[1][:, 2:-1] <= 0, axis=1)
-        chosen = first[:, None] + np.arange(-2, 2)
         size = np.abs(y[wide, 2] - y[wide, 1])
-        for old, new in zip((y, margin, impacts), rows, strict=True):
-            old[wide] = np.take_along_axis(new, chosen, axis=1)
+        root, error = zero(y[wide], margin[wide])
+        share, of = min(lanes // wide.size, WIDTH), right[wide] >= RIGHT
+        jumps, curves = wide[~of], wide[of]
+        parts = [
+            (jumps, _evenly(y[jumps], max(share, 1))),
+            (curves, _beside(y[curves], root[of], error[of], close, max(share, BESIDE))),
+        ]
+        asked = np.concatenate([np.repeat(line[rows], where.shape[1]) for rows, where in parts])
+        found = look(asked, np.concatenate([where.ravel() for _, where in parts]), True)
+        told, start = (found.y, np.nan_to_num(found.margin, nan=1.0), found.impacts), 0
+        for rows, where in parts:
+            of_rows = slice(start, start + where.size)
+            more = [values[of_rows].reshape(where.shape) for values in told]
+            _put_between(known_of, rows, more)
+            start += where.size
         size_now, middle = np.abs(y[wide, 2] - y[wide, 1]), 0.5 * (y[wide, 1] + y[wide, 2])
-        smooth[wide] = (np.abs(root - middle) <= 0.5 * size_now) | (size_now < CLOSER * size)
+        again = np.where(np.abs(root - middle) <= 0.5 * size_now, right[wide] + 1, 0)
+        right[wide] = np.where(size_now < CLOSER * size, RIGHT, again)
     return 0.5 * (y[:, 1] + y[:, 2]), impacts[:, 2]
+
+
+def _put_between(known: tuple[np.ndarray, ...], rows: np.ndarray, more: list[np.ndarray]) -> None:
+    """Keep the four places around the change nearest to survival, of those of `rows` and more between the
+    middle two."""
+    whole = [
+        np.concatenate([old[rows, :2], new, old[rows, 2:]], axis=1)
+        for old, new in zip(known, more, strict=True)
+    ]
+    first = 2 + np.argmax(whole[1][:, 2:-1] <= 0, axis=1)
+    for old, new in zip(known, whole, strict=True):
+        old[rows] = np.take_along_axis(new, first[:, None] + np.arange(-2, 2), axis=1)
 
 
 def zero(y: np.ndarray, margin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,17 +107,17 @@ def _through(y: np.ndarray, margin: np.ndarray) -> np.ndarray:
     return np.where(np.all(np.diff(margin, axis=1) < 0, axis=1), found[:, 0], np.nan)
 
 
-def _places(y: np.ndarray, root: np.ndarray, error: np.ndarray, close: float, count: int) -> np.ndarray:
-    """`count` places inside each bracket, from the surviving end on: beside the root, the others evenly; all
-    evenly where the error is NaN."""
+def _evenly(y: np.ndarray, count: int) -> np.ndarray:
+    """`count` places inside each bracket, from the surviving end on."""
+    return y[:, 1, None] + (y[:, 2] - y[:, 1])[:, None] * np.arange(1, count + 1) / (count + 1)
+
+
+def _beside(y: np.ndarray, root: np.ndarray, error: np.ndarray, close: float, count: int) -> np.ndarray:
+    """The same, most of them close to the root on both of its sides."""
     start, size = y[:, 1, None], (y[:, 2] - y[:, 1])[:, None]
-    near = 3 * count // 8
-    spaced = count - 2 * near
+    near = max(1, 3 * count // 8)
     least = 0.4 * close * np.abs(y[:, 1:3]).max(axis=1)
-    beside = np.maximum(error, least)[:, None] * SPREAD ** np.arange(near)
-    part = lambda n: np.broadcast_to(np.arange(1, n + 1) / (n + 1), (y.shape[0], n))
-    mixed = np.concatenate(
-        [part(spaced), *((root[:, None] + way * beside - start) / size for way in (-1, 1))], axis=1
-    )
-    parts = np.where(np.isnan(error)[:, None], part(count), mixed)
+    apart = np.maximum(error, least)[:, None] * SPREAD ** np.arange(near)
+    sides = [(root[:, None] + way * apart - start) / size for way in (-1, 1)]
+    parts = np.concatenate([(_evenly(y, count - 2 * near) - start) / size, *sides], axis=1)
     return start + size * np.sort(np.clip(parts, 0.0, 1.0), axis=1)

@@ -7,9 +7,14 @@ against the derivatives of all turning points of both. Some windows are a few wi
 beside them that tells: so neighbours are `FARTHEST` apart at most. Where reaches are short, and where
 nothing is known of them, places are as close as the width that is asked for. It is an estimate, not a
 proof; `benchmarks/boundaries.py` tries every scale.
+
+Places are whole numbers of spacings, so that steps divided again and again end at one spacing each, not at
+parts of it.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -22,6 +27,14 @@ PARTS = 16  # of an interval at once
 ROUND = 2048  # scenes of all lines that go up side by side …
 LEAST = 64  # … of one line at least
 GRAZING = 1e-3  # a margin as low as this is worked out at the full accuracy
+
+
+def spacing_for(width: float | None, size: float, resolution: int) -> float:
+    """From one place to the next, so that no window of a share `width` of a range of that size lies between:
+    a whole part of its `resolution` steps. inf without a width."""
+    if width is None:
+        return np.inf
+    return size / resolution / math.ceil(1 / (resolution * SPACING * width))
 
 
 def certain(known: Known, look: Look, spacing: float, first_only: bool) -> Known:
@@ -58,33 +71,41 @@ def gaps(known: Known, spacing: float, top: float) -> np.ndarray:
 
 
 def _allowed(known: Known, part: slice, spacing: float) -> np.ndarray:
-    """How long each step between neighbours may be."""
+    """How long each step between neighbours may be: whole spacings."""
     reach = np.where(known.margin[part] > 0, known.reach[part], 0.0)
-    return np.clip(TRUST * (reach[1:] + reach[:-1]), spacing, FARTHEST * spacing)
+    return spacing * np.clip(np.floor(TRUST * (reach[1:] + reach[:-1]) / spacing), 1, FARTHEST)
 
 
 def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """The next places of each line that are to be looked at, from below."""
+    lines, places = [np.zeros(0, int)], [np.zeros(0)]
     if not np.isfinite(spacing):
-        return np.zeros(0, int), np.zeros(0)
+        return lines[0], places[0]
     wide = []
     for part in known.below():
         step = np.diff(known.y[part])
         allowed = _allowed(known, part, spacing)
         at = np.flatnonzero(step > allowed * (1 + 1e-9))
         if at.size:
-            parts = np.ceil(step[at] / np.maximum(allowed[at], step[at] / PARTS) * (1 - 1e-9)).astype(int)
-            wide.append((part, at, np.maximum(parts, 2)))
+            parts = np.ceil(step[at] / allowed[at] * (1 - 1e-9)).astype(int)
+            wide.append((part, at, np.clip(parts, 2, PARTS)))
     share = max(LEAST, ROUND // max(1, len(wide)))
-    lines, places = [np.zeros(0, int)], [np.zeros(0)]
     for part, at, parts in wide:
         y = known.y[part]
         # From below, for the first change may come to lie lower.
         at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
-        for k, count in zip(at, parts[: at.size], strict=True):
-            places.append(y[k] + (y[k + 1] - y[k]) * np.arange(1, count) / count)
-            lines.append(np.full(count - 1, known.line[part.start]))
+        found = np.concatenate(
+            [_between(y[k], y[k + 1], count, spacing) for k, count in zip(at, parts[: at.size], strict=True)]
+        )
+        places.append(found)
+        lines.append(np.full(found.size, known.line[part.start]))
     return np.concatenate(lines), np.concatenate(places)
+
+
+def _between(low: float, high: float, parts: int, spacing: float) -> np.ndarray:
+    """Whole numbers of spacings that divide a step of more than one spacing into so many parts, about."""
+    even = low + (high - low) * np.arange(1, parts) / parts
+    return spacing * np.unique(np.round(even / spacing))
 
 
 def _unsure(known: Known, first_only: bool) -> np.ndarray:

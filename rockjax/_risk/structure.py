@@ -26,8 +26,8 @@ from .limit_state import AbstractLimitState
 
 TABLE = 256  # records of a batch: one program serves every number of scenes
 SIDE_BY_SIDE = 8  # scenes with their derivatives
-# The samples set the steps: the cheapest steps serve, and a sharp tolerance is free.
-OPTIONS = Options(rtol=1e-9, atol=1e-11, method="tsit5")
+# The samples set most of the steps: a sharp tolerance is nearly free.
+OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
 class Limit(NamedTuple):

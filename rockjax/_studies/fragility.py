@@ -166,7 +166,7 @@ def incremental_dynamic_analysis(
     scanned_soon(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
-    found = scan(plane, *lines, resolution, options, progress, look_closer="below", width=width)
+    found = scan(plane, *lines, resolution, options, progress, look_closer="below", width=width, dips=False)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     import xarray

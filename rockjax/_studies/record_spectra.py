@@ -80,7 +80,9 @@ def record_spectrum(
     top = float(max_scale)
     scanned_soon(plane, cells, (0.0, top), options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
-    found = scan(plane, cells, (0.0, top), resolution, options, progress, look_closer="first", width=width)
+    found = scan(
+        plane, cells, (0.0, top), resolution, options, progress, look_closer="first", width=width, dips=False
+    )
     least = found.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)
     rotation = np.asarray(peaks.peak_rotation).reshape(shape)

@@ -107,6 +107,24 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
         assert int(found.impacts) == 3
 
 
+def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
+    """Where nothing is known of what comes next; but for the sides of dips, and what is narrowed down."""
+    looked = []
+    margin = Motion.margin
+
+    def noted(self, y, sharp, xp=np):
+        looked.append(np.array(y))
+        return margin(self, y, sharp, xp)
+
+    monkeypatch.setattr(Motion, "margin", noted)
+    found = scanned([Motion(lifts=0.45)], monkeypatch)
+    steps = np.diff(np.unique(np.round(np.concatenate(looked), 12)))
+    steps = steps[np.cumsum(steps) > 0.46]
+    assert np.all(steps < 0.95 * WIDTH * (1 + 1e-9))
+    assert np.mean(steps > 0.9 * WIDTH) > 0.85
+    assert np.all(found.certain <= 0.95 * WIDTH)
+
+
 class Smooth(Motion):
     """Margins that their derivatives tell of: two waves, of which the shorter one is some widths long."""
 

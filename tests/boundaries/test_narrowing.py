@@ -63,6 +63,12 @@ def test_smooth_margins_need_few_rounds():
     assert len(search(smooth, ROOTS[:1])[2]) <= 2
 
 
+def test_jumps_are_halved_where_there_are_many():
+    """One scene for each halving; three that divide a bracket by four took half as many again."""
+    rounds = search(jump, ROOTS)[2]
+    assert sum(rounds) < 1.25 * ROOTS.size * np.log2(2 / 200 / (CLOSE * ROOTS.min()))
+
+
 def test_a_noisy_margin_ends_at_one_of_its_zeros():
     y, _, rounds = search(noisy, ROOTS)
     np.testing.assert_allclose(y, ROOTS, rtol=0, atol=3e-9)
