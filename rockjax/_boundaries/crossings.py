@@ -32,8 +32,8 @@ REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into so many …
 FINEST = 1e-6  # … down to this part of the line
 
-ZOOMS = 4  # closer looks around the lowest dips …
-FEWER_ZOOMS = 2  # … where only windows are looked for
+CLOSER = 256  # steps beside the lowest dips are divided into so many …
+CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 # Scenes of a look at least: smaller batches are a program of their own. What fills one up is at rest and
 # costs nothing.
@@ -125,11 +125,12 @@ def scan(
             known = _refined(known, look, FINEST * size)
         spacing = spacing_for(width, size, resolution)
         known = certain(known, look, spacing, look_closer == "first")
-        for _ in range(ZOOMS if dips else FEWER_ZOOMS):
-            places = around_dips(known, may_open=not dips)
-            if places[0].size == 0:
+        divided = 1
+        while divided < (CLOSER if dips else CLOSER_FOR_WINDOWS):
+            line, y, parts = around_dips(known, LANES, may_open=not dips)
+            if line.size == 0:
                 break
-            known = known.and_also(look(*places, False))
+            known, divided = known.and_also(look(line, y, False)), divided * parts
         known = certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .first import DIPS
 
-QUARTERS = np.array([0.25, 0.5, 0.75])  # of an interval beside a dip
+LEAST_PARTS = 4  # of an interval beside a dip; more where lanes would be idle
 
 
 class Known(NamedTuple):
@@ -69,9 +69,12 @@ def lowest(known: Known) -> np.ndarray:
     return here
 
 
-def around_dips(known: Known, may_open: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Places on both sides of the dips of each line that may be the lowest, or only of those in which a window
-    may open."""
+def around_dips(known: Known, lanes: int, may_open: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
+    """Places on both sides of the dips of each line that may be the lowest, or only of those in which a
+    window may open: lines, places, and into how many parts they divide the steps there.
+
+    `lanes`: so many scenes at once cost what one does.
+    """
     here, margin = lowest(known), known.margin
     # Straight lines on either side, prolonged, would meet there.
     depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
@@ -82,7 +85,9 @@ def around_dips(known: Known, may_open: bool = False) -> tuple[np.ndarray, np.nd
     here = here[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
     left = np.concatenate([here - 1, here])
     start, size = known.y[left, None], (known.y[left + 1] - known.y[left])[:, None]
-    return np.repeat(known.line[left], QUARTERS.size), (start + size * QUARTERS).ravel()
+    parts = max(LEAST_PARTS, 1 + lanes // max(left.size, 1))
+    inside = np.arange(1, parts) / parts
+    return np.repeat(known.line[left], inside.size), (start + size * inside).ravel(), parts
 
 
 def dip(known: Known) -> np.ndarray:
