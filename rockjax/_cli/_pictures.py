@@ -106,16 +106,19 @@ def _close(pipes: Iterable[Connection]) -> None:
 
 
 def _warm_up() -> None:
-    """Load what data are read with, and what Matplotlib looks for when it draws for the first time."""
+    """Load what data are read with, and what Matplotlib looks for when it draws for the first time, formulas
+    too."""
     import io
 
     import numpy as np
     import xarray
 
     from rockjax.plots import plt
+    from rockjax.plots._style import ACCELERATION_RATIO, FREQUENCY_RATIO
 
     figure, ax = plt.subplots()
     ax.contourf(xarray.DataArray(np.eye(2)).where(True))
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
     figure.savefig(io.BytesIO())
     plt.close(figure)
 
