@@ -21,7 +21,7 @@ from rockjax._engine.derivatives import pushed, which_move
 from rockjax._engine.flat import runs
 from rockjax._engine.hops import chatters
 from rockjax._engine.scene import plan_for, prepare
-from rockjax._engine.state import LoopState, Plan, Scene, moving
+from rockjax._engine.state import MOVING, MOVING_TURNS, LoopState, Plan, Scene, moving
 from rockjax._engine.step import trial
 from rockjax._once import once
 from rockjax._options import Options
@@ -112,7 +112,7 @@ class Chunk(NamedTuple):
         if self.slopes is None:
             return state, None
         beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
-        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs))
+        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs, self.slopes.lane))
         return state, Slopes([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
 
     def in_lanes(
@@ -175,7 +175,7 @@ def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
             scenes, lane = every(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, moves, strict=True)]
-            return (flat, moving(lane)), (scenes, lane)
+            return (flat, moving(lane, MOVING_TURNS if layout.reach else MOVING)), (scenes, lane)
 
         _, (rows, of_lane), (scenes, lane) = pushed(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
@@ -208,9 +208,13 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
 _CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")
 
 
-def crossed(chunk: Chunk, plan: Plan, count) -> Chunk:
+def crossed(chunk: Chunk, plan: Plan, count, in_proportion: bool = False) -> Chunk:
     """The lanes of a chunk where they first have to step; what fills it up behind `count` scenes goes
-    nowhere."""
+    nowhere.
+
+    `in_proportion`: the one row of slopes is by ln of the scale of motions, from rest. Then full contact
+    is in proportion to it, and panels end where they do whatever the scale.
+    """
     if not plan.elastic:
         return chunk
 
@@ -223,7 +227,10 @@ def crossed(chunk: Chunk, plan: Plan, count) -> Chunk:
     starts, slopes = chunk.starts(size)
     used = jnp.arange(size) < count
     starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
-    _, rows, crossed = chunk.in_lanes(one, chunk.parts, starts, slopes, loops=True)
+    followed = None if in_proportion else slopes
+    floats, rows, crossed = chunk.in_lanes(one, chunk.parts, starts, followed, loops=True)
+    if in_proportion:
+        rows = jax.tree.map(lambda y: y[None], floats | {"event_time": jnp.zeros_like(floats["event_time"])})
     differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, crossed))
     if chunk.slopes is not None and rows is not None:
         chunk = chunk._replace(slopes=chunk.slopes._replace(lane=chunk.slopes.lane | rows))
@@ -240,7 +247,8 @@ def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
             y if axis is None else jax.lax.dynamic_slice_in_dim(y, start, lanes)
             for y, axis in zip(leaves, layout.axes, strict=True)
         ]
-        return crossed(prepared(some, layout._replace(size=lanes), options), plan, count - start)
+        chunk = prepared(some, layout._replace(size=lanes), options)
+        return crossed(chunk, plan, count - start, in_proportion=layout.reach)
 
     # Of the first block only what is common to all scenes is worked out here.
     first = block(0)
@@ -262,7 +270,8 @@ def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chun
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
-    moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, moving(chunk.lane_differs)))
+    differ = chunk.slopes and moving(chunk.lane_differs, chunk.slopes.lane)
+    moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
     keeps = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in moves)]
     every = [*chunk.parts, *lane, *slopes]
     axes = [*(0 for _ in chunk.parts), *(0 for _ in lane), *(1 for _ in slopes)]

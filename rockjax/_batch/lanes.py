@@ -8,6 +8,7 @@ every few of them the lanes that wait are served together.
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +53,7 @@ def advance(
 
         def after(scene: Scene, lane: LoopState):
             lane = function(scene, lane)
-            return moving(lane), lane
+            return _followed(lane, state), lane
 
         _, rows, lane = chunk.in_lanes(after, state.parts, state.lane, state.slopes)
         slopes = None if state.slopes is None else state.slopes._replace(lane=rows)
@@ -111,6 +112,11 @@ def advance(
     return _turned(loop.lanes), loop.done._replace(left=left)
 
 
+def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:
+    """What of a lane has slopes beside it."""
+    return {} if state.slopes is None else moving(lane, state.slopes.lane)
+
+
 def _unlimited(layout: LaneLayout) -> jax.Array | None:
     """The reach of lanes that have not passed a turning point."""
     return jnp.full(layout.lanes, jnp.inf) if layout.reach else None
@@ -123,14 +129,16 @@ def _turned(state: Lanes) -> Lanes:
 
 
 def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """What the scenes in the lanes have to say as they are, with the sensitivities of their peaks."""
+    """What the scenes in the lanes have to say as they are, with their reach or the sensitivities of their
+    peaks."""
+    slopes = state.slopes if state.reach is None else None
     floats, slopes, integers = chunk.in_lanes(
-        lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, state.slopes
+        lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, slopes
     )
+    if state.reach is not None:
+        return floats | {"reach": state.reach}, integers
     if slopes is None:
         return floats, integers
-    if state.reach is not None:
-        floats = floats | {"reach": state.reach}
     rows_last = lambda y: jnp.moveaxis(y, 0, -1)
     return floats | {
         slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
@@ -143,7 +151,7 @@ def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
 
     def after(scene: Scene, lane: LoopState):
         lane = many_hops(scene, plan, lane, options.max_steps)
-        return moving(lane), lane
+        return _followed(lane, state), lane
 
     def waits(state: Lanes) -> jax.Array:
         return jax.vmap(chatters)(state.lane) & runs(state.lane, options.max_steps) & (state.held >= 0)

@@ -95,7 +95,10 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         # From below, for the first change may come to lie lower.
         at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
         found = np.concatenate(
-            [_between(y[k], y[k + 1], count, spacing) for k, count in zip(at, parts[: at.size], strict=True)]
+            [
+                _between(float(y[k]), float(y[k + 1]), count, spacing)
+                for k, count in zip(at, parts[: at.size], strict=True)
+            ]
         )
         places.append(found)
         lines.append(np.full(found.size, known.line[part.start]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -112,6 +113,8 @@ class LoopState(NamedTuple):
 MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors", "turn")
 
 
+MOVING_TURNS = ("event_time", "x", "v", "turn")  # what tells on the turning points
+
 # What has a tangent besides, once a step has been taken.
 _REPORTED = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
 
@@ -146,9 +149,9 @@ def ready_for_tangents(state: LoopState) -> LoopState:
     return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_REPORTED)}))
 
 
-def moving(state: LoopState) -> dict[str, Any]:
-    """The part of a state that carries the tangents of its peaks."""
-    return {name: getattr(state, name) for name in MOVING}
+def moving(state: LoopState, names: Iterable[str] = MOVING) -> dict[str, Any]:
+    """The part of a state that carries the tangents of its peaks, or of so much of it."""
+    return {name: getattr(state, name) for name in names}
 
 
 class Decision(NamedTuple):
