@@ -1,4 +1,4 @@
-"""How far the scale of a motion may change before a scene may overturn, against derivatives of the margin."""
+"""How far the scale of a motion may change before a scene may overturn, against differences of the margin."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from rockjax._batch.batch import responses_with_reach
 from rockjax._batch.reach import SMALL
 
 COUNT = 150
+STEP = 1e-6  # of the scale, for differences
 RECORD = np.convolve(np.random.default_rng(3).normal(size=500), np.hanning(12) / 3, "same")
 # Podiums, and scales of the record between rest and overturning.
 PODIUMS = {
@@ -16,27 +17,31 @@ PODIUMS = {
 }
 
 
-def motions_of(kind: str, scales: tuple[float, float]):
+def motions_of(kind: str, scales: tuple[float, float], factor: np.ndarray):
     if kind == "pulse":
-        return rj.Ricker(np.linspace(0.5, 5.0, COUNT), 1.0)
+        return rj.Ricker(np.linspace(0.5, 5.0, COUNT), 1.0).scaled(factor)
     records = rj.Records.of([rj.Record(RECORD, 0.02)])
-    return records.pick(np.zeros(COUNT, np.int32)).scaled(np.linspace(*scales, COUNT))
+    return records.pick(np.zeros(COUNT, np.int32)).scaled(np.linspace(*scales, COUNT) * factor)
 
 
+@pytest.mark.slow(but=["pulse-elastic", "record-rigid"])
 @pytest.mark.parametrize("structure", PODIUMS)
 @pytest.mark.parametrize("motion", ["pulse", "record"])
 def test_the_reach_is_that_of_the_margin_or_of_another_turning_point(motion, structure):
     podium, scales = PODIUMS[structure]
-    motions = motions_of(motion, scales)
-    options = rj.Options(outputs=("margin",), rtol=1e-9, atol=1e-11)
-    floats, integers = responses_with_reach(podium, motions, options, False)
-    peaks = rj.peak_responses(podium, motions, options=options, sensitivities=["scale"])
-    np.testing.assert_allclose(floats["margin"], peaks.margin, rtol=1e-6, atol=1e-9)
+    options = rj.Options(outputs=("margin",), rtol=1e-11, atol=1e-13)
+    at, above, below = (
+        responses_with_reach(podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False)
+        for step in (0.0, STEP, -STEP)
+    )
+    floats, integers = at
     assert np.all(np.isinf(floats["reach"][~integers["uplifted"]]))
-    counts = ~integers["overturned"] & integers["uplifted"] & (floats["margin"] < SMALL)
+    # Where the reach is short derivatives change within a step.
+    counts = integers["uplifted"] & (floats["margin"] < SMALL) & (floats["reach"] > 1000 * STEP)
+    for _, same in (above, below):  # no impact comes or goes
+        counts &= ~same["overturned"] & (same["impacts"] == integers["impacts"])
     assert counts.sum() >= 15
-    reach = floats["reach"][counts]
-    slope = np.asarray(peaks.sensitivities.margin)[counts, 0]
-    told = floats["margin"][counts] / np.abs(slope)
-    assert np.all(reach <= told * (1 + 1e-5))
-    assert np.mean(reach > told * (1 - 1e-5)) > 0.1
+    slope = ((above[0]["margin"] - below[0]["margin"]) / (2 * STEP))[counts]
+    reach, told = floats["reach"][counts], floats["margin"][counts] / np.abs(slope)
+    assert np.all(reach <= told * (1 + 1e-3))
+    assert np.mean(reach > told * (1 - 1e-3)) > 0.1
