@@ -13,7 +13,7 @@ RECORD = np.convolve(np.random.default_rng(3).normal(size=500), np.hanning(12) /
 # Podiums, and scales of the record between rest and overturning.
 PODIUMS = {
     "rigid": (rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0)), (0.9, 1.3)),
-    "elastic": (rj.Podium(0.15, 1.5, 10.0, rj.Elastic(eta=50.0, T_s=0.4)), (0.2, 1.2)),
+    "elastic": (rj.Podium(0.15, 1.5, 10.0, rj.Elastic(eta=50.0, T_s=0.4)), (0.3, 0.7)),
 }
 
 
