@@ -8,11 +8,11 @@ from rockjax._batch.batch import responses_with_reach
 from rockjax._batch.reach import SMALL
 
 COUNT = 150
-STEP = 1e-6  # of the scale, for differences
+STEP = 1e-7  # of the scale, for differences
 RECORD = np.convolve(np.random.default_rng(3).normal(size=500), np.hanning(12) / 3, "same")
 # Podiums, and scales of the record between rest and overturning.
 PODIUMS = {
-    "rigid": (rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0)), (0.9, 1.3)),
+    "rigid": (rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0)), (1.1, 1.2)),
     "elastic": (rj.Podium(0.15, 1.5, 10.0, rj.Elastic(eta=50.0, T_s=0.4)), (0.3, 0.7)),
 }
 
