@@ -38,7 +38,6 @@ WIDE = 64  # scales in a row that overturn: what is above them is no window any 
 BLOCK = 4096  # scales that are tried at once
 INSIDE = 200  # scales in a step at whose ends the verdict changes
 RANGE = 10.0  # scales up to so many g tan α over PGA
-LEAST = 256  # scenes of a batch
 COARSE = 256  # scales that tell from where on the columns lift
 LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
 NEAR = 0.02  # a margin as small is worked out again …
@@ -88,14 +87,12 @@ def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray
     over = np.array(looked.overturned)
     near = np.flatnonzero(np.abs(np.asarray(looked.margin)) < NEAR)
     if near.size:
-        over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)[: near.size]
-    return over[: scales.size]
+        over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
+    return over
 
 
 def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, options: rj.Options) -> rj.Peak:
-    """Of one record at some scales, filled up with scenes at rest: a small batch would be a program of its
-    own."""
-    scales = np.append(scales, np.zeros(max(0, LEAST - scales.size)))
+    """Of one record at some scales."""
     motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
     return rj.peak_responses(podium, motion, options=options)
 

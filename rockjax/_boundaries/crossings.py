@@ -35,9 +35,6 @@ FINEST = 1e-6  # … down to this part of the line
 CLOSER = 256  # steps beside the lowest dips are divided into so many …
 CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
-# Scenes of a look at least: smaller batches are a program of their own. What fills one up is at rest and
-# costs nothing.
-FEWEST = 2 * LANES + 1
 
 
 class Crossings(NamedTuple):
@@ -62,11 +59,11 @@ def scanned_soon(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
 ) -> None:
     """Load or compile, while something else goes on, the program that a `scan` of these will look with."""
-    x, top = np.asarray(x, float)[:1], max(y_range)
-    rest = np.repeat(x, FEWEST), np.full(FEWEST, min(y_range))
+    x, bottom, top = np.asarray(x, float)[:1], np.full(1, min(y_range)), max(y_range)
 
     def look() -> None:
-        margins(plane, *rest, looking(options, width, np), reaches=_in_proportion(plane, x, top, options))
+        reaches = _in_proportion(plane, x, top, options)
+        margins(plane, x, bottom, looking(options, width, np), reaches=reaches)
 
     meanwhile(look)
 
@@ -112,11 +109,8 @@ def scan(
         def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            rest = 0 if width is None else max(0, FEWEST - line.size)
-            x_all, y_all = np.append(x[line], np.repeat(x[:1], rest)), np.append(y, np.full(rest, y_range[0]))
-            seen = margins(plane, x_all, y_all, options if sharp else loose, counter, reaches)
-            margin, impacts, reach = (of_each[: line.size] for of_each in seen)
-            return Known(line, y, margin, impacts, reach, np.full(line.size, sharp))
+            seen = margins(plane, x[line], y, options if sharp else loose, counter, reaches)
+            return Known(line, y, *seen, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
