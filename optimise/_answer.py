@@ -9,7 +9,6 @@ from html import escape
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
@@ -206,7 +205,7 @@ def answer_of(
     bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
     by_sample = sampled(end.x)
     # From the user's own structure, whose plain numbers stay what they are.
-    structure = variables(given, bounds).structure(jnp.asarray(end.x))
+    structure = variables(given, bounds).structure(end.x)
     return Design(
         podium=as_podium(structure),
         structure=structure,
@@ -237,7 +236,7 @@ def _outcome(varied: Variables, end: End, there: Evaluation) -> Outcome:
         code = INFEASIBLE
     if code == INFEASIBLE and satisfied:
         code = STALLED
-    values = np.asarray(varied.values(jnp.asarray(end.x)))
+    values = varied.values(end.x)
     numbers = dict(zip(varied.names, map(float, values), strict=True))
     worst = float(np.min(there.c, initial=np.inf))
     return Outcome(numbers, float(np.max(there.f)), worst, satisfied, named(code), end.iterations)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import KeptProgram, Module, TracedFunction
+from rockjax.internal import KeptProgram, Module, TracedFunction, as_float
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
@@ -129,7 +129,7 @@ class _Simulated:
 def _passed(item: Any) -> Any:
     """With numbers as arrays: those of Python would each be compiled in. What is 0 may not be there at
     all."""
-    return jax.tree.map(lambda y: jnp.asarray(y, float) if isinstance(y, float) and y else y, item)
+    return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
 def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
@@ -197,7 +197,7 @@ def verified(options: rj.Options) -> rj.Options:
 
 def traced(options: rj.Options) -> rj.Options:
     """Options whose numbers are not compiled in."""
-    return jax.tree.map(lambda y: jnp.asarray(y, float), options)
+    return jax.tree.map(as_float, options)
 
 
 class Evaluator:
@@ -232,7 +232,7 @@ class Evaluator:
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Evaluations at points (width, n), of which `count` are asked for."""
-        slopes, values = _evaluated(self._redrawn(), self.options, jnp.asarray(points))
+        slopes, values = _evaluated(self._redrawn(), self.options, as_float(points))
         (f, margins), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         margins, slopes = self._with_sampled(points, margins, slopes)
         self.sizes = [margin.shape[1] for margin in margins]
@@ -272,7 +272,7 @@ class Evaluator:
     def estimates(self, x: np.ndarray, k: int) -> dict[int, Estimate]:
         """What the k-th independent sample says at a point (n,) of targets with fresh samples, by their
         places."""
-        podium = self.certain.variables.podium(jnp.asarray(x))
+        podium = self.certain.variables.podium(x)
         return {place: self._estimate(place, podium, k) for place in self.sources}
 
     def _estimate(self, place: int, podium: rj.Podium, k: int) -> Estimate:
@@ -284,7 +284,7 @@ class Evaluator:
         rng = np.random.default_rng([source.seed, k])
         chosen = rng.integers(found.size, size=(RESAMPLED, found.size))
         chosen[0] = np.arange(found.size)  # the sample itself
-        margins = np.asarray(_of_samples(_with(target, source.draw(0)), jnp.asarray(found[chosen])))
+        margins = np.asarray(_of_samples(_with(target, source.draw(0)), as_float(found[chosen])))
         return Estimate(margins[0], margins.std(axis=0))
 
     def _with_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import PEAKS, AnyMotions, Module, several
+from rockjax.internal import PEAKS, AnyMotions, Module, array_module, as_array, several
 
 from ._fresh import FreshSamples
 
@@ -55,7 +55,9 @@ class Suite(Module):
         for group, places in zip(other.groups, other._members(), strict=True):
             k = next((k for k, known in enumerate(groups) if _alike(known, group)), len(groups))
             if k < len(groups):
-                groups[k] = jax.tree.map(lambda *ys: jnp.concatenate(ys), groups[k], group)
+                groups[k] = jax.tree.map(
+                    lambda *ys: as_array(array_module(ys).concatenate(ys)), groups[k], group
+                )
             else:
                 groups.append(group)
                 members.append([])

@@ -21,6 +21,7 @@ from rockjax.internal import (
     ROWS_OF_DIMENSIONS,
     Module,
     Parameter,
+    array_module,
     as_exponent,
     as_float,
     card,
@@ -132,35 +133,38 @@ class Variables(Module):
         """The units of the variables, "–" for ratios."""
         return tuple(written(parameter(self.base, name).unit) for name in self.names)
 
-    def values(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
+    def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
         """User units from scaled variables; the ends of the range are met exactly."""
-        log = np.asarray(self.logarithmic)
-        low, high = (jnp.log(jnp.where(log, bound, 1.0)) for bound in (self.lower, self.upper))
-        straight = self.lower * (1 - x) + self.upper * x
-        values = jnp.where(log, jnp.exp(low * (1 - x) + high * x), straight)
+        log, numpy = np.asarray(self.logarithmic), array_module(self, x)
+        lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
+        low, high = (numpy.log(numpy.where(log, bound, 1.0)) for bound in (lower, upper))
+        values = numpy.where(log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
         # To rounding it is inside already; a clip would halve the derivative at a bound.
-        return values + jax.lax.stop_gradient(jnp.clip(values, self.lower, self.upper) - values)
+        inside = numpy.clip(values, lower, upper)
+        return inside if numpy is np else values + jax.lax.stop_gradient(inside - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Scaled variables from user units, clipped into the box."""
-        log = np.asarray(self.logarithmic)
-        values = jnp.clip(values, self.lower, self.upper)
-        low, high, value = (jnp.log(jnp.where(log, v, 1.0)) for v in (self.lower, self.upper, values))
-        width = jnp.where(log, high - low, self.upper - self.lower)
-        return jnp.where(log, value - low, values - self.lower) / width
+        log, numpy = np.asarray(self.logarithmic), array_module(self, values)
+        lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
+        values = numpy.clip(values, lower, upper)
+        low, high, value = (numpy.log(numpy.where(log, v, 1.0)) for v in (lower, upper, values))
+        width = numpy.where(log, high - low, upper - lower)
+        return numpy.where(log, value - low, values - lower) / width
 
-    def structure(self, x: Float[Array, " n"]) -> Structure:
+    def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """The structure at scaled variables, in the user's form."""
         values = self.values(x)
         return replaced(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
-    def podium(self, x: Float[Array, " n"]) -> rj.Podium:
+    def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:
         """The podium at scaled variables."""
         return as_podium(self.structure(x))
 
     def start(self) -> Float[Array, " n"]:
         """The base structure in scaled variables, clipped into the box."""
-        return self.scaled(jnp.stack([jnp.asarray(value_of(self.base, name), float) for name in self.names]))
+        values = [as_float(value_of(self.base, name)) for name in self.names]
+        return self.scaled(array_module(values).stack(values))
 
 
 def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
@@ -210,7 +214,7 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
                     f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}"
                 ) from None
         bounds.append((low, high))
-    lower, upper = (jnp.asarray(side, float) for side in zip(*bounds, strict=True))
+    lower, upper = (as_float(np.array(side)) for side in zip(*bounds, strict=True))
     logarithmic = tuple(low > 0 and high / low > LOG_FROM for low, high in bounds)
     return Variables(numbers_as_arrays(base), lower, upper, names, logarithmic)
 
@@ -220,7 +224,8 @@ def numbers_as_arrays(base: Structure) -> Structure:
     it stays."""
     if isinstance(base, rj.Podium):
         return base
-    return jax.tree.map(lambda y: y if isinstance(y, str) or jnp.all(y == 0) else jnp.asarray(y, float), base)
+    stays = lambda y: isinstance(y, str) or array_module(y).all(y == 0)
+    return jax.tree.map(lambda y: y if stays(y) else as_float(y), base)
 
 
 def _check_name(owner: str, base: Structure, name: str) -> None:
@@ -258,7 +263,7 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
         raise ValueError(
             f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period"
         )
-    if name == "top_mass" and jnp.all(jnp.asarray(base.top_mass) == 0):
+    if name == "top_mass" and array_module(base.top_mass).all(base.top_mass == 0):
         raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
     if name == "damping" and base.period is None:
         raise ValueError(f"{owner}: vary names 'damping', but nothing elastic stands on the podium")

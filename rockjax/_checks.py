@@ -34,7 +34,8 @@ def as_float(x, what: str = "it") -> Array:
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
-        if isinstance(x, float | int | np.ndarray | np.generic) and np.asarray(x).dtype.kind in "fiub":
+        here = isinstance(x, float | int | np.ndarray | np.generic) or _all_of_python(x)
+        if here and np.asarray(x).dtype.kind in "fiub":
             return from_host(x, float_type())
         return jnp.asarray(x, dtype=float_type())
     except (TypeError, ValueError):
@@ -47,6 +48,15 @@ def from_host(x, dtype=None) -> Array:
     A copy, as by `jnp.array`, which compiles a program for each shape in each process: 10 ms each.
     """
     return jax.device_put(np.array(x, dtype))
+
+
+def as_array(x) -> Array:
+    """`x` as an array of JAX, `from_host` where it is none."""
+    return x if isinstance(x, jax.Array) else from_host(x)
+
+
+def _all_of_python(x) -> bool:
+    return isinstance(x, list | tuple) and all(isinstance(y, float | int) or _all_of_python(y) for y in x)
 
 
 def _holds_text(x) -> bool:
@@ -90,6 +100,11 @@ def array_module(*values) -> Any:
     """NumPy where all values are known, else `jax.numpy`: of JAX every operation on its own is a program to
     compile."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
+
+
+def product(a, b) -> Any:
+    """a·b, by NumPy where both are known."""
+    return array_module(a, b).multiply(a, b)
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:

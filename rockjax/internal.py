@@ -4,7 +4,7 @@ notice."""
 from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY
 from ._boundaries.verdict import NARROWEST, has_margin
-from ._checks import as_float, concrete, of_kind, require, shown, single, whole
+from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._module import Module
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
@@ -58,6 +58,8 @@ __all__ = [
     "Reader",
     "TracedFunction",
     "about",
+    "array_module",
+    "as_array",
     "as_excitation",
     "as_exponent",
     "as_float",

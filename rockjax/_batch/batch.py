@@ -169,15 +169,17 @@ def responses(
     return filled(Peak, **peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
 
 
-def responses_with_reach(
-    podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any
+def bare_responses(
+    podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, reach: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Floats and integers of a batch of shape (n,) as of `peak_responses`, and the `reach` of each scene."""
+    """Floats and integers of a batch of shape (n,) as of `peak_responses`; where wanted among them the
+    `reach` of each scene."""
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
-    require_memory("peak_responses", scenes.total, BYTES + BYTES_OF_SLOPES)
+    require_memory("peak_responses", scenes.total, BYTES + reach * BYTES_OF_SLOPES)
     stop = threading.Event()
-    floats, integers, _ = run_batch(scenes, options, progress, stop, None, (SCALE,), reach=True)
+    names = (SCALE,) if reach else ()
+    floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, reach)
     if stop.is_set():
         raise Interrupted("stopped while scenes were looked at", None)
     _warn_of_codes(integers["code"], stacklevel=3)
@@ -225,6 +227,9 @@ def run_batch(
         while not stopped.is_set():
             lanes = held.width
             fewer = lanes < idle.width  # for the last scenes of a thread
+            if who.hosts > 1 and len(todo) < 2 * who.hosts:
+                # Calls return at once: a thread that is ahead would take what another has the time for.
+                jax.block_until_ready(held.lanes)
             with lock:
                 numbers = todo.popleft() if todo and not fewer else NOTHING
                 # With no further chunk for this thread, the lanes run to their ends.

@@ -26,7 +26,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
-from rockjax._checks import array_module, as_float, float_type, require
+from rockjax._checks import array_module, as_array, as_float, float_type, require
 from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
@@ -226,13 +226,11 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
 
     found = jax.custom_jvp(search)
     found.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
-    first = jax.tree.map(jnp.asarray, found(*leaves))
+    first = jax.tree.map(as_array, found(*leaves))
     plain = _values(first)
     numpy = array_module(plain)
     exists, low = numpy.isfinite(plain.scale), numpy.less(plain.dip, ONE_SIDED_BELOW)
-    return Boundary(
-        first.scale, jnp.asarray(exists), first.impacts, first.dip, jnp.asarray(low), first.certain
-    )
+    return Boundary(first.scale, as_array(exists), first.impacts, first.dip, as_array(low), first.certain)
 
 
 def _values(tree):
@@ -256,7 +254,7 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
             rows = [
                 np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)
             ]
-            first = jax.tree.map(jnp.asarray, _on_host(rows, count, structure, margin))
+            first = jax.tree.map(as_array, _on_host(rows, count, structure, margin))
             return first, First(True, True, True, True)
         axes = [0 if own else None for own in mapped]
         first = jax.vmap(lambda *leaves: _in_program(leaves, structure, margin), axes)(*leaves)
@@ -306,9 +304,9 @@ def _picked(excitation, line: np.ndarray, of_each) -> Any:
         dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
         return Records(
             excitation.acceleration,
-            jnp.asarray(one(excitation.count)),
-            jnp.asarray(dt),
-            jnp.asarray(start),
+            as_array(one(excitation.count)),
+            as_array(dt),
+            as_array(start),
             line,
             scale[line],
         )

@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 
 from rockjax import _results as results
-from rockjax._batch.batch import LANES, peak_responses, responses_with_reach
+from rockjax._batch.batch import LANES, bare_responses
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._progress import bar
@@ -34,6 +34,7 @@ FINEST = 1e-6  # … down to this part of the line
 
 CLOSER = 256  # steps beside the lowest dips are divided into so many …
 CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
+SEVERAL = 16  # lines
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 
 
@@ -58,12 +59,13 @@ class Crossings(NamedTuple):
 def scanned_soon(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
 ) -> None:
-    """Load or compile, while something else goes on, the program that a `scan` of these will look with."""
-    x, bottom, top = np.asarray(x, float)[:1], np.full(1, min(y_range)), max(y_range)
+    """Load or compile, while something else goes on, the programs that a `scan` of these will look with."""
+    lines, one, bottom = np.size(x), np.asarray(x, float)[:1], np.full(1, min(y_range))
 
     def look() -> None:
-        reaches = _in_proportion(plane, x, top, options)
-        margins(plane, x, bottom, looking(options, width, np), reaches=reaches)
+        reaches = _in_proportion(plane, one, max(y_range), options)
+        for with_reach in _programs(reaches, lines):
+            margins(plane, one, bottom, looking(options, width, np), reaches=with_reach)
 
     meanwhile(look)
 
@@ -103,28 +105,35 @@ def scan(
     size = y_range[1] - y_range[0]
     loose = looking(options, NARROWEST if width is None else width, np)
     reaches = width is not None and _in_proportion(plane, x[:1], y_range[1], options)
+    programs = _programs(reaches, x.size)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
+        def look(line: np.ndarray, y: np.ndarray, sharp: bool, wanted: np.ndarray | bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            seen = margins(plane, x[line], y, options if sharp else loose, counter, reaches)
+            by = np.broadcast_to(wanted if len(programs) > 1 else reaches, line.shape)
+            seen = np.zeros(line.size), np.zeros(line.size, int), np.zeros(line.size)
+            for with_reach in programs:
+                at = np.flatnonzero(by == with_reach)
+                some = margins(plane, x[line[at]], y[at], options if sharp else loose, counter, with_reach)
+                for whole, part in zip(seen, some, strict=True):
+                    whole[at] = part
             return Known(line, y, *seen, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
-        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
+        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False, True)
         if look_closer == "everywhere":
             known = _refined(known, look, FINEST * size)
         spacing = spacing_for(width, size, resolution)
         known = certain(known, look, spacing, look_closer == "first")
         divided = 1
         while divided < (CLOSER if dips else CLOSER_FOR_WINDOWS):
-            line, y, parts = around_dips(known, LANES, may_open=not dips)
+            line, y, apart, parts = around_dips(known, LANES, may_open=not dips)
             if line.size == 0:
                 break
-            known, divided = known.and_also(look(line, y, False)), divided * parts
+            known, divided = known.and_also(look(line, y, False, apart > spacing)), divided * parts
         known = certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:
@@ -149,22 +158,27 @@ def margins(
     podiums, motions = plane(x, y)
     margin = has_margin(options, podiums)
     wanted = margin_options(options, margin)
+    floats, integers = bare_responses(podiums, motions, wanted, progress, reaches)
+    overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
+    reach = np.zeros(x.shape)
     if reaches:
-        floats, integers = responses_with_reach(podiums, motions, wanted, progress)
-        overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
         with np.errstate(invalid="ignore"):
             reach = np.where(np.isnan(floats["reach"]), 0.0, floats["reach"]) * np.abs(y)
-    else:
-        peaks = peak_responses(podiums, motions, options=wanted, progress=progress)
-        floats = {"margin": np.asarray(peaks.margin), "peak_rotation": np.asarray(peaks.peak_rotation)}
-        overturned, impacts = np.asarray(peaks.overturned), np.asarray(peaks.impacts)
-        codes, reach = np.asarray(results.code_of(peaks.result)), np.zeros(x.shape)
     value = signed_margin(floats, overturned, float(options.overturn_ratio), margin, np)
     failed = codes > results.OVERTURNED
     value, reach = np.where(failed, np.nan, value), np.where(failed, 0.0, np.nan_to_num(reach, posinf=np.inf))
     # Copies: what is solved again more sharply is put in their place.
     value, impacts, reach = (np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, reach))
     return value, impacts, reach
+
+
+def _programs(reaches: bool, lines: int) -> tuple[bool, ...]:
+    """With which `reaches` scenes are looked at.
+
+    A scene without its reach takes two thirds of the time; on few lines that does not make up for another
+    program to compile.
+    """
+    return (True, False) if reaches and lines >= SEVERAL else (reaches,)
 
 
 def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
@@ -213,5 +227,5 @@ def _refined(known: Known, look: Look, finest: float) -> Known:
         if at.size == 0:
             break
         places = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
-        known = known.and_also(look(np.repeat(line[at], part.size), places, False))
+        known = known.and_also(look(np.repeat(line[at], part.size), places, False, True))
     return known

@@ -55,8 +55,8 @@ class Known(NamedTuple):
         return parts
 
 
-# (line, y, at the full accuracy?) → what is known there
-Look = Callable[[np.ndarray, np.ndarray, bool], Known]
+# (line, y, at the full accuracy?, where reaches are wanted) → what is known there
+Look = Callable[[np.ndarray, np.ndarray, bool, np.ndarray | bool], Known]
 
 
 def lowest(known: Known) -> np.ndarray:
@@ -69,9 +69,12 @@ def lowest(known: Known) -> np.ndarray:
     return here
 
 
-def around_dips(known: Known, lanes: int, may_open: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
+def around_dips(
+    known: Known, lanes: int, may_open: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Places on both sides of the dips of each line that may be the lowest, or only of those in which a
-    window may open: lines, places, and into how many parts they divide the steps there.
+    window may open: lines, places, how far they are apart, and into how many parts they divide the steps
+    there.
 
     `lanes`: so many scenes at once cost what one does.
     """
@@ -87,7 +90,8 @@ def around_dips(known: Known, lanes: int, may_open: bool = False) -> tuple[np.nd
     start, size = known.y[left, None], (known.y[left + 1] - known.y[left])[:, None]
     parts = max(LEAST_PARTS, 1 + lanes // max(left.size, 1))
     inside = np.arange(1, parts) / parts
-    return np.repeat(known.line[left], inside.size), (start + size * inside).ravel(), parts
+    apart = np.broadcast_to(size / parts, (left.size, inside.size))
+    return np.repeat(known.line[left], inside.size), (start + size * inside).ravel(), apart.ravel(), parts
 
 
 def dip(known: Known) -> np.ndarray:

@@ -51,7 +51,7 @@ def narrowed(
             (curves, _beside(y[curves], root[of], error[of], close, max(share, BESIDE))),
         ]
         asked = np.concatenate([np.repeat(line[rows], where.shape[1]) for rows, where in parts])
-        found = look(asked, np.concatenate([where.ravel() for _, where in parts]), True)
+        found = look(asked, np.concatenate([where.ravel() for _, where in parts]), True, False)
         told, start = (found.y, np.nan_to_num(found.margin, nan=1.0), found.impacts), 0
         for rows, where in parts:
             of_rows = slice(start, start + where.size)

@@ -41,15 +41,16 @@ def certain(known: Known, look: Look, spacing: float, first_only: bool) -> Known
     """Until below the first change of each line no window of two spacings' width can be unseen, and the
     changes stand at the full accuracy."""
     while True:
-        line, y = _missing(known, spacing)
+        line, y, open_ended = _missing(known, spacing)
         if line.size:
-            known = known.and_also(look(line, y, False))
+            known = known.and_also(look(line, y, False, open_ended))
             continue
         at = _unsure(known, first_only)
         if at.size == 0:
             return known
-        again = look(known.line[at], known.y[at], True)
-        for old, new in zip(known, again, strict=True):
+        again = look(known.line[at], known.y[at], True, False)
+        reach = np.where(known.margin[at] > 0, known.reach[at], 0.0)
+        for old, new in zip(known, again._replace(reach=reach), strict=True):
             old[at] = new
 
 
@@ -76,11 +77,12 @@ def _allowed(known: Known, part: slice, spacing: float) -> np.ndarray:
     return spacing * np.clip(np.floor(TRUST * (reach[1:] + reach[:-1]) / spacing), 1, FARTHEST)
 
 
-def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """The next places of each line that are to be looked at, from below."""
-    lines, places = [np.zeros(0, int)], [np.zeros(0)]
+def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The next places of each line that are to be looked at, from below, and where their reaches will be
+    needed: next to steps of more than one spacing."""
+    lines, places, wanted = [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0, bool)]
     if not np.isfinite(spacing):
-        return lines[0], places[0]
+        return lines[0], places[0], wanted[0]
     wide = []
     for part in known.below():
         step = np.diff(known.y[part])
@@ -94,15 +96,13 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         y = known.y[part]
         # From below, for the first change may come to lie lower.
         at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
-        found = np.concatenate(
-            [
-                _between(float(y[k]), float(y[k + 1]), count, spacing)
-                for k, count in zip(at, parts[: at.size], strict=True)
-            ]
-        )
-        places.append(found)
-        lines.append(np.full(found.size, known.line[part.start]))
-    return np.concatenate(lines), np.concatenate(places)
+        for k, count in zip(at, parts[: at.size], strict=True):
+            found = _between(float(y[k]), float(y[k + 1]), count, spacing)
+            whole = found.size + 1 >= round(float(y[k + 1] - y[k]) / spacing)
+            places.append(found)
+            lines.append(np.full(found.size, known.line[part.start]))
+            wanted.append(np.full(found.size, not whole))
+    return np.concatenate(lines), np.concatenate(places), np.concatenate(wanted)
 
 
 def _between(low: float, high: float, parts: int, spacing: float) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _sincos as sincos
-from rockjax._checks import as_number, concrete, finite, positive
+from rockjax._checks import as_number, concrete, finite, positive, product
 from rockjax._plausibility import doubt
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
@@ -166,7 +166,7 @@ class AbstractPulse(AbstractExcitation):
 
     @property
     def support(self) -> tuple[Number, Number]:
-        return self.span[0] * self.T_p, self.span[1] * self.T_p
+        return product(self.span[0], self.T_p), product(self.span[1], self.T_p)
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
@@ -174,7 +174,7 @@ class AbstractPulse(AbstractExcitation):
         return jnp.stack([z * self.T_p for z in ends], axis=-1) if ends else jnp.zeros((*self.T_p.shape, 0))
 
     def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, a_p=factor * self.a_p)
+        return dataclasses.replace(self, a_p=product(factor, self.a_p))
 
     def strength(self) -> np.ndarray:
         return np.abs(self.a_p)

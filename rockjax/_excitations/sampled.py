@@ -14,6 +14,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from rockjax._checks import array_module
 from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
@@ -81,7 +82,8 @@ class AbstractSampled(AbstractExcitation):
     def _time(self, sample: Index | int) -> Value:
         """When a sample is taken."""
         start, dt, _, _ = self.sampling
-        return start + jnp.asarray(sample, dt.dtype) * dt
+        numpy = array_module(start, dt, sample)
+        return numpy.add(start, numpy.multiply(numpy.asarray(sample, dt.dtype), dt))
 
     @property
     def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_number, finite, positive, require
+from rockjax._checks import as_number, finite, positive, product, require
 from rockjax._sincos import cos, sin
 from rockjax._types import Index, Number, Value
 
@@ -117,7 +117,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
         return jnp.stack(jnp.broadcast_arrays(*self.support), axis=-1)
 
     def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, A=factor * self.A)
+        return dataclasses.replace(self, A=product(factor, self.A))
 
     def strength(self) -> np.ndarray:
         return np.abs(np.multiply(self.A, self.f_p))
@@ -179,7 +179,7 @@ class Gabor(AbstractExcitation):
         return jnp.zeros((*jnp.broadcast_shapes(self.T_p.shape, self.gamma.shape), 0))
 
     def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, a_p=factor * self.a_p)
+        return dataclasses.replace(self, a_p=product(factor, self.a_p))
 
     def strength(self) -> np.ndarray:
         return np.abs(self.a_p)

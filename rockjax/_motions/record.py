@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from rockjax._checks import as_number, concrete, finite, positive, single
+from rockjax._checks import as_array, as_number, concrete, finite, positive, product, single
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
@@ -86,7 +86,7 @@ class Record(AbstractSampled):
         )
 
     def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, scale=factor * self.scale)
+        return dataclasses.replace(self, scale=product(factor, self.scale))
 
     @property
     def table(self) -> Float[Array, " n"]:
@@ -115,7 +115,7 @@ class PaddedRecord(Record):
     """A record filled up with zeros, so that records of many lengths share their programs; `count` are
     samples."""
 
-    count: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=0)
+    count: Int[Array, ""] = eqx.field(converter=as_array, default=0)
 
     @property
     def sampling(self) -> Sampling:

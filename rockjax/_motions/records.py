@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import array_module, as_number, concrete, shown
+from rockjax._checks import array_module, as_array, as_number, concrete, product, shown
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
@@ -41,7 +41,7 @@ class Records(AbstractSampled):
     counts: Int[Array, " k"]
     intervals: Float[Array, " k"]
     starts: Float[Array, " k"]
-    which: Int[Array, "*batch"] = eqx.field(converter=jnp.asarray)
+    which: Int[Array, "*batch"] = eqx.field(converter=as_array)
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     @classmethod
@@ -75,10 +75,10 @@ class Records(AbstractSampled):
             for record in singles
         ]
         return cls(
-            acceleration=jnp.asarray(numpy.stack(rows)),
-            counts=jnp.asarray(counts),
-            intervals=jnp.asarray(numpy.stack([record.dt for record in singles])),
-            starts=jnp.asarray(numpy.stack([record.t_start for record in singles])),
+            acceleration=as_array(numpy.stack(rows)),
+            counts=as_array(counts),
+            intervals=as_array(numpy.stack([record.dt for record in singles])),
+            starts=as_array(numpy.stack([record.t_start for record in singles])),
             which=np.arange(len(singles), dtype=np.int32),
         )
 
@@ -111,7 +111,7 @@ class Records(AbstractSampled):
         return jnp.where(i < count, start + i.astype(dt.dtype) * dt, jnp.inf)
 
     def scaled(self, factor) -> Self:
-        return dataclasses.replace(self, scale=factor * self.scale)
+        return dataclasses.replace(self, scale=product(factor, self.scale))
 
     @property
     def table(self) -> Float[Array, "k n"]:
@@ -127,10 +127,9 @@ class Records(AbstractSampled):
         return self.counts[:, None]
 
     def sizes(self) -> Float[Array, "k n"]:
-        samples = (
-            jnp.arange(self.acceleration.shape[-1], dtype=self.counts.dtype)[None] < self.counts[:, None]
-        )
-        return jnp.where(samples, jnp.abs(self.acceleration), 0.0)
+        numpy = array_module(self)
+        samples = numpy.arange(self.acceleration.shape[-1])[None] < numpy.asarray(self.counts)[:, None]
+        return numpy.where(samples, numpy.abs(self.acceleration), 0.0)
 
     def chosen(self, which, scale) -> Self:
         """Some of the records, scaled; in NumPy where these are."""

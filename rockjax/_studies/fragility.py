@@ -57,7 +57,7 @@ class Measure(NamedTuple):
 
 def pga(records: Records | RecordPairs) -> Measure:
     """Peak ground acceleration of each record [m/s²]."""
-    return Measure("PGA", np.asarray(jnp.max(records.sizes(), axis=1)), "m s-2")
+    return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
 
 
 def labels_of(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._batch.batch import responses_with_reach
+from rockjax._batch.batch import bare_responses
 from rockjax._batch.reach import SMALL
 
 COUNT = 150
@@ -31,7 +31,9 @@ def test_the_reach_is_that_of_the_margin_or_of_another_turning_point(motion, str
     podium, scales = PODIUMS[structure]
     options = rj.Options(outputs=("margin",), rtol=1e-11, atol=1e-13)
     at, above, below = (
-        responses_with_reach(podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False)
+        bare_responses(
+            podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False, reach=True
+        )
         for step in (0.0, STEP, -STEP)
     )
     floats, integers = at

@@ -31,16 +31,17 @@ def search(margin, roots, sign=1.0, places=200):
     """(y, impacts, rounds) of one change on each line."""
     rounds = []
 
-    def look(line, y, sharp):
+    def look(line, y, sharp, wanted):
         rounds.append(line.size)
         assert sharp
+        assert not wanted
         assert np.all((y >= 0) & (y <= 2))
         value = sign * margin(y, roots[line])
         impacts = (y > roots[line]).astype(int)
         return Known(line, y, value, impacts, np.zeros(y.size), np.ones(y.size, bool))
 
     lines = np.repeat(np.arange(roots.size), places)
-    known = look(lines, np.tile(np.linspace(0, 2, places), roots.size), True)
+    known = look(lines, np.tile(np.linspace(0, 2, places), roots.size), True, False)
     at = known.changes()
     np.testing.assert_array_equal(known.line[at], np.arange(roots.size))
     rounds.clear()

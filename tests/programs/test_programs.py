@@ -583,3 +583,27 @@ def test_a_program_that_needs_lapack_finds_it_in_a_later_process(tmp_path):
             [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
         )
         assert done.stdout.split() == ["[1.", "1.]", str(loaded)]
+
+
+SUITE = [rj.Record(4 * np.sin(np.linspace(0, 12 + k, 150 + 9 * k)), 0.02) for k in range(3)]
+ALONE = {
+    "a pulse": lambda: rj.peak_response(PODIUMS["rigid"], rj.Ricker(3.0, 1.0)),
+    "a boundary": lambda: rj.overturning_acceleration(PODIUMS["rigid"], rj.Ricker, 1.0, width=1e-2),
+    "a record's boundary": lambda: rj.overturning_boundary(PODIUMS["rigid"], SUITE[0], width=1e-2),
+    "an analysis": lambda: rj.incremental_dynamic_analysis(
+        PODIUMS["rigid"], SUITE, np.linspace(1, 9, 4), width=1e-2, resolution=32
+    ),
+    "a spectrum": lambda: rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, [1.0, 2.0, 3.0], [2.0, 4.0]),
+}
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_nothing_but_kept_programs_is_compiled(name, caplog):
+    """Of JAX every operation on its own is a program for every shape, made anew in every process: 10 to 30 ms
+    each."""
+    ALONE[name]()
+    jax.clear_caches()  # kept programs stay
+    caplog.clear()
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        ALONE[name]()
+    assert not [record.message for record in caplog.records if "ompil" in record.message]
