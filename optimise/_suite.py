@@ -117,8 +117,8 @@ def _order(members: list[list[int]]) -> tuple[int, ...]:
 def _stacked(motions: list[Any]) -> rj.AbstractExcitation:
     if isinstance(motions[0], rj.Record):
         table = rj.Records.of(motions)
-        return table.scaled(jnp.ones(len(table)))
-    return jax.tree.map(lambda *ys: jnp.stack(ys), *motions)
+        return table.scaled(np.ones(len(table)))
+    return jax.tree.map(lambda *ys: as_array(array_module(ys).stack(ys)), *motions)
 
 
 def _axes(group: rj.AbstractExcitation) -> Any:

@@ -42,6 +42,13 @@ def as_float(x, what: str = "it") -> Array:
         raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
 
 
+def known_or_traced(x, what: str = "it") -> Any:
+    """`as_float`, of NumPy where the value is known: of JAX every operation on its own is a program to
+    compile."""
+    x = as_float(x, what)
+    return x if isinstance(x, Tracer) else np.asarray(x)
+
+
 def from_host(x, dtype=None) -> Array:
     """A number of Python or an array of NumPy as an array of JAX.
 

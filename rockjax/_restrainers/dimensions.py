@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
-from rockjax._checks import as_float, not_negative, require
+from rockjax._checks import array_module, known_or_traced, not_negative, require
 from rockjax._types import Number
 
 from .base import AbstractRestrainer
@@ -28,10 +26,12 @@ def restrainers_of(
     absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
     weight, found = mass * g, []
     if not (absent[0] and absent[1]):
-        found.append(Tendon(as_float(force) / weight, as_float(slope) * R / weight))
+        found.append(Tendon(known_or_traced(force) / weight, known_or_traced(slope) * R / weight))
     if not absent[2]:
-        speed = jnp.sqrt(0.75 * g * R)  # Rp
-        found.append(Damper(as_float(coefficient) * speed**exponent / weight, exponent))
+        speed = array_module(g, R).sqrt(0.75 * g * R)  # Rp
+        found.append(
+            Damper(known_or_traced(coefficient) * speed ** known_or_traced(exponent) / weight, exponent)
+        )
     if not absent[3]:
-        found.append(Inerter(as_float(inertance) / mass))
+        found.append(Inerter(known_or_traced(inertance) / mass))
     return tuple(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import concrete
+from rockjax._checks import array_module, concrete
 from rockjax._plausibility import doubt
 from rockjax._types import Number
 
@@ -28,7 +28,8 @@ def doubt_size(width, height) -> None:
 def column_of(width: Number, height: Number) -> tuple[Number, Number]:
     """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq.
     (1)."""
-    return jnp.arctan(width / height), 0.5 * jnp.sqrt(width**2 + height**2)
+    numpy = array_module(width, height)
+    return numpy.arctan(width / height), 0.5 * numpy.sqrt(width**2 + height**2)
 
 
 def g_tan_alpha(alpha: Number, g: Number) -> Number:

@@ -14,7 +14,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_float, as_number, concrete, not_negative, positive, require, shown
+from rockjax._checks import (
+    as_float,
+    as_number,
+    concrete,
+    known_or_traced,
+    not_negative,
+    positive,
+    require,
+    shown,
+)
 from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._restrainers.base import AbstractRestrainer
@@ -125,10 +134,10 @@ class Podium(Module):
             as_float(value, f"{owner}: {name}")
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
-        width, height, column_mass = as_float(width), as_float(height), as_float(column_mass)
+        width, height, column_mass = map(known_or_traced, (width, height, column_mass))
         doubt_size(width, height)
         columns_mass = columns * column_mass
-        eta = as_float(top_mass) / columns_mass
+        eta = known_or_traced(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
         has_stories = any(part is not None for part in building)
         if not has_stories:
@@ -144,11 +153,11 @@ class Podium(Module):
             superstructure = Rigid(eta=eta)
         alpha, R = column_of(width, height)
         numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        devices = restrainers_of(owner, column_mass, R, as_float(g), *numbers)
+        devices = restrainers_of(owner, column_mass, R, known_or_traced(g), *numbers)
         return cls(
             alpha=alpha,
             R=R,
-            gamma=as_float(beam_mass) / columns_mass,
+            gamma=known_or_traced(beam_mass) / columns_mass,
             superstructure=superstructure,
             lam=lam,
             restitution=restitution,

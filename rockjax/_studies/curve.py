@@ -143,7 +143,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
             ),
             "probability": (
                 "at",
-                np.asarray(fit.probability(jnp.asarray(x))),
+                np.asarray(fit.probability(x)),
                 one | {"long_name": "probability of overturning"},
             ),
             "observed": ("intensity", observed, one | {"long_name": "share of overturned records"}),

@@ -11,8 +11,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.stats import norm
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
+from scipy.special import ndtr
+
+from rockjax._checks import array_module
 
 NARROWEST = 1e-4  # a dispersion smaller than that is none
 
@@ -24,9 +28,11 @@ class Lognormal(NamedTuple):
     median: Float[Array, ""]
     dispersion: Float[Array, ""]
 
-    def probability(self, x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def probability(self, x: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """P(capacity ≤ x)."""
-        return norm.cdf(jnp.log(x / self.median) / self.dispersion)
+        numpy = array_module(self, x)
+        z = numpy.divide(numpy.log(numpy.divide(x, self.median)), self.dispersion)
+        return ndtr(z) if numpy is np else norm.cdf(z)
 
 
 def fit_capacities(

@@ -185,6 +185,7 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 STIFF = [(0.01, "Ricker"), (0.02, "OneCosine"), (0.01, "MavroeidisPapageorgiou"), (0.01, "record")]
 
 
+@pytest.mark.slow(but=["0.01-Ricker", "0.01-record"])
 @pytest.mark.parametrize(("T_s", "motion"), STIFF)
 def test_the_last_scenes_change_to_fewer_lanes_without_a_trace(monkeypatch, T_s, motion):
     """A few scenes that take far longer than the others: the same to the last bit wherever they change, in

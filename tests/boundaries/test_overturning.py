@@ -109,7 +109,7 @@ def test_against_bisection_with_an_independent_integrator(name, bracket):
     assert ours == pytest.approx(0.5 * (lo + hi), abs=2 * (hi - lo) + 1e-9)
 
 
-@pytest.mark.slow(but=["frame", "elastic"])
+@pytest.mark.slow(but=["elastic"])
 @pytest.mark.parametrize("name", ["block", "frame", "rigid", "elastic"])
 def test_margin_vanishes_on_the_boundary_and_has_one_slope_there(name):
     podium = PODIUMS[name]

@@ -3,6 +3,7 @@ files."""
 
 import dataclasses
 import json
+import logging
 import math
 import re
 from collections.abc import Callable
@@ -22,9 +23,10 @@ from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
-from rockjax._programs.kept import COUNTS
+from rockjax._programs.kept import COUNTS, KEEPING
 from rockjax._programs.program import forget
 from tests.scenes import Stops, shaking
+from tests.threads import wait_for
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
 DRAWING = optimise.Dimensions(
@@ -69,9 +71,9 @@ def test_suites_side_by_side_keep_their_order():
 
 
 @pytest.mark.slow
-def test_a_later_design_compiles_nothing():
-    """Of another structure, with the same objective written anew; motions that two targets use are simulated
-    once, in one loop."""
+def test_a_later_design_compiles_nothing(caplog):
+    """Of another structure, with the same objective written anew, not even a single operation of JAX; motions
+    that two targets use are simulated once, in one loop."""
     motions = [rj.Ricker(4.0, 0.6), rj.Ricker(3.0, 1.0)]
 
     def answer(height):
@@ -86,11 +88,17 @@ def test_a_later_design_compiles_nothing():
     first = answer(3.0)
     assert first.satisfied
     before = dict(COUNTS)
+    wait_for(KEEPING)
     forget()
     second = answer(3.2)
+    assert {"loaded": before["loaded"] + 1, "compiled": before["compiled"]} == COUNTS
+    jax.clear_caches()
+    caplog.clear()
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        answer(3.1)
+    assert not [record.message for record in caplog.records if "Finished XLA compilation" in record.message]
     assert second.satisfied
     assert second.variables["width"] != first.variables["width"]
-    assert {"loaded": before["loaded"] + 1, "compiled": before["compiled"]} == COUNTS
 
 
 # Variables

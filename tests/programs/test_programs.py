@@ -20,6 +20,7 @@ from rockjax._programs import kept as keeping
 from rockjax._programs.kept import COUNTS, KEEPING
 from rockjax._programs.program import KeptProgram, forget
 from tests.scenes import PODIUMS
+from tests.threads import wait_for
 
 TRIED = ".".join(version("jaxlib").split(".")[:2]) in lighter.TRIED
 
@@ -67,14 +68,6 @@ def kept(monkeypatch, tmp_path):
 
     yield Kept()
     program._ALL.remove(made)
-
-
-def wait_for(name):
-    """For threads of a name: others may wait for work as long as the process lives."""
-    for thread in threading.enumerate():
-        if thread.name == name:
-            thread.join(60)
-            assert not thread.is_alive()
 
 
 def expected(x, y, times=2):
@@ -606,4 +599,4 @@ def test_nothing_but_kept_programs_is_compiled(name, caplog):
     caplog.clear()
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
         ALONE[name]()
-    assert not [record.message for record in caplog.records if "ompil" in record.message]
+    assert not [record.message for record in caplog.records if "Finished XLA compilation" in record.message]
