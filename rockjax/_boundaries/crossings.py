@@ -34,7 +34,8 @@ FINEST = 1e-6  # … down to this part of the line
 
 CLOSER = 256  # steps beside the lowest dips are divided into so many …
 CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
-SEVERAL = 16  # lines
+SEVERAL = 16  # lines …
+LONG = 100  # … of motions with more pieces than that
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 
 
@@ -60,12 +61,11 @@ def scanned_soon(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
 ) -> None:
     """Load or compile, while something else goes on, the programs that a `scan` of these will look with."""
-    lines, one, bottom = np.size(x), np.asarray(x, float)[:1], np.full(1, min(y_range))
+    x = np.asarray(x, float)
 
     def look() -> None:
-        reaches = _in_proportion(plane, one, max(y_range), options)
-        for with_reach in _programs(reaches, lines):
-            margins(plane, one, bottom, looking(options, width, np), reaches=with_reach)
+        for reaches in _programs(plane, x, max(y_range), options):
+            margins(plane, x[:1], np.full(1, min(y_range)), looking(options, width, np), reaches=reaches)
 
     meanwhile(look)
 
@@ -104,19 +104,18 @@ def scan(
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     loose = looking(options, NARROWEST if width is None else width, np)
-    reaches = width is not None and _in_proportion(plane, x[:1], y_range[1], options)
-    programs = _programs(reaches, x.size)
+    programs = _programs(plane, x, y_range[1], options) if width is not None else (False,)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
         def look(line: np.ndarray, y: np.ndarray, sharp: bool, wanted: np.ndarray | bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            by = np.broadcast_to(wanted if len(programs) > 1 else reaches, line.shape)
+            by = np.broadcast_to(wanted if len(programs) > 1 else programs == (True,), line.shape)
             seen = np.zeros(line.size), np.zeros(line.size, int), np.zeros(line.size)
-            for with_reach in programs:
-                at = np.flatnonzero(by == with_reach)
-                some = margins(plane, x[line[at]], y[at], options if sharp else loose, counter, with_reach)
+            for reaches in programs:
+                at = np.flatnonzero(by == reaches)
+                some = margins(plane, x[line[at]], y[at], options if sharp else loose, counter, reaches)
                 for whole, part in zip(seen, some, strict=True):
                     whole[at] = part
             return Known(line, y, *seen, np.full(line.size, sharp))
@@ -172,13 +171,20 @@ def margins(
     return value, impacts, reach
 
 
-def _programs(reaches: bool, lines: int) -> tuple[bool, ...]:
-    """With which `reaches` scenes are looked at.
+def _programs(plane: Plane, x: np.ndarray, top: float, options: Options) -> tuple[bool, ...]:
+    """With which `reaches` scenes on the lines x are looked at.
 
-    A scene without its reach takes two thirds of the time; on few lines that does not make up for another
-    program to compile.
+    A scene without its reach takes two thirds of the time; only where there are many, and each of them takes
+    long, that makes up for another program to compile.
     """
-    return (True, False) if reaches and lines >= SEVERAL else (reaches,)
+    if not _in_proportion(plane, x[:1], top, options):
+        return (False,)
+    return (True, False) if x.size >= SEVERAL and _take_long(plane, x[:1], top) else (True,)
+
+
+def _take_long(plane: Plane, x: np.ndarray, top: float) -> bool:
+    """Whether motions are records, by the number of their pieces."""
+    return plane(x, np.full(1, top))[1].most_pieces > LONG
 
 
 def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:

@@ -70,6 +70,7 @@ def scanned(
 
     monkeypatch.setattr(crossings, "margins", margins)
     monkeypatch.setattr(crossings, "_in_proportion", lambda *_: True)
+    monkeypatch.setattr(crossings, "_take_long", lambda *_: True)
     nothing = cast(crossings.Plane, None)
     return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
 
