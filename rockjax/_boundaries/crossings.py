@@ -111,10 +111,10 @@ def scan(
         def look(line: np.ndarray, y: np.ndarray, sharp: bool, wanted: np.ndarray | bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            by = np.broadcast_to(wanted if len(programs) > 1 else programs == (True,), line.shape)
+            chosen = np.broadcast_to(wanted if len(programs) > 1 else programs == (True,), line.shape)
             seen = np.zeros(line.size), np.zeros(line.size, int), np.zeros(line.size)
             for reaches in programs:
-                at = np.flatnonzero(by == reaches)
+                at = np.flatnonzero(chosen == reaches)
                 some = margins(plane, x[line[at]], y[at], options if sharp else loose, counter, reaches)
                 for whole, part in zip(seen, some, strict=True):
                     whole[at] = part

@@ -41,15 +41,15 @@ def certain(known: Known, look: Look, spacing: float, first_only: bool) -> Known
     """Until below the first change of each line no window of two spacings' width can be unseen, and the
     changes stand at the full accuracy."""
     while True:
-        line, y, open_ended = _missing(known, spacing)
+        line, y, wanted = _missing(known, spacing)
         if line.size:
-            known = known.and_also(look(line, y, False, open_ended))
+            known = known.and_also(look(line, y, False, wanted))
             continue
         at = _unsure(known, first_only)
         if at.size == 0:
             return known
         again = look(known.line[at], known.y[at], True, False)
-        reach = np.where(known.margin[at] > 0, known.reach[at], 0.0)
+        reach = np.where(known.margin[at] > 0, known.reach[at], again.reach)
         for old, new in zip(known, again._replace(reach=reach), strict=True):
             old[at] = new
 
