@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import concrete, require
+from rockjax._checks import as_float, concrete, require
+from rockjax._programs.program import KeptProgram
 from rockjax._studies.lognormal import Lognormal
 
 from . import integral
@@ -116,8 +117,7 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
         )
 
 
-@jax.jit
-def _lognormal(curve: Lognormal, hazard: Hazard):
+def _with_slopes(curve: Lognormal, hazard: Hazard):
     def total(log_median, dispersion):
         parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
         return parts.total, parts
@@ -131,10 +131,13 @@ def _lognormal(curve: Lognormal, hazard: Hazard):
     return frequency, share, {"median": slopes[0] / safe, "dispersion": slopes[1] / safe}
 
 
+_lognormal = KeptProgram(_with_slopes)
+
+
 def _of_lognormal(owner: str, curve: Lognormal, hazard: Hazard) -> AnnualFrequency:
     require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
     require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
-    curve = Lognormal(*(jnp.asarray(y, float) for y in curve))
+    curve = Lognormal(*map(as_float, curve))
     return AnnualFrequency(*_lognormal(curve, hazard))
 
 

@@ -30,6 +30,7 @@ from rockjax._module import Module
 from rockjax._motions.measures import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
+from rockjax._programs.program import KeptProgram
 from rockjax._studies.lognormal import Lognormal
 
 from .filters import Filter, in_series
@@ -166,10 +167,10 @@ class GaussianMotion(Module):
 
     def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
         """ü_g at the samples [m/s²], for u of shape (…, dimension)."""
-        u = jnp.asarray(u, float)
+        u = as_float(u)
         if u.ndim == 0 or u.shape[-1] != self.dimension:
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
-        return jnp.vectorize(self._single, signature="(d)->(n)")(u)
+        return _acceleration(self, u)
 
     def _single(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
         step, gain, out = self._filter()
@@ -250,7 +251,7 @@ class GaussianMotion(Module):
             )
         import xarray
 
-        motions = Records.of([self.record(u) for u in self.samples(count, seed=seed)])
+        motions = Records.of([self.record(u) for u in np.asarray(self.samples(count, seed=seed))])
         found = intensity_measures(motions, periods=periods, damping=damping)
         one, period = found["Sa"].values, found["period"]
         of, unit = ("period",), {"units": "m s-2"}
@@ -271,4 +272,11 @@ class GaussianMotion(Module):
         """Standard normal u of so many motions; the same seed gives the same (host)."""
         if not isinstance(count, int) or count < 1:
             raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
-        return jnp.asarray(np.random.default_rng(seed).standard_normal((count, self.dimension)))
+        return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))
+
+
+def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
+    return jnp.vectorize(motion._single, signature="(d)->(n)")(u)
+
+
+_acceleration = KeptProgram(_filtered)

@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from rockjax._motions.record import Record
@@ -79,7 +78,7 @@ def design_points(
         DesignPoint(
             u=found.u[k],
             beta=float(found.beta[k]),
-            record=motion.record(jnp.asarray(found.u[k])),
+            record=motion.record(found.u[k]),
             mode=-1 if np.isnan(impacts[k]) else int(impacts[k]),
             smooth=bool(found.aligned[k]),
             sensitivities={name: float(y[k] / length[k]) for name, y in named.items()},

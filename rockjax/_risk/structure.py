@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
-from rockjax._checks import require
+from rockjax._checks import array_module, as_array, as_float, product, require
 from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._programs.program import KeptProgram
 from rockjax._responses.simulate import REST
 from rockjax._structures import Podium, ShearBuilding
 
@@ -108,7 +107,7 @@ class OfStructure(AbstractLimitState):
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
         whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
-        records = records_of(self.motion, jnp.asarray(whole)).pick(np.arange(len(u), dtype=np.int32))
+        records = records_of(self.motion, as_float(whole)).pick(np.arange(len(u), dtype=np.int32))
         options = self.options.replace(outputs=(*self.options.outputs, *outputs))
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
@@ -149,10 +148,11 @@ class OfStructure(AbstractLimitState):
         for start in range(0, len(u), SIDE_BY_SIDE):
             part = u[start : start + SIDE_BY_SIDE]
             whole = np.concatenate([part, np.repeat(part[-1:], SIDE_BY_SIDE - len(part), axis=0)])
-            found = _slopes(jnp.asarray(whole), self.podium, self.motion, self.options, self.limit)
+            found = _slopes(as_float(whole), self.podium, self.motion, self.options, self.limit)
             parts.append(jax.tree.map(lambda y, n=len(part): np.asarray(y)[:n], found))
-        value, (slope, *numbers) = jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
-        return value, slope, _named(*numbers)
+        value, slope, numbers = jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
+        varied, _ = eqx.partition((self.podium, self.motion), eqx.is_inexact_array)
+        return value, slope, _named(*jax.tree.unflatten(jax.tree.structure(varied), numbers))
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
         """Impacts in the scenes of the rows of u: before the fall where they overturn, else all of them."""
@@ -163,25 +163,28 @@ class OfStructure(AbstractLimitState):
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
-@jax.jit
 def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
     """The motions of the rows of u in one table."""
-    count = jnp.full(len(u), motion.n, jnp.int32)
-    start = jnp.zeros(len(u))
-    return Records(motion.acceleration(u), count, jnp.full(len(u), motion.dt), start, jnp.arange(len(u)))
+    count, one = len(u), np.ones(len(u))
+    samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * one)
+    intervals = as_float(product(one, motion.dt))
+    return Records(motion.acceleration(u), samples, intervals, start, np.arange(count))
 
 
 def _signed(value, overturned, limit: Limit):
     """G from what a scene answers: ≤ 0 just where it fails. Of modes, stories or floors the worst counts."""
+    numpy = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
-        value = jnp.max(jnp.asarray(value), axis=-1)
+        value = numpy.max(numpy.asarray(value), axis=-1)
     if limit.output == "margin":
-        return jnp.where(overturned, jnp.minimum(value, 0.0), jnp.maximum(value, 1e-300))
-    return jnp.where(overturned, jnp.minimum(1 - value / limit.value, 0.0), 1 - value / limit.value)
+        return numpy.where(overturned, numpy.minimum(value, 0.0), numpy.maximum(value, 1e-300))
+    left = 1 - numpy.divide(value, limit.value)
+    return numpy.where(overturned, numpy.minimum(left, 0.0), left)
 
 
-@functools.partial(jax.jit, static_argnames="limit")
-def _slopes(u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit):
+def _with_slopes(
+    u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
+):
     numbers, rest = eqx.partition((podium, motion), eqx.is_inexact_array)
 
     def G(u, numbers):
@@ -190,7 +193,10 @@ def _slopes(u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, opti
         return _signed(floats[limit.output], integers["overturned"], limit)
 
     value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
-    return value, (slope, *of_numbers)
+    return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be kept
+
+
+_slopes = KeptProgram(_with_slopes)
 
 
 def _named(*slopes: Any) -> dict[str, np.ndarray]:

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._programs.kept import COUNTS, KEEPING
+from rockjax._programs.program import forget
 from rockjax._risk import search
 from rockjax._risk.limit_state import OfFunction
 from rockjax._risk.structure import OPTIONS, OfStructure, limit_of
+from tests.threads import wait_for
 
 MOTION = rj.GaussianMotion(31, 0.08, 0.02)
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -45,6 +48,23 @@ def test_first_order_is_exact_for_the_onset_of_uplift():
     np.testing.assert_allclose(found.u[0], row / (row @ row), atol=1e-8)
     lifted = rj.simulate(ELASTIC, MOTION.record(found.u[0] * (1 + 1e-9)))
     assert float(lifted.uplift_time) == pytest.approx(at, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_programs_of_slopes_are_kept():
+    """Of G and its derivatives; those by the numbers of a podium come back as a tree of modules, which cannot
+    be."""
+    u = np.asarray(MOTION.samples(3, seed=4))
+    of = lambda limit: OfStructure(BLOCK, MOTION, limit_of("test", limit, BLOCK)).with_sensitivities(u)
+    first = of(("rotation", 0.3))
+    wait_for(KEEPING)
+    compiled = COUNTS["compiled"]
+    forget()
+    again = of(("rotation", 0.3))
+    of(("rotation", 0.4))
+    assert COUNTS["compiled"] == compiled
+    assert jax.tree.all(jax.tree.map(np.array_equal, first, again))
+    assert set(first[2]) >= {"alpha", "R", "S_0", "omega_g"}
 
 
 @pytest.mark.parametrize("factor", [2.5, 4.0])
