@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import functools
 import math
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -14,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import concrete, of_kind, single, texts
+from rockjax._checks import as_float, concrete, of_kind, single, texts
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
+from rockjax._programs.program import KeptProgram
 
 from .convert import AnyMotion, as_motions
 from .motion import Motion
@@ -139,15 +139,22 @@ def fit_pulse(
         raise ValueError(f"{owner}: {one.name} is zero throughout")
     longest = max(min(longest, one.duration), 1.0001 * shortest)
     starts = _starts(one.velocity, one.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
-    side_by_side = jax.tree.map(lambda *ys: jnp.stack(ys), *starts)
-    fits = _refitted(jnp.asarray(one.acceleration), jnp.asarray(one.dt), side_by_side, quantity)
-    best = int(np.nanargmax(np.asarray(fits.share)))
-    return jax.tree.map(lambda y: y[best], fits)
+    # As many for every record: one program.
+    starts += starts[:1] * (STARTS - len(starts))
+    side_by_side = jax.tree.map(lambda *ys: np.stack(ys), *starts)
+    found = _refitted(one.acceleration, one.dt, side_by_side, quantity=quantity)
+    form = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
+    fits = jax.tree.unflatten(form, [np.asarray(y) for y in found])
+    best = int(np.nanargmax(fits.share))
+    return jax.tree.map(lambda y: as_float(y[best]), fits)
 
 
-@functools.partial(jax.jit, static_argnames="quantity")
-def _refitted(acceleration, dt, starts: PulseFit, quantity: str) -> PulseFit:
-    return jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
+def _leaves_of_fits(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
+    fits = jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
+    return jax.tree.leaves(fits)  # a tree of modules cannot be kept
+
+
+_refitted = KeptProgram(_leaves_of_fits)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
@@ -161,9 +168,8 @@ def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[Pu
     found = []
     for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]:
         _, time, A, gamma, nu = best[k]
-        numbers = map(jnp.asarray, (A, float(frequencies[k]), gamma, nu))
-        pulse = MavroeidisPapageorgiou(*numbers)
-        found.append(PulseFit(pulse, jnp.asarray(time), jnp.asarray(shares[k]), "velocity"))
+        pulse = MavroeidisPapageorgiou(A, float(frequencies[k]), gamma, nu)
+        found.append(PulseFit(pulse, as_float(time), as_float(shares[k]), "velocity"))
     return found
 
 
