@@ -112,7 +112,11 @@ def _keep(place: Path, text: str, compiled: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 
     try:
-        folder.write(place, text, pickle.dumps(_loadable(*serialize(compiled))))
+        program, arguments, answers = serialize(compiled)
+        # A tree of modules is none any more once it has been written, and fails when the program is called.
+        again = pickle.loads(pickle.dumps(answers))
+        jax.tree.unflatten(again, range(again.num_leaves))
+        folder.write(place, text, pickle.dumps(_loadable(program, arguments, answers)))
     except Exception as error:  # a full disk; a program with what cannot be kept in it
         _LOG.debug("a program cannot be kept: %r", error)
 
