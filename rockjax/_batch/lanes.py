@@ -17,6 +17,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._engine.flat import closed, runs
 from rockjax._engine.hops import chatters, many_hops
+from rockjax._engine.samples import past_sample
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
@@ -31,6 +32,7 @@ from .reach import least_reach
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
+MANY = 1 / 2  # the share of the lanes with trials to make that lets the others wait for them to pass samples
 
 
 def advance(
@@ -90,10 +92,19 @@ def advance(
         going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
         return going & unfinished(loop)
 
+    def passed(state: Lanes) -> Lanes:
+        """The lanes past samples at which nothing happens, as long as that is so for many."""
+        if state.lane.passing is None:
+            return state
+        fewest = MANY * jnp.sum(makes_trials(plan, options, state.lane))
+        many = lambda state: jnp.sum(state.lane.passing) > fewest
+        onward = functools.partial(through, lambda scene, lane: past_sample(scene, plan, lane))
+        return jax.lax.while_loop(many, onward, state)
+
     def trials(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        state = through(moves, loop.lanes)
+        state = through(moves, passed(loop.lanes))
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:

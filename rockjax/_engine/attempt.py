@@ -36,6 +36,7 @@ class Attempt(NamedTuple):
     a0: Vector
     end: Step
     error: Value  # over tolerance
+    growth: Value  # how much longer the next step may be for it
     finite: Flag
     accurate: Flag
     tiny: Value  # the resolution of time
@@ -84,7 +85,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
         h, reaches = replayed.h, replayed.reaches
     h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
     end = once(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
-    error = constant(_error(scene, state, end))
+    error = constant(over_tolerance(scene, state.x, state.v, end))
     finite = jnp.isfinite(error)
     return Attempt(
         h,
@@ -95,6 +96,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
         a0,
         end,
         error,
+        once(factor(plan, error)),
         finite,
         finite & ((error <= 1) | (h < tiny)),
         tiny,
@@ -118,19 +120,19 @@ def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: V
     return h, h >= room
 
 
-def _error(scene: Scene, state: LoopState, trial: Step) -> Value:
-    """Root mean square of the estimated error over tolerance, in natural units."""
+def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
+    """Root mean square of the estimated error of a step from (x, v) over tolerance, in natural units."""
     x_unit, v_unit = units(scene.c)
-    total = jnp.zeros_like(state.t)
+    total = jnp.zeros_like(x[0])
     for old, new, error, of_each in (
-        (state.x, trial.x, trial.x_error, x_unit),
-        (state.v, trial.v, trial.v_error, v_unit),
+        (x, trial.x, trial.x_error, x_unit),
+        (v, trial.v, trial.v_error, v_unit),
     ):
         for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
             scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
             total = total + summed((e / scale) ** 2)
     # Many modes at rest do not make up for one that is not.
-    return jnp.sqrt(total / (2 * len(state.x)))
+    return jnp.sqrt(total / (2 * len(x)))
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
@@ -155,10 +157,10 @@ def factor(plan: Plan, error: Value) -> Value:
     return jnp.clip(growth, SHRINK, GROW)
 
 
-def next_length(scene: Scene, plan: Plan, state: LoopState, h: Value, error: Value, t: Value) -> Value:
+def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Value:
     """The controller's next step. A step that an event or a breakpoint cut short says little about it."""
-    proposed = h * factor(plan, error)
-    shortened = (h < 0.99 * state.h) & (error < 0.5)
+    proposed = trial.h * trial.growth
+    shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
     proposed = jnp.where(shortened, jnp.maximum(proposed, state.h), proposed)
     return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
 

@@ -22,6 +22,7 @@ from . import margin
 from .coefficients import Coefficients, Vibration, coefficients, present
 from .model import uplift_demand
 from .runge_kutta import tableau
+from .samples import passes_samples
 from .state import Energetic, LoopState, Plan, Scene, Turn
 from .transitions import contact_mode, restart
 
@@ -48,6 +49,9 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         and not (top is not None and top.several)
         and isinstance(podium.restitution, GivenRestitution)
         and not (podium.restrainers or history),
+        skip_bounces=not (elastic or history or {"impacts", "errors"} & set(options.outputs)),
+        pass_samples=not (elastic or history)
+        and tab.order > 6,  # else they are passed by the method asked for
         tableau=tab,
         several=top is not None and top.several,
         stories=stories,
@@ -194,6 +198,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
+        passing=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
         landing=_landing(options),
         split=_closer(options, SPLIT_CLOSER, SPLIT),
         whole=_closer(options, WHOLE_CLOSER, 1.0),
@@ -243,6 +248,7 @@ def prepare(
         energetic=Energetic(jnp.zeros_like(t), jnp.zeros_like(t)) if plan.errors else None,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
+        passing=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
     )
     if isinstance(excitation, GroundMotion):
         weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0

@@ -32,6 +32,8 @@ class Plan:
     to_the_end: bool  # a history goes on until t_end, or rest for good
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     many_hops: bool  # hops may be followed in large numbers
+    skip_bounces: bool  # that end at rest whatever happens on the way
+    pass_samples: bool  # of a record, several at once, where nothing happens
     tableau: Tableau
     several: bool  # displacements and deformations have an axis of modes
     stories: int
@@ -65,6 +67,7 @@ class Scene(NamedTuple):
     end: Value
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
+    passing: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event
     split: Value  # part of what is left up to a breakpoint that is the first of two steps …
     whole: Value  # … where the controller's step is no longer than this times it
@@ -106,6 +109,7 @@ class LoopState(NamedTuple):
     drifts: Values | None = None  # of each story, None where not wanted
     floors: Values | None = None  # likewise: absolute accelerations of the floors
     energetic: Energetic | None = None  # None without error estimates
+    passing: Flag | None = None  # samples may be passed from here; None where they never are
 
 
 # What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants

@@ -27,16 +27,17 @@ from .attempt import (
     GroundMotion,
     StepOutcome,
     attempt,
-    factor,
     next_length,
     state_past,
 )
+from .bouncing import bounces_to_rest, skips_bounces, slowest_of
 from .coefficients import present
 from .contact import advance_to_uplift
 from .guard import Guard, watch
 from .maxima import NEAR_RECORD, WELL_INSIDE
 from .ratio import safe_ratio
 from .records import energetic_impacts, larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
+from .samples import may_pass, past_all
 from .settled import certificate
 from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn
 from .transitions import past_breakpoint, restart, transition
@@ -57,7 +58,8 @@ def step(
     if replayed is None:
         # Side by side both are worked out anyway, and `cond` would copy the samples of records into every
         # lane in every step.
-        ways = advance_to_uplift(scene, plan, state), trial(scene, plan, state)
+        ahead = past_all(scene, plan, state)
+        ways = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *ways)
     return jax.lax.cond(
         state.sigma == 0,
@@ -181,7 +183,13 @@ def _advance(
     ground = scene.excitation.piece(piece)(stamp)
 
     speed = jnp.abs(v[0])
-    x, v, mode = transition(scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift)
+    calm = jnp.zeros_like(hit)
+    if replayed is not None:
+        calm = hit & (replayed.mode == 0)
+    elif skips_bounces(scene, plan):
+        left = scene.c.restitution * speed
+        calm = once(hit & bounces_to_rest(scene, plan, state, stamp, piece, ground, left))
+    x, v, mode = transition(scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift, calm)
     mode = constant(mode) if replayed is None else replayed.mode
     x, v, mode = once((x, v, mode))
     starts = accepted & ~rocking & (mode != 0)
@@ -198,7 +206,7 @@ def _advance(
         v=v,
         sigma=mode,
         piece=piece,
-        h=next_length(scene, plan, state, h, trial.error, stamp),
+        h=next_length(scene, state, trial, stamp),
         cut=jnp.full_like(h, jnp.inf),
         peak=jnp.where(raises, highest, state.peak),
         peak_time=jnp.where(raises, highest_time, state.peak_time),
@@ -209,7 +217,9 @@ def _advance(
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
         impacts=state.impacts + hit.astype(jnp.int32),
-        slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, speed), state.slowest),
+        slowest=jnp.where(
+            accepted & hit, jnp.minimum(state.slowest, slowest_of(scene, speed, calm)), state.slowest
+        ),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
         energetic=energetic_impacts(scene, state.energetic, accepted & hit, speed),
         steps=state.steps + 1,
@@ -222,7 +232,9 @@ def _advance(
     stops = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), delta)
     x, v = restart(scene, stamp, delta - stops, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, stops, x, v, mode, (state.piece, piece))
-    advanced = advanced._replace(x=x, v=v, code=jnp.where(toppled, results.OVERTURNED, code))
+    code = jnp.where(toppled, results.OVERTURNED, code)
+    passing = None if state.passing is None else may_pass(scene, mode, stamp) & (code == results.RUNNING)
+    advanced = advanced._replace(x=x, v=v, code=code, passing=passing)
     decision = Decision(h, trial.reaches, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
 
@@ -238,11 +250,12 @@ def _records(state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:
     """The state after a rejected step: as before, to be tried shorter."""
-    shrunk = trial.h * jnp.where(trial.finite, factor(plan, trial.error), SHRINK)
+    shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),
         turn=Turn(*(jnp.full_like(state.t, jnp.inf) for _ in Turn._fields)) if plan.turns else None,
         cut=jnp.where(trial.accurate, trial.h * outcome.cut, jnp.inf),
+        passing=None if state.passing is None else jnp.zeros_like(trial.finite),
         code=jnp.where(~trial.finite & ~(trial.h > trial.tiny), results.NOT_FINITE, state.code),
         rejected=state.rejected + 1,
     )

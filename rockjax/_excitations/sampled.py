@@ -77,9 +77,9 @@ class AbstractSampled(AbstractExcitation):
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-        return self.sampling.start, self._time(self.sampling.count - 1)
+        return self.sampling.start, self.sample_time(self.sampling.count - 1)
 
-    def _time(self, sample: Index | int) -> Value:
+    def sample_time(self, sample: Index | int) -> Value:
         """When a sample is taken."""
         start, dt, _, _ = self.sampling
         numpy = array_module(start, dt, sample)
@@ -98,7 +98,7 @@ class AbstractSampled(AbstractExcitation):
         return self.table.shape[-1] + 1
 
     def breakpoint(self, index: Index) -> Value:
-        return jnp.where(index < self.sampling.count, self._time(index), jnp.inf)
+        return jnp.where(index < self.sampling.count, self.sample_time(index), jnp.inf)
 
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
@@ -114,7 +114,7 @@ class AbstractSampled(AbstractExcitation):
         i = jnp.clip(index - 1, 0, count - 2)
         a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
         a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
-        t0 = self._time(i)
+        t0 = self.sample_time(i)
         return lambda t: a0 + slope * (t - t0)
 
     def curvature(self) -> Value:
@@ -126,7 +126,7 @@ class AbstractSampled(AbstractExcitation):
         low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in places)
         low, high, first, last = (self.of_row(y) for y in (low, high, *places))
         falls = scale > 0
-        return scale * jnp.where(falls, low, high), self._time(jnp.where(falls, first, last))
+        return scale * jnp.where(falls, low, high), self.sample_time(jnp.where(falls, first, last))
 
     def of_row(self, rows: Array) -> Array:
         """The entry of this motion among one for each row of the table."""

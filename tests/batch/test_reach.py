@@ -29,7 +29,7 @@ def motions_of(kind: str, scales: tuple[float, float], factor: np.ndarray):
 @pytest.mark.parametrize("motion", ["pulse", "record"])
 def test_the_reach_is_that_of_the_margin_or_of_another_turning_point(motion, structure):
     podium, scales = PODIUMS[structure]
-    options = rj.Options(outputs=("margin",), rtol=1e-11, atol=1e-13)
+    options = rj.Options(outputs=("margin", "impacts"), rtol=1e-11, atol=1e-13)
     at, above, below = (
         bare_responses(
             podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False, reach=True

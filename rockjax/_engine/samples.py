@@ -1,0 +1,99 @@
+"""Samples of a record that are passed without a trial.
+
+Under a record steps end on every sample, far shorter than the tolerance asks for, and at most of them
+nothing happens: rigid columns rock on, from one sample to the next. Such samples are passed by steps of a
+Nyström method, and nothing of a trial but their error is looked at: a rotation that rises or falls all the
+way from one place inside the well to another meets no guard, and sets no record that the next trial does not
+see. Trials are made of the samples at which more may happen.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._excitations.sampled import AbstractSampled
+from rockjax._once import once
+from rockjax._types import Flag, Value, Vector
+
+from .attempt import over_tolerance
+from .coefficients import over_inertia, present
+from .model import acceleration, shear
+from .runge_kutta import Step, nystrom
+from .runge_kutta import step as runge_kutta
+from .state import LoopState, Plan, Scene
+
+
+def passes_samples(scene: Scene, plan: Plan) -> bool:
+    """Whether there are samples to pass, and accelerations depend on nothing but time and rotation."""
+    sampled = isinstance(scene.excitation, AbstractSampled)
+    return plan.pass_samples and sampled and scene.c.restraint is None
+
+
+def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
+    """Whether samples may be passed from an accepted step on."""
+    return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.quiet)
+
+
+def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
+    """The state at the first sample from which on something happens, of one scene alone."""
+    if state.passing is None:
+        return state
+    onward = functools.partial(past_sample, scene, plan)
+    return jax.lax.while_loop(lambda state: present(state.passing), onward, state)
+
+
+def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
+    """The state at the next sample, where `passing` is set and nothing happens on the way; else the same
+    state, with `passing` not set."""
+    constant = jax.lax.stop_gradient
+    record: AbstractSampled = scene.excitation  # pyright: ignore[reportAssignmentType]
+    c, sigma, piece = over_inertia(scene.c), state.sigma, state.piece
+    _, dt, count, scale = record.sampling
+
+    @jax.jit  # traced once for all stages
+    def field(ground: Value, x: Vector, v: Vector) -> Vector:
+        return acceleration(c, sigma, ground, x, v)
+
+    before, after = (jnp.clip(piece - 1 + k, 0, count - 1) for k in (0, 1))
+    first, last = once([scale * record.among(record.table, place) for place in (before, after)])
+    slope = once((last - first) / dt)
+    ground = once(first + slope * (state.t - record.sample_time(before)))
+    now = record.sample_time(piece)  # it moves with the parameters, its stamp does not
+    stamp = constant(now)
+    h = stamp - state.t
+    a = once(field(ground, state.x, state.v))
+    along = lambda s, x, v: field(ground + slope * s, x, v)
+    end = once(runge_kutta(nystrom(), along, 0.0, h, state.x, state.v, a))
+    # Not past the last one, at which the motion may jump to zero.
+    goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
+    goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.passing
+    goes &= _goes_on(scene, state, a, end, h)
+    if plan.shear:  # after an impact it is another one than before
+        felt = (jnp.abs(shear(scene.c, sigma, *y)) for y in ((ground, state.x, state.v, a), (last, *end[:3])))
+        # Between samples it is a little more than at them, by less than (ph)² of it.
+        below = (1 - (scene.c.p * h) ** 2) * present(state.shear)
+        first_felt, last_felt, below = constant((*felt, below))
+        goes &= (first_felt <= constant(present(state.shear))) & (last_felt < below)
+    goes = once(goes)
+    # The field is the same on both sides of a sample: where that moves, the state at the stamp does not.
+    moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
+    moved = jax.tree.map(lambda new, old: jnp.where(goes, new, old), moved, state)
+    return moved._replace(passing=goes)
+
+
+def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
+    """Whether the rotation rises or falls all the way, inside of the well.
+
+    θ̈ is very nearly linear from one sample to the next. Where it keeps its sign, or is too small to stop the
+    columns, θ̇ does not change its sign twice.
+    """
+    angle, speeds, changes = jax.lax.stop_gradient(
+        (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
+    )
+    slowest = jnp.minimum(*map(jnp.abs, speeds))
+    steady = (changes[0] * changes[1] >= 0) | (slowest > h * jnp.maximum(*map(jnp.abs, changes)))
+    inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
+    return inside & steady & (speeds[0] * speeds[1] > 0)

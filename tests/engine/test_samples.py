@@ -1,0 +1,224 @@
+"""Samples of a record that are passed without a trial, and bounces that are not followed."""
+
+import dataclasses
+import functools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._batch.batch import run_batch
+from rockjax._batch.scenes import broadcast
+from rockjax._engine.runge_kutta import nystrom, step, tableau
+from rockjax._engine.samples import past_all, past_sample
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.step import trial
+from tests.scenes import PODIUMS, G
+
+PODIUM = PODIUMS["rigid"]
+OUTPUTS = ("peak_rotation", "peak_shear", "margin")
+USUAL = rj.Options(outputs=OUTPUTS)
+# Methods of lower order are taken at their word: with them a trial is made of every sample.
+EVERY = rj.Options(method="tsit5", rtol=1e-12, atol=1e-14, outputs=OUTPUTS)
+
+
+def records(count=6, samples=1500, dt=0.01):
+    rows = [np.asarray(motion.acceleration)[:samples] for motion in rj.synthetic_motions(count, seed=5, dt=dt)]
+    return rj.Records.of([rj.Record(row * 0.15 * G / np.abs(row).max(), dt) for row in rows])
+
+
+def scenes():
+    """Some that never lift, some that rock for long, some that overturn."""
+    return records().pick(np.arange(6)[:, None]).scaled(np.array([0.8, 1.2, 1.6, 2.2, 3.0, 5.0, 9.0]))
+
+
+def test_the_nystrom_method_is_of_its_order():
+    """On θ̈ = −(sin(α − θ) + g(t) cos(α − θ)), and its estimate is that of a method two orders lower."""
+
+    def field(t, x, v):
+        return (-(jnp.sin(0.2 - x[0]) + (0.3 - 0.4 * t) * jnp.cos(0.2 - x[0])),)
+
+    def along(method, n):
+        x, v, estimate = (jnp.asarray(0.1),), (jnp.asarray(0.3),), 0.0
+        for t in np.arange(n) / n:
+            new = step(method, field, t, jnp.asarray(1 / n), x, v, field(t, x, v))
+            x, v, estimate = new.x, new.v, max(estimate, abs(float(new.v_error[0])))
+        return np.array([x[0], v[0]]), estimate
+
+    exact, _ = along(tableau(diffrax.Dopri8()), 64)
+    (coarse, first), (fine, second) = along(nystrom(), 2), along(nystrom(), 4)
+    assert np.log2(np.abs(coarse - exact) / np.abs(fine - exact)).min() > 7.4
+    assert 6.4 < np.log2(first / second) < 7.8  # of one step, h⁷
+
+
+def test_peaks_are_those_with_a_trial_of_every_sample():
+    motions = scenes()
+    found = rj.peak_responses(PODIUM, motions, options=USUAL)
+    known = rj.peak_responses(PODIUM, motions, options=EVERY)
+    np.testing.assert_array_equal(found.overturned, known.overturned)
+    assert 3 < found.overturned.sum() < 39
+    assert (~found.uplifted).any()
+    for name in OUTPUTS:
+        # Where many impacts follow one another errors of both grow.
+        np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-6, atol=1e-8)
+        off = np.abs(np.asarray(getattr(found, name)) - np.asarray(getattr(known, name)))
+        assert np.median(off) < 1e-11
+
+
+def test_most_samples_are_passed():
+    motions, podium = scenes(), PODIUM
+    how = rj.Options(outputs=("peak_rotation",))
+    batch, _ = broadcast("test", podium, motions, jax.tree.map(np.asarray, rj.State()), None)
+    _, integers, tally = run_batch(batch, how, False)
+    assert integers["steps"].sum() > 5000
+    assert tally.useful < 0.5 * integers["steps"].sum()
+
+
+def start(motion, options=USUAL):
+    podium = PODIUM.split()
+    plan = plan_for(podium, options, history=False)
+    return plan, *prepare(podium, motion, rj.State(), None, options, plan)
+
+
+def rocking(motion, options=USUAL):
+    """The scene some trials after its uplift, where samples can be passed."""
+    plan, scene, state = start(motion, options)
+    i = int(np.argmax(np.abs(np.asarray(motion.acceleration)) > 0.2 * G)) + 1
+    at = float(motion.dt) * i
+    state = state._replace(
+        t=jnp.asarray(at),
+        event_time=jnp.asarray(at),
+        x=(jnp.asarray(0.03),),
+        v=(jnp.asarray(0.2),),
+        sigma=jnp.asarray(1.0),
+        piece=jnp.asarray(i + 1, state.piece.dtype),
+        shear=jnp.asarray(9.0),
+        passing=jnp.asarray(True),
+    )
+    return plan, scene, state
+
+
+def one(samples=400, dt=0.01, scale=2.0):
+    row = np.asarray(rj.synthetic_motions(1, seed=5, dt=dt)[0].acceleration)[:samples]
+    return rj.Record(row * scale * 0.15 * G / np.abs(row).max(), dt)
+
+
+def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
+    plan, scene, state = rocking(one())
+    onward = jax.jit(functools.partial(past_sample, scene, plan))
+    passed, ahead = 0, onward(state)
+    while ahead.passing:
+        after, info = trial(scene, plan, state)
+        passed += 1
+        assert info.accepted
+        for name in ("t", "event_time", "x", "v", "sigma", "piece", "impacts", "steps"):
+            np.testing.assert_allclose(getattr(ahead, name), getattr(after, name), rtol=1e-12)
+        state, ahead = ahead, onward(ahead)
+    assert 5 < passed < 200
+    assert ahead.t == state.t
+    all_of_them = past_all(scene, plan, rocking(one())[2])
+    assert all_of_them.t == state.t
+    assert not all_of_them.passing
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"x": 0.0005, "v": -0.3},  # an impact before the next sample
+        {"x": 0.1499, "v": 0.5},  # overturning
+        {"x": 0.03, "v": 1e-4},  # a turning point
+        {"shear": 1e-3},  # a larger shear
+        {"passing": False},
+        {"piece": 399},  # up to the last sample, from which on the ground rests
+    ],
+)
+def test_samples_at_which_something_happens_are_not_passed(change):
+    plan, scene, state = rocking(one())
+    values = {
+        name: (jnp.asarray(y),) if name in "xv" else jnp.asarray(y, jnp.asarray(getattr(state, name)).dtype)
+        for name, y in change.items()
+    }
+    state = state._replace(**values)
+    if "v" in change and change["v"] == 1e-4:  # from rising to falling, whichever way the ground moves
+        a = trial(scene, plan, state)[0].v[0] - 1e-4
+        state = state._replace(v=(-jnp.sign(a) * 1e-4,))
+    ahead = past_sample(scene, plan, state)
+    assert not ahead.passing
+    for name in ("t", "x", "v", "piece", "steps"):
+        np.testing.assert_array_equal(getattr(ahead, name), getattr(state, name))
+
+
+def test_coarse_samples_are_left_to_the_method():
+    """Where the error of a step over a sample is too large for the tolerance, and in a closer look."""
+    motion = one(dt=0.01)
+    coarse = dataclasses.replace(motion, dt=jnp.asarray(0.4))
+    fine = rj.Options(rtol=1e-13, atol=1e-15, outputs=OUTPUTS)
+    assert rocking_passes(motion, USUAL)
+    assert not rocking_passes(coarse, fine)
+    assert not rocking_passes(motion, USUAL.replace(stride=0.5))
+    assert start(motion, EVERY)[2].passing is None
+    assert start(rj.Ricker(3.0, 1.0))[2].passing is None
+
+
+def rocking_passes(motion, options):
+    plan, scene, state = rocking(motion, options)
+    return bool(past_sample(scene, plan, state).passing)
+
+
+def test_derivatives_are_those_with_a_trial_of_every_sample():
+    row = np.asarray(records(3, 900).acceleration)[1] * 1.7
+
+    def peaks(numbers, how):
+        alpha, R, scale, dt, begin = numbers
+        podium = PODIUM.replace(alpha=alpha, R=R)
+        found = rj.peak_response(podium, rj.Record(row, dt, scale=scale, t_start=begin), options=how)
+        return jnp.stack([found.peak_rotation, found.peak_shear, found.margin, found.peak_rotation_time])
+
+    at = jnp.array([0.15, 1.5, 1.1, 0.01, 0.3])
+    found = jax.jacfwd(peaks)(at, USUAL)
+    known = jax.jacfwd(peaks)(at, EVERY)
+    assert np.abs(known).max() > 10
+    scale = np.abs(known).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / scale, known / scale, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(jax.jacrev(peaks)(at, USUAL), found, rtol=1e-12, atol=1e-12 * scale.max())
+    h = 1e-6 * np.asarray(at)
+    for k in (0, 2, 3):
+        ahead, back = (peaks(at.at[k].add(sign * h[k]), EVERY) for sign in (1, -1))
+        numeric = np.asarray(ahead - back) / (2 * h[k])
+        np.testing.assert_allclose(found[:, k] / scale[:, 0], numeric / scale[:, 0], atol=1e-4)
+
+
+def test_sensitivities_of_a_batch_are_derivatives_of_its_scenes():
+    motions = records(3, 900).pick(np.array([0, 1, 2])).scaled(np.array([1.5, 1.9, 1.3]))
+    how = rj.Options(outputs=("peak_rotation", "margin"))
+    batch = rj.peak_responses(PODIUM, motions, options=how, sensitivities=["alpha", "R"])
+    for k in range(3):
+
+        def peak(factors, k=k):
+            podium = PODIUM.replace(alpha=PODIUM.alpha * factors[0], R=PODIUM.R * factors[1])
+            motion = motions.pick(np.asarray(k)).scaled(motions.scale[k])
+            return rj.peak_response(podium, motion, options=how).peak_rotation
+
+        known = np.asarray(jax.jacfwd(peak)(jnp.ones(2)))
+        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], known, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("restitution", ["usual", 0.97])
+def test_bounces_that_are_not_followed_change_nothing(restitution):
+    """Who counts impacts follows all of them."""
+    podium = PODIUM if restitution == "usual" else PODIUM.replace(restitution=restitution)
+    motions = scenes()
+    found = rj.peak_responses(podium, motions, options=USUAL)
+    counted = rj.peak_responses(podium, motions, options=USUAL.replace(outputs=(*OUTPUTS, "impacts")))
+    np.testing.assert_array_equal(found.overturned, counted.overturned)
+    for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
+        np.testing.assert_allclose(getattr(found, name), getattr(counted, name), rtol=1e-9, atol=1e-12)
+    assert found.stats.steps.sum() < counted.stats.steps.sum()
+    slowest = np.asarray(found.smallest_impact_speed), np.asarray(counted.smallest_impact_speed)
+    both = np.isfinite(slowest[1])
+    assert both.any()
+    rest = 1e-8 * np.sqrt(0.75 * G / float(podium.R)) * float(podium.alpha)
+    np.testing.assert_allclose(slowest[0][both], slowest[1][both], rtol=1e-8, atol=2 * rest)
