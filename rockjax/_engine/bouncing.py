@@ -72,6 +72,13 @@ def _shear_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) 
     return jnp.maximum(*map(jnp.abs, each)) + turned + c.two_R * speed**2 / c.g
 
 
+def bounces_from(scene: Scene, speed: Value) -> Index:
+    """How many impacts there are until restitution leaves no more than the rest velocity of a speed |θ̇|."""
+    speed = jax.lax.stop_gradient(speed)
+    count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
+    return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)
+
+
 def slowest_of(scene: Scene, speed: Value, calm: Flag) -> Value:
     """The least speed |θ̇| of impacts: of bounces that are not followed that of the last of them, which leaves
     the rest velocity."""

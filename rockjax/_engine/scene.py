@@ -199,6 +199,7 @@ def prepare(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
         passing=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
+        lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         landing=_landing(options),
         split=_closer(options, SPLIT_CLOSER, SPLIT),
         whole=_closer(options, WHOLE_CLOSER, 1.0),

@@ -8,7 +8,6 @@ with bounded memory.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -110,10 +109,10 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
     def recorded(*leaves):
         """The same for derivatives with respect to arrays, in forward and reverse mode."""
         constant = jax.lax.stop_gradient
-        each = dataclasses.replace(plan, pass_samples=False)  # one decision for each step
         ready, state = scene(leaves)
-        last, decisions, count = record_decisions(constant(ready), each, constant(state), options.max_steps)
-        state, nodes = replay(ready, each, state, decisions, count, history)
+        state = state._replace(passing=None)  # a decision for every step
+        last, decisions, count = record_decisions(constant(ready), plan, constant(state), options.max_steps)
+        state, nodes = replay(ready, plan, state, decisions, count, history)
         floats, _ = answers(ready, plan, state)
         _, integers = answers(ready, plan, last)
         return _with_nodes((floats, integers), nodes)

@@ -67,6 +67,7 @@ class Scene(NamedTuple):
     end: Value
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
+    lost: Value  # −ln e
     passing: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event
     split: Value  # part of what is left up to a breakpoint that is the first of two steps …
