@@ -8,6 +8,7 @@ every few of them the lanes that wait are served together.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -15,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax import _results as results
+from rockjax._engine.coefficients import present
 from rockjax._engine.flat import closed, runs
 from rockjax._engine.hops import chatters, many_hops
 from rockjax._engine.samples import past_sample
@@ -92,19 +94,11 @@ def advance(
         going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
         return going & unfinished(loop)
 
-    def passed(state: Lanes) -> Lanes:
-        """The lanes past samples at which nothing happens, as long as that is so for many."""
-        if state.lane.passing is None:
-            return state
-        fewest = MANY * jnp.sum(makes_trials(plan, options, state.lane))
-        many = lambda state: jnp.sum(state.lane.passing) > fewest
-        onward = functools.partial(through, lambda scene, lane: past_sample(scene, plan, lane))
-        return jax.lax.while_loop(many, onward, state)
-
     def trials(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        state = through(moves, passed(loop.lanes))
+        onward = functools.partial(through, lambda scene, lane: past_sample(scene, plan, lane))
+        state = through(moves, _past_samples(plan, options, onward, loop.lanes))
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:
@@ -121,6 +115,15 @@ def advance(
     )
     left = jnp.sum(loop.lanes.held >= 0, dtype=index_type)
     return _turned(loop.lanes), loop.done._replace(left=left)
+
+
+def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
+    """The lanes past samples at which nothing happens, as long as that is so for many."""
+    if state.lane.passing is None:
+        return state
+    fewest = MANY * jnp.sum(makes_trials(plan, options, state.lane))
+    many = lambda state: jnp.sum(present(state.lane.passing)) > fewest
+    return jax.lax.while_loop(many, onward, state)
 
 
 def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:

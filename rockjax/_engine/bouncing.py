@@ -7,27 +7,60 @@ nothing is left of the bounces but the state at rest, and that is the same from 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 
+from rockjax._excitations.base import Shaking
 from rockjax._excitations.sampled import AbstractSampled
+from rockjax._once import once
 from rockjax._types import Flag, Index, Value
 
 from .coefficients import Coefficients, present
-from .model import acceleration, shear
-from .state import LoopState, Plan, Scene
+from .model import acceleration, horizontal, shear
+from .state import Decision, LoopState, Plan, Scene
 
 AHEAD = 2.0  # the ground motion is looked at for so much longer than bounces last as things are
 
 
-def skips_bounces(scene: Scene, plan: Plan) -> bool:
-    """Whether bounces need not be followed: nothing is elastic, nothing restrains the columns, nobody counts
-    impacts. Under pulses there are few of them before it is certain that nothing changes any more."""
+class Skipped(NamedTuple):
+    """Bounces after an impact that are not followed."""
+
+    to_rest: Flag  # whether there are any, and the columns rest
+    impacts: Index  # so many
+    slowest: Value  # least |θ̇| of them and of the impact before them
+
+
+def skipped_bounces(
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    now: tuple[Value, Index, Value | Shaking],
+    hit: Flag,
+    speed: Value,
+    replayed: Decision | None,
+) -> Skipped:
+    """Where columns hit with the speed |θ̇|; `now` is the time, the piece and the ground acceleration then.
+
+    They are followed where something is elastic, restrainers hold the columns or impacts are wanted, and
+    under pulses: under these there are few before it is certain that nothing changes any more.
+    """
+    if replayed is not None:  # what rests has no speed, by whichever rule
+        return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     sampled = isinstance(scene.excitation, AbstractSampled)
-    return plan.skip_bounces and sampled and scene.c.restraint is None
+    if not (plan.skip_bounces and sampled and scene.c.restraint is None):
+        return Skipped(jnp.zeros_like(hit), jnp.zeros_like(state.impacts), speed)
+    left = scene.c.restitution * speed
+    t, piece, ground = now
+    to_rest = once(hit & _bounces_to_rest(scene, plan, state, t, piece, horizontal(ground), left))
+    impacts = once(jnp.where(to_rest, _bounces_from(scene, left), 0))
+    # The last of them leaves the rest velocity.
+    last = scene.rest / jnp.maximum(scene.c.restitution, jnp.finfo(speed.dtype).tiny)
+    return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, last), speed))
 
 
-def bounces_to_rest(
+def _bounces_to_rest(
     scene: Scene, plan: Plan, state: LoopState, t: Value, piece: Index, ground: Value, speed: Value
 ) -> Flag:
     """Whether columns that leave θ = 0 with the speed |θ̇| at t rest before the ground can lift them.
@@ -72,15 +105,8 @@ def _shear_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) 
     return jnp.maximum(*map(jnp.abs, each)) + turned + c.two_R * speed**2 / c.g
 
 
-def bounces_from(scene: Scene, speed: Value) -> Index:
+def _bounces_from(scene: Scene, speed: Value) -> Index:
     """How many impacts there are until restitution leaves no more than the rest velocity of a speed |θ̇|."""
     speed = jax.lax.stop_gradient(speed)
     count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)
-
-
-def slowest_of(scene: Scene, speed: Value, calm: Flag) -> Value:
-    """The least speed |θ̇| of impacts: of bounces that are not followed that of the last of them, which leaves
-    the rest velocity."""
-    left = jnp.maximum(scene.c.restitution, jnp.finfo(speed.dtype).tiny)
-    return jnp.where(calm, jnp.minimum(speed, scene.rest / left), speed)

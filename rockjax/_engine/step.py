@@ -30,7 +30,7 @@ from .attempt import (
     next_length,
     state_past,
 )
-from .bouncing import bounces_from, bounces_to_rest, skips_bounces, slowest_of
+from .bouncing import skipped_bounces
 from .coefficients import present
 from .contact import advance_to_uplift
 from .guard import Guard, watch
@@ -183,14 +183,10 @@ def _advance(
     ground = scene.excitation.piece(piece)(stamp)
 
     speed = jnp.abs(v[0])
-    calm, bounces = jnp.zeros_like(hit), 0
-    if replayed is not None:
-        calm = hit & (replayed.mode == 0)
-    elif skips_bounces(scene, plan):
-        left = scene.c.restitution * speed
-        calm = once(hit & bounces_to_rest(scene, plan, state, stamp, piece, ground, left))
-        bounces = once(jnp.where(calm, bounces_from(scene, left), 0))
-    x, v, mode = transition(scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift, calm)
+    skipped = skipped_bounces(scene, plan, state, (stamp, piece, ground), hit, speed, replayed)
+    x, v, mode = transition(
+        scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift, skipped.to_rest
+    )
     mode = constant(mode) if replayed is None else replayed.mode
     x, v, mode = once((x, v, mode))
     starts = accepted & ~rocking & (mode != 0)
@@ -217,10 +213,8 @@ def _advance(
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
-        impacts=state.impacts + hit.astype(jnp.int32) + bounces,
-        slowest=jnp.where(
-            accepted & hit, jnp.minimum(state.slowest, slowest_of(scene, speed, calm)), state.slowest
-        ),
+        impacts=state.impacts + hit.astype(jnp.int32) + skipped.impacts,
+        slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, skipped.slowest), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
         energetic=energetic_impacts(scene, state.energetic, accepted & hit, speed),
         steps=state.steps + 1,

@@ -34,7 +34,7 @@ def transition(
     lifted: Flag,
     demand: Value,
     halted: Flag | bool = False,
-    calm: Flag | bool = False,
+    to_rest: Flag | bool = False,
 ) -> Transition:
     """The transition of the automaton from the state (x, v) in mode σ, under the ground acceleration that
     follows.
@@ -42,14 +42,14 @@ def transition(
     - `hit`: an impact; `lifted`: an uplift under the demand `demand` before the event; else the mode stays,
       but columns at rest lift where the ground has jumped
     - `halted`: a lift that is none: back to full contact
-    - `calm`: an impact that leaves nothing that lasts: to rest
+    - `to_rest`: an impact that leaves nothing that lasts: to rest
     """
     c, rocking = scene.c, sigma != 0
     rests = halted | ~rocking
     x = (jnp.where(hit | rests, 0.0, x[0]), *x[1:])
     v = (jnp.where(rests, 0.0, v[0]), *v[1:])
     q = uplift_demand(c, ground, x, v)
-    onward, other = after_impact(scene, sigma, v[0], q, calm)
+    onward, other = after_impact(scene, sigma, v[0], q, to_rest)
     v = (jnp.where(hit, onward, v[0]), *v[1:])
     stays = jnp.where(rocking, sigma, contact_mode(c, q))
     mode = jnp.where(hit, other, jnp.where(lifted, -jnp.sign(demand), stays))
@@ -63,12 +63,12 @@ def contact_mode(c: Coefficients, q: Value) -> Value:
 
 
 def after_impact(
-    scene: Scene, sigma: Value, theta_dot: Value, q: Value, calm: Flag | bool = False
+    scene: Scene, sigma: Value, theta_dot: Value, q: Value, to_rest: Flag | bool = False
 ) -> tuple[Value, Value]:
     """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or
-    uplift anew; `calm`: to rest whatever the speed."""
+    uplift anew; `to_rest`: to rest whatever the speed."""
     onward = impact(scene.c, theta_dot)
-    moves = (jnp.abs(onward) > scene.rest) & ~jnp.asarray(calm)
+    moves = (jnp.abs(onward) > scene.rest) & ~jnp.asarray(to_rest)
     return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
 
 
