@@ -50,8 +50,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         and isinstance(podium.restitution, GivenRestitution)
         and not (podium.restrainers or history),
         skip_bounces=not (elastic or history or {"impacts", "errors"} & set(options.outputs)),
-        pass_samples=not (elastic or history)
-        and tab.order > 6,  # else they are passed by the method asked for
+        # A method of lower order that is asked for makes a trial of every sample.
+        pass_samples=not (elastic or history) and tab.order > 6,
         tableau=tab,
         several=top is not None and top.several,
         stories=stories,

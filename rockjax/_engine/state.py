@@ -33,7 +33,7 @@ class Plan:
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     many_hops: bool  # hops may be followed in large numbers
     skip_bounces: bool  # that end at rest whatever happens on the way
-    pass_samples: bool  # of a record, several at once, where nothing happens
+    pass_samples: bool  # of a record, without a trial, where nothing happens
     tableau: Tableau
     several: bool  # displacements and deformations have an axis of modes
     stories: int
