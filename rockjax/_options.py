@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Classes of Diffrax, which takes long to import and is needed only where something is traced.
 METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
-_EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
+EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 OF_STORIES = ("peak_drift", "peak_floor_acceleration")  # of buildings only
 PEAKS = ("peak_rotation", "peak_deformation", "peak_shear", *OF_STORIES)
 OUTPUTS = (*PEAKS, "impacts", "margin", "errors")
@@ -93,7 +93,7 @@ class Options(Module):
                 raise ValueError(f"Options: the output {name!r} needs engine='flat', got {self.engine!r}")
         if "errors" in self.outputs and "peak_rotation" not in self.outputs:
             raise ValueError("Options: the output 'errors' needs 'peak_rotation' beside it")
-        if not isinstance(self.method, str) or self.method not in _EXPLICIT:
+        if not isinstance(self.method, str) or self.method not in EXPLICIT:
             self._check_solver()
 
     def _check_solver(self) -> None:

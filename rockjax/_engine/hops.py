@@ -27,9 +27,9 @@ from .hermite import turning_point
 from .maxima import NEAR_RECORD, cubic
 from .model import acceleration
 from .records import larger
-from .runge_kutta import Tableau
 from .settled import certificate
 from .state import LoopState, Plan, Scene
+from .tableaus import Tableau
 from .transitions import restart
 
 OFTEN = 64  # impacts from one look for many hops to the next

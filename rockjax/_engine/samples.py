@@ -21,9 +21,10 @@ from rockjax._types import Flag, Value, Vector
 from .attempt import over_tolerance
 from .coefficients import over_inertia, present
 from .model import acceleration, shear
-from .runge_kutta import Step, nystrom
+from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
 from .state import LoopState, Plan, Scene
+from .tableaus import nystrom
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:

@@ -21,9 +21,9 @@ from rockjax._types import Value, Values, Vector
 from . import margin
 from .coefficients import Coefficients, Vibration, coefficients, present
 from .model import uplift_demand
-from .runge_kutta import tableau
 from .samples import passes_samples
 from .state import Energetic, LoopState, Plan, Scene, Turn
+from .tableaus import tableau
 from .transitions import contact_mode, restart
 
 
@@ -32,7 +32,7 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
     top = podium.superstructure
     elastic = podium.vibrates
     stories = top.stories if isinstance(top, ShearBuilding) else 0
-    tab = tableau(options.solver)  # pyright: ignore[reportArgumentType]
+    tab = tableau(options.method)  # pyright: ignore[reportArgumentType]
     return Plan(
         elastic=elastic,
         superstructure=top is not None,

@@ -14,7 +14,7 @@ from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._types import Flag, Index, Value, Values, Vector
 
 from .coefficients import Coefficients
-from .runge_kutta import Tableau
+from .tableaus import Tableau
 
 
 @dataclasses.dataclass(frozen=True)

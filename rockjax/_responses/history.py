@@ -15,11 +15,10 @@ from rockjax._engine.coefficients import SLIP, Coefficients, coefficients, prese
 from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
 from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
-from rockjax._engine.runge_kutta import step, tableau
+from rockjax._engine.runge_kutta import step
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._module import Module
-from rockjax._options import solver_of
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
 from rockjax._types import Value, Vector
@@ -169,7 +168,7 @@ def _sample(
         return acceleration(c, sigma, ground_at(t), x, v)
 
     x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
-    trial = step(tableau(solver_of(method)), field, start, t - start, x, v, field(start, x, v))
+    trial = step(tableau(method), field, start, t - start, x, v, field(start, x, v))
     return _Sample(sigma, ground_at(t), trial.x, trial.v)
 
 

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -5,7 +8,9 @@ import numpy as np
 import pytest
 
 from rockjax._engine import hermite
-from rockjax._engine.runge_kutta import step, tableau
+from rockjax._engine.runge_kutta import step
+from rockjax._engine.tableaus import tableau
+from rockjax._options import EXPLICIT, solver_of
 from rockjax._sincos import cos, sin, sincos
 
 
@@ -44,6 +49,27 @@ SOLVERS = [
     diffrax.Heun(),
     diffrax.Ralston(),
 ]
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+def test_kept_tableaus_are_those_of_diffrax(method):
+    ours, theirs = tableau(method), tableau(solver_of(method))
+    assert (ours.order, ours.fsal) == (theirs.order, theirs.fsal)
+    for name in ("c", "A", "AA", "b", "bA", "error", "errorA"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_only_the_solvers_of_users_are_read_from_diffrax():
+    """It takes as long to import as a good part of the first answer takes."""
+    script = (
+        "import sys, jax, rockjax as rj\n"
+        "podium = lambda alpha: rj.Podium(alpha=alpha, R=1.5, gamma=10.0)\n"
+        "peak = lambda alpha: rj.peak_response(podium(alpha), rj.Ricker(a_p=2.0, T_p=1.0)).peak_rotation\n"
+        "jax.eval_shape(jax.grad(peak), 0.15)\n"
+        "print('diffrax' in sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["False"]
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
