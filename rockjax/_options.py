@@ -34,10 +34,10 @@ class Options(Module):
 
     - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for
       θ̇, 2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
-    - `method`: `"dopri8"` (the least work nearly everywhere), `"tsit5"` (a tenth faster for rigid podiums
-      under records whose samples set the step, down to errors of 1e-6), `"dopri5"`, `"bosh3"`, or any Diffrax
-      solver: an explicit Runge–Kutta method with an error estimate for the flat engine, any for the segments
-      engine (`"kvaerno5"`, …)
+    - `method`: `"dopri8"` (the least work nearly everywhere; rigid podiums without restrainers, whose
+      accelerations do not depend on velocities, take the Nyström method RKN8(6)9FM of the same order),
+      `"tsit5"`, `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit Runge–Kutta method with an error
+      estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
     - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for
       cross-checks
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed

@@ -86,6 +86,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
     end = once(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
     error = constant(over_tolerance(scene, state.x, state.v, end))
+    if scene.estimated is not None:
+        error = error * scene.estimated
     finite = jnp.isfinite(error)
     return Attempt(
         h,
@@ -150,11 +152,22 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
 
 def factor(plan: Plan, error: Value) -> Value:
     """How much longer the next step may be for this error."""
-    error, order = jnp.maximum(error, 1e-30), plan.tableau.order
-    # Square roots go through vectors; the logarithm is a call for each lane, and pow is worse.
-    root = jnp.sqrt(jnp.sqrt(jnp.sqrt(error))) if order == 8 else jnp.exp(jnp.log(error) / order)
-    growth = SAFETY / root
-    return jnp.clip(growth, SHRINK, GROW)
+    error, order = jnp.clip(error, 1e-30, 1e30), plan.tableau.order
+    # The logarithm is a call for each lane, pow is worse, and roots of many lanes are taken one by one.
+    root = inverse_eighth_root(error) if order == 8 else jnp.exp(-jnp.log(error) / order)
+    return jnp.clip(SAFETY * root, SHRINK, GROW)
+
+
+def inverse_eighth_root(y: Value) -> Value:
+    """y^(−1/8) of positive numbers to 1 %: the bits of a floating-point number are nearly its logarithm, and
+    one step of Newton."""
+    kind, mantissa = (jnp.int64, 52) if y.dtype == jnp.float64 else (jnp.int32, 23)
+    one = jax.lax.bitcast_convert_type(jnp.ones((), y.dtype), kind)
+    logarithm = jax.lax.shift_right_logical(jax.lax.bitcast_convert_type(y, kind), jnp.asarray(3, kind))
+    # Between powers of 2 the bits go up in a straight line, which is below the logarithm: half of the most.
+    bits = one + (one >> 3) - logarithm - jnp.asarray(int(0.0485 * 2**mantissa), kind)
+    root = jax.lax.bitcast_convert_type(bits, y.dtype)
+    return root * (9 - y * root**8) / 8
 
 
 def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Value:

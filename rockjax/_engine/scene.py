@@ -23,7 +23,7 @@ from .coefficients import Coefficients, Vibration, coefficients, present
 from .model import uplift_demand
 from .samples import passes_samples
 from .state import Energetic, LoopState, Plan, Scene, Turn
-from .tableaus import tableau
+from .tableaus import tableau_for
 from .transitions import contact_mode, restart
 
 
@@ -32,7 +32,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
     top = podium.superstructure
     elastic = podium.vibrates
     stories = top.stories if isinstance(top, ShearBuilding) else 0
-    tab = tableau(options.method)  # pyright: ignore[reportArgumentType]
+    velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
+    tab = tableau_for(options.method, velocities)  # pyright: ignore[reportArgumentType]
     return Plan(
         elastic=elastic,
         superstructure=top is not None,
@@ -190,6 +191,7 @@ def prepare(
     end = default_end(podium, excitation) if t_end is None else t_end
     longest = options.stride * _longest_step(c)
     excited = _longest_excited(excitation, longest, options)
+    behind = plan.tableau.order - 1 - plan.tableau.estimate
     scene = Scene(
         c=c,
         excitation=excitation,
@@ -198,6 +200,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
+        estimated=options.rtol ** (behind / plan.tableau.order) if behind else None,
         passing=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
         lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         landing=_landing(options),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import diffrax
 
 KEPT = Path(__file__).with_suffix(".json")
+OF_ORDER_8 = "dopri8"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class Tableau:
     method."""
 
     order: int
+    estimate: int  # order of what the error is estimated by
     c: np.ndarray
     A: np.ndarray
     AA: np.ndarray
@@ -49,7 +51,14 @@ def tableau(method: str | diffrax.AbstractERK) -> Tableau:
     for i, row in enumerate(numbers["a"], start=1):
         A[i, :i] = row
     b, error, c = (np.array(numbers[name]) for name in ("b", "error", "c"))
-    return Tableau(numbers["order"], c, A, A @ A, b, b @ A, error, error @ A, numbers["fsal"])
+    order = numbers["order"]
+    return Tableau(order, order - 1, c, A, A @ A, b, b @ A, error, error @ A, numbers["fsal"])
+
+
+def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
+    """The tableau that a method stands for, where accelerations depend on velocities, and where they do not:
+    `"dopri8"` is the method of its order that needs the fewest stages."""
+    return nystrom() if method == OF_ORDER_8 and not velocities else tableau(method)
 
 
 @functools.cache
@@ -89,7 +98,7 @@ def nystrom() -> Tableau:
     last = 1610737 / 40207104, -4251941 / 54970650, 3 / 20
     velocities_sixth = np.array([7987313 / 109941300, 0, *middle, *last])
     errors = velocities - velocities_sixth, positions - sixth
-    return Tableau(8, c, np.zeros((9, 9)), stages, velocities, positions, *errors, fsal=True)
+    return Tableau(8, 6, c, np.zeros((9, 9)), stages, velocities, positions, *errors, fsal=True)
 
 
 def numbers_of(solver: diffrax.AbstractERK) -> dict[str, Any]:

@@ -168,7 +168,8 @@ def _sample(
         return acceleration(c, sigma, ground_at(t), x, v)
 
     x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
-    trial = step(tableau(method), field, start, t - start, x, v, field(start, x, v))
+    tab = tableau_for(method, c.vibration is not None or c.restraint is not None)
+    trial = step(tab, field, start, t - start, x, v, field(start, x, v))
     return _Sample(sigma, ground_at(t), trial.x, trial.v)
 
 

@@ -7,11 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import rockjax as rj
+from rockjax._batch.batch import run_batch
+from rockjax._batch.scenes import broadcast
 from rockjax._engine import hermite
+from rockjax._engine.attempt import inverse_eighth_root
 from rockjax._engine.runge_kutta import step
-from rockjax._engine.tableaus import tableau
+from rockjax._engine.scene import plan_for
+from rockjax._engine.tableaus import nystrom, tableau
 from rockjax._options import EXPLICIT, solver_of
 from rockjax._sincos import cos, sin, sincos
+from tests.scenes import PODIUMS
 
 
 def test_sincos_to_rounding():
@@ -70,6 +76,52 @@ def test_only_the_solvers_of_users_are_read_from_diffrax():
     )
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert told.stdout.split() == ["False"]
+
+
+def test_rigid_columns_that_nothing_brakes_take_the_nystrom_method():
+    def of(podium, **options):
+        return plan_for(podium, rj.Options(**options), history=False).tableau
+
+    rigid, damper = PODIUMS["rigid"], rj.Damper(coefficient=1e3)
+    assert of(rigid) is of(PODIUMS["block"]) is nystrom()
+    for podium in (PODIUMS["elastic"], rigid.replace(restrainers=(damper,))):
+        assert of(podium) is tableau("dopri8")
+    assert of(rigid, method="tsit5") is tableau("tsit5")
+    assert of(rigid, method=diffrax.Dopri8()) is tableau(diffrax.Dopri8())
+    assert of(rigid, engine="segments") is tableau("dopri8")
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
+def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
+    """Rigid columns under pulses that they survive: errors of both, and neither takes many more trials."""
+    podium = PODIUMS["rigid"]
+    pulses = rj.Ricker(np.linspace(2.0, 6.0, 200), np.linspace(0.4, 0.9, 200))
+
+    def errors(method):
+        options = rj.Options(rtol=rtol, atol=1e-2 * rtol, method=method, outputs=("peak_rotation",))
+        scenes, _ = broadcast("test", podium, pulses, rj.State(), None)
+        floats, integers, tally = run_batch(scenes, options, False)
+        found = np.where(integers["overturned"], np.nan, floats["peak_rotation"])
+        return np.nanquantile(np.abs(found - truth) / podium.alpha, 0.99), tally.useful
+
+    tight = rj.Options(rtol=1e-13, atol=1e-15, method=diffrax.Dopri8(), outputs=("peak_rotation",))
+    answers = rj.peak_responses(podium, pulses, options=tight)
+    truth = np.where(answers.overturned, np.nan, answers.peak_rotation)
+    assert np.mean(truth > 0.05 * podium.alpha) > 0.3
+    (ours, trials), (theirs, trials_of_theirs) = errors("dopri8"), errors(diffrax.Dopri8())
+    assert ours < max(1.5 * theirs, 2e-14)
+    assert ours < 0.1 * rtol
+    assert trials < 1.1 * trials_of_theirs
+
+
+def test_inverse_eighth_root():
+    for dtype, most in ((np.float64, 30), (np.float32, 30)):
+        y = np.logspace(-most, most, 20001).astype(dtype)
+        found = jax.jit(inverse_eighth_root)(y)
+        assert found.dtype == dtype
+        ratio = np.asarray(found, float) * np.asarray(y, float) ** 0.125
+        assert ratio.min() > 0.99
+        assert ratio.max() < 1 + 1e-6
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
