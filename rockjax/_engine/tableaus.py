@@ -101,10 +101,12 @@ def nystrom() -> Tableau:
     return Tableau(8, 6, c, np.zeros((9, 9)), stages, velocities, positions, *errors, fsal=True)
 
 
-def numbers_of(solver: diffrax.AbstractERK) -> dict[str, Any]:
-    """The tableau of a Diffrax solver as numbers and lists of numbers."""
-    source = solver.tableau
-    order = solver.order(None)
+def numbers_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
+    """The tableau of an explicit Diffrax solver as numbers and lists of numbers."""
+    import diffrax
+
+    source, order = getattr(solver, "tableau", None), solver.order(None)  # pyright: ignore[reportArgumentType]
+    assert isinstance(source, diffrax.ButcherTableau)
     assert order is not None
     return {
         "order": int(order),

@@ -16,6 +16,7 @@ from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
 from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
 from rockjax._engine.runge_kutta import step
+from rockjax._engine.tableaus import tableau_for
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._module import Module
