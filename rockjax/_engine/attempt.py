@@ -8,11 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._excitations.sampled import AbstractSampled
 from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from .coefficients import Coefficients, over_inertia, summed
-from .hermite import quintic
+from .hermite import is_long, quintic, third_at_end
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
@@ -22,6 +23,7 @@ from .state import Decision, LoopState, Plan, Scene, Turn
 # Times the resolution of time: what the end of the scene follows so closely is not told from it.
 AT_ONCE = 100
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
+MOST_BENT = 0.8  # of a hop, 8 θ̇ d³θ/dt³ / (3 θ̈²): 1 would be its end
 GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
 
 
@@ -80,7 +82,9 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
     fresh = (state.sigma != 0) & (state.x[0] == 0)
-    h, reaches = _length(scene, state, constant(a0[0]), fresh, constant(stop))
+    h, reaches = _length(
+        scene, state, constant(a0[0]), _jerk(scene, state, ground_at, a0), fresh, constant(stop)
+    )
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches
     h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
@@ -105,21 +109,37 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     )
 
 
-def _length(scene: Scene, state: LoopState, angular: Value, fresh: Flag, stop: Value) -> tuple[Value, Flag]:
+def _length(
+    scene: Scene, state: LoopState, angular: Value, jerk: Value | None, fresh: Flag, stop: Value
+) -> tuple[Value, Flag]:
     """The length of the trial, and whether it reaches the stop."""
     room = stop - state.t
     fits = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.whole * room))
     h = jnp.where(fits, room, jnp.where(state.h > 0.5 * room, scene.split * room, state.h))
-    # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈|.
+    # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈| …
     speed = jax.lax.stop_gradient(state.v[0])
     returns = fresh & (speed * angular < 0)
-    hop = jnp.where(returns, -2 * speed / jnp.where(returns, angular, 1.0), jnp.inf)
+    falls = jnp.where(returns, angular, 1.0)
+    hop = jnp.where(returns, -2 * speed / falls, jnp.inf)
+    if jerk is not None:  # … or follows a straight line: 2/(1 + √(1 − y)) times as long, as a series
+        y = jnp.where(returns, jnp.clip(8 / 3 * jerk * speed / falls**2, -MOST_BENT, MOST_BENT), 0.0)
+        hop = hop * (1 + y * (1 / 4 + y * (1 / 8 + y * 5 / 64)))
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
     held = scene.c.restraint
     if held is not None and held.steep:
         steady = jax.lax.stop_gradient(steady_for(scene.c, held, speed, angular))
         h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= room
+
+
+def _jerk(scene: Scene, state: LoopState, ground_at, a0: Vector) -> Value | None:
+    """d³θ/dt³ at the start of the step under a record, where it makes most hops end where they are landed on;
+    None under pulses, where it takes as long as it saves."""
+    if not isinstance(scene.excitation, AbstractSampled):
+        return None
+    c, t, x, v, a = jax.lax.stop_gradient((over_inertia(scene.c), state.t, state.x, state.v, a0))
+    angular = lambda t, x, v: acceleration(c, state.sigma, ground_at(t), x, v)[0]
+    return jax.lax.stop_gradient(jax.jvp(angular, (t, x, v), (jnp.ones_like(t), v, a))[1])
 
 
 def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
@@ -183,17 +203,15 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     on."""
     h = trial.h
     z = safe_ratio(after, h, h > 0)
-    # Over a very short step the quintic is a difference of nearly equal numbers, and the mean jerk is enough.
-    long = h > 0.01 * scene.longest
     x, v = [], []
     for x0, v0, a0, x1, v1, a1 in zip(
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
-        c3, c4, c5 = quintic(x0, v0, a0, x1, v1, a1, h)[3:]
+        path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.longest)
         # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by
         # differences.
-        d3 = jnp.where(long, c3 + 4 * c4 + 10 * c5, (a1 - a0) * h**2 / 6)
-        d4, d5 = jnp.where(long, c4 + 5 * c5, 0.0), jnp.where(long, c5, 0.0)
+        d3 = third_at_end(path, a0, a1, h, scene.longest)
+        d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))
         v.append(v1 + after * a1 + safe_ratio(z**2 * (3 * d3 + z * (4 * d4 + z * 5 * d5)), h, h > 0))
     return tuple(x), tuple(v)

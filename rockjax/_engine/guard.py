@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
-from .hermite import Quintic, crossing, quintic, turning_point, turns_more_than_once
+from .hermite import Quintic, crossing, quintic, third_at_end, turning_point, turns_more_than_once
 from .model import acceleration, demand_jet
 from .ratio import safe_ratio
 from .runge_kutta import Step
@@ -27,7 +27,7 @@ class Guard(NamedTuple):
     """
 
     path: Quintic  # over the step, z ∈ [0, 1]
-    at_end: Quintic  # a parabola in the time past the end of the step
+    at_end: Quintic  # a cubic in the time past the end of the step
     rising: Flag  # at the start …
     rises_on: Flag  # … and at the end
     turned: Flag
@@ -108,13 +108,13 @@ def _paths(
     """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear
     there.
 
-    Over the step, and as a parabola in the time past its end: over a very short step the quintic of the step
+    Over the step, and as a cubic in the time past its end: over a very short step the quintic of the step
     knows the value only, its slopes are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
     if not plan.elastic:
-        return _through(angle, h)
+        return _through(angle, h, scene.longest)
 
     def jet(t, x, v, a):
         one = jnp.ones_like(t)
@@ -126,15 +126,19 @@ def _paths(
         return demand_jet(c, (g0, g1, g2), ((x, v), (v, a), (a, jerk)))
 
     demand = (*jet(state.t, state.x, state.v, a0), *jet(state.t + h, end.x, end.v, end.a))
-    return _through((jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h)
+    return _through(
+        (jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h, scene.longest
+    )
 
 
-def _through(ends: Iterable[Value], h: Value) -> tuple[Quintic, Quintic]:
-    """The quintic through (value, slope, curvature) at the start and at the end, and the parabola at the
+def _through(ends: Iterable[Value], h: Value, longest: Value) -> tuple[Quintic, Quintic]:
+    """The quintic through (value, slope, curvature) at the start and at the end, and the cubic at the
     end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
-    return quintic(x0, v0, a0, x1, v1, a1, h), Quintic(x1, v1, 0.5 * a1, zero, zero, zero)
+    path = quintic(x0, v0, a0, x1, v1, a1, h)
+    third = safe_ratio(third_at_end(path, a0, a1, h, longest), h**3, h > 0)
+    return path, Quintic(x1, v1, 0.5 * a1, third, zero, zero)
 
 
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
