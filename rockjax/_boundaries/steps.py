@@ -96,19 +96,25 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray, np.n
         y = known.y[part]
         # From below, for the first change may come to lie lower.
         at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
-        for k, count in zip(at, parts[: at.size], strict=True):
-            found = _between(float(y[k]), float(y[k + 1]), count, spacing)
-            whole = found.size + 1 >= round(float(y[k + 1] - y[k]) / spacing)
-            places.append(found)
-            lines.append(np.full(found.size, known.line[part.start]))
-            wanted.append(np.full(found.size, not whole))
+        found, step = _between(y[at], y[at + 1], parts[: at.size], spacing)
+        whole = np.bincount(step, minlength=at.size) + 1 >= np.round((y[at + 1] - y[at]) / spacing)
+        places.append(found)
+        lines.append(np.full(found.size, known.line[part.start]))
+        wanted.append(~whole[step])
     return np.concatenate(lines), np.concatenate(places), np.concatenate(wanted)
 
 
-def _between(low: float, high: float, parts: int, spacing: float) -> np.ndarray:
-    """Whole numbers of spacings that divide a step of more than one spacing into so many parts, about."""
-    even = low + (high - low) * np.arange(1, parts) / parts
-    return spacing * np.unique(np.round(even / spacing))
+def _between(
+    low: np.ndarray, high: np.ndarray, parts: np.ndarray, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whole numbers of spacings that divide steps of more than one spacing into so many parts each, about; and
+    in which of the steps they lie."""
+    step = np.repeat(np.arange(parts.size), parts - 1)
+    first = np.cumsum(parts - 1) - (parts - 1)
+    part = (np.arange(step.size) - first[step] + 1) / parts[step]
+    whole = np.round((low[step] + (high - low)[step] * part) / spacing)
+    new = np.append(True, (np.diff(whole) != 0) | (np.diff(step) != 0))[: step.size]
+    return spacing * whole[new], step[new]
 
 
 def _unsure(known: Known, first_only: bool) -> np.ndarray:
