@@ -107,8 +107,8 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray, np.n
 def _between(
     low: np.ndarray, high: np.ndarray, parts: np.ndarray, spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whole numbers of spacings that divide steps of more than one spacing into so many parts each, about; and
-    in which of the steps they lie."""
+    """Whole numbers of spacings that divide steps of more than one spacing into so many parts each, about;
+    and in which of the steps they lie."""
     step = np.repeat(np.arange(parts.size), parts - 1)
     first = np.cumsum(parts - 1) - (parts - 1)
     part = (np.arange(step.size) - first[step] + 1) / parts[step]

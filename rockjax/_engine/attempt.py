@@ -13,7 +13,7 @@ from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from .coefficients import Coefficients, over_inertia, summed
-from .hermite import is_long, quintic, third_at_end
+from .hermite import Quintic, crossing, is_long, quintic, third_at_end
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Step
@@ -125,6 +125,8 @@ def _length(
         y = jnp.where(returns, jnp.clip(8 / 3 * jerk * speed / falls**2, -MOST_BENT, MOST_BENT), 0.0)
         hop = hop * (1 + y * (1 / 4 + y * (1 / 8 + y * 5 / 64)))
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
+    if jerk is not None:
+        h = jnp.where(jnp.isinf(state.cut), _to_impact(state, angular, jerk, h), h)
     held = scene.c.restraint
     if held is not None and held.steep:
         steady = jax.lax.stop_gradient(steady_for(scene.c, held, speed, angular))
@@ -132,9 +134,20 @@ def _length(
     return h, h >= room
 
 
+def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value:
+    """The step shortened to where θ meets 0 on its way as a cubic: between samples of a record so nearly that
+    most impacts are landed on at once."""
+    one, zero = jnp.ones_like(h), jnp.zeros_like(h)
+    theta, speed = jax.lax.stop_gradient((state.x[0], state.v[0]))
+    left, speed, angular, jerk = (state.sigma * y for y in (theta, speed, angular, jerk))
+    ahead = once(Quintic(left, h * speed, h**2 * angular / 2, h**3 * jerk / 6, zero, zero))
+    meets = (left > 0) & (ahead.value(one) < 0)
+    return jnp.where(meets, h * crossing(ahead, zero, one), h)
+
+
 def _jerk(scene: Scene, state: LoopState, ground_at, a0: Vector) -> Value | None:
-    """d³θ/dt³ at the start of the step under a record, where it makes most hops end where they are landed on;
-    None under pulses, where it takes as long as it saves."""
+    """d³θ/dt³ at the start of the step under a record, where it tells when columns will meet the ground; None
+    under pulses, where it takes as long as it saves."""
     if not isinstance(scene.excitation, AbstractSampled):
         return None
     c, t, x, v, a = jax.lax.stop_gradient((over_inertia(scene.c), state.t, state.x, state.v, a0))

@@ -80,6 +80,22 @@ def test_most_samples_are_passed():
     assert tally.useful < 0.5 * integers["steps"].sum()
 
 
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_most_impacts_are_landed_on_at_once(name):
+    """Hardly a trial is rejected to find one; and they are those that other steps find."""
+
+    def count(**options):
+        how = rj.Options(outputs=("peak_rotation", "impacts"), rest_velocity=1e-8, **options)
+        return rj.peak_responses(PODIUMS[name], scenes(), options=how)
+
+    found = count()
+    rejected, impacts = found.stats.rejected.sum(), found.impacts.sum()
+    assert impacts > 5000
+    assert rejected < 0.1 * impacts
+    if name == "rigid":
+        np.testing.assert_array_equal(found.impacts, count(method="tsit5", rtol=1e-12, atol=1e-14).impacts)
+
+
 def start(motion, options=USUAL):
     podium = PODIUM.split()
     plan = plan_for(podium, options, history=False)
