@@ -111,6 +111,12 @@ def _closer(options: Options, closer: Value | float, usual: Value | float) -> Va
     return jnp.where(options.stride < 1, closer, usual)
 
 
+def _estimated(plan: Plan, options: Options) -> Value | None:
+    """By how much an estimate of a lower order than usual is too large, at the length that it allows."""
+    behind = plan.tableau.order - 1 - plan.tableau.estimate
+    return jnp.asarray(options.rtol) ** (behind / plan.tableau.order) if behind else None
+
+
 def _longest_step(c: Coefficients) -> Value:
     """As long as rocking, and what vibrates while it lasts, can be seen in [s]."""
     longest = 1 / c.p
@@ -184,6 +190,17 @@ def prepare(
     plan: Plan,
 ) -> tuple[Scene, LoopState]:
     """The scene and its state at the start of the excitation."""
+    scene = _scene(podium, excitation, t_end, options, plan)
+    return scene, _first_state(scene, initial, plan)
+
+
+def _scene(
+    podium: Podium,
+    excitation: AbstractExcitation,
+    t_end: Value | None,
+    options: Options,
+    plan: Plan,
+) -> Scene:
     constant = jax.lax.stop_gradient
     podium = podium.resolved()
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
@@ -191,8 +208,7 @@ def prepare(
     end = default_end(podium, excitation) if t_end is None else t_end
     longest = options.stride * _longest_step(c)
     excited = _longest_excited(excitation, longest, options)
-    behind = plan.tableau.order - 1 - plan.tableau.estimate
-    scene = Scene(
+    return Scene(
         c=c,
         excitation=excitation,
         lookahead=_lookahead(excitation, c, plan),
@@ -200,7 +216,7 @@ def prepare(
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
-        estimated=options.rtol ** (behind / plan.tableau.order) if behind else None,
+        estimated=_estimated(plan, options),
         passing=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
         lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         landing=_landing(options),
@@ -212,6 +228,11 @@ def prepare(
         longest_excited=constant(excited),
         quiet=constant(quiet),
     )
+
+
+def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
+    constant = jax.lax.stop_gradient
+    c, excitation, start, end = scene.c, scene.excitation, scene.start, scene.end
     t = constant(start)
     piece = excitation.locate(t)
     moves = (initial.theta != 0) | (initial.theta_dot != 0)
@@ -257,7 +278,7 @@ def prepare(
     if isinstance(excitation, GroundMotion):
         weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
         state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
-    return scene, state
+    return state
 
 
 def _no_records(plan: Plan, c: Coefficients, t: Value) -> dict[str, Any]:
