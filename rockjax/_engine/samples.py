@@ -70,7 +70,7 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     end = once(runge_kutta(nystrom(), along, 0.0, h, state.x, state.v, a))
     # Not past the last one, at which the motion may jump to zero.
     goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
-    goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.passing
+    goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
     goes &= _goes_on(scene, state, a, end, h)
     if plan.shear:  # after an impact it is another one than before
         felt = (jnp.abs(shear(scene.c, sigma, *y)) for y in ((ground, state.x, state.v, a), (last, *end[:3])))

@@ -217,7 +217,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=constant(_rest_velocity(c, options)),
         estimated=_estimated(plan, options),
-        passing=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
+        pass_below=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
         lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         landing=_landing(options),
         split=_closer(options, SPLIT_CLOSER, SPLIT),

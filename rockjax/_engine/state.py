@@ -69,7 +69,7 @@ class Scene(NamedTuple):
     rest: Value  # rest velocity [rad/s]
     lost: Value  # −ln e
     estimated: Value | None  # what the estimate of a lower order than usual counts; None: all of it
-    passing: Value  # error over tolerance up to which samples are passed
+    pass_below: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event
     split: Value  # part of what is left up to a breakpoint that is the first of two steps …
     whole: Value  # … where the controller's step is no longer than this times it

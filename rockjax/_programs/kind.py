@@ -144,7 +144,8 @@ def _made_of() -> str:
 
 @functools.cache
 def source() -> str:
-    """A hash of the package's source. Raises `Unknown` where there is none to read."""
+    """A hash of the package's source, numbers in files beside it included. Raises `Unknown` where there is
+    none to read."""
     digest = hashlib.sha256()
     for package in _OWN:
         spec = find_spec(package)
@@ -152,7 +153,7 @@ def source() -> str:
         if origin is None or not Path(origin).is_file():
             raise Unknown(f"no source of {package}")
         folder = Path(origin).parent
-        for name in sorted(folder.rglob("*.py")):
+        for name in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
             part = name.relative_to(folder)
             if part.parts[0] not in _WITHOUT:
                 digest.update(f"{package}/{part.as_posix()}\0".encode())

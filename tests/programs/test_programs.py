@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -135,6 +136,22 @@ def test_changed_source_is_another_program(kept, monkeypatch):
     kept.call()
     monkeypatch.setattr(kind, "source", lambda: "edited")
     assert kept.call()
+
+
+@pytest.mark.parametrize("file", ["step.py", "tableaus.json"])
+def test_modules_and_numbers_beside_them_are_source(file, tmp_path, monkeypatch):
+    copy = tmp_path / "rockjax" / "_engine"
+    copy.mkdir(parents=True)
+    (copy.parent / "__init__.py").write_text("")
+    for name in ("step.py", "tableaus.json"):
+        (copy / name).write_text(name)
+    spec = SimpleNamespace(origin=str(copy.parent / "__init__.py"))
+    monkeypatch.setattr(kind, "find_spec", lambda _: spec)
+    source = getattr(kind.source, "__wrapped__", kind.source)
+    before = source()
+    assert source() == before
+    (copy / file).write_text("edited")
+    assert source() != before
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o720, 0o702])
