@@ -246,8 +246,15 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
     found = rj.peak_responses(podium, motions, options=USUAL)
     counted = rj.peak_responses(podium, motions, options=USUAL.replace(outputs=(*OUTPUTS, "impacts")))
     np.testing.assert_array_equal(found.overturned, counted.overturned)
+    # Some scenes multiply a rounding by 10⁸, which another method shows.
+    other = rj.peak_responses(podium, motions, options=EVERY)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
-        np.testing.assert_allclose(getattr(found, name), getattr(counted, name), rtol=1e-9, atol=1e-12)
+        ours, theirs, others = (np.asarray(getattr(y, name)) for y in (found, counted, other))
+        np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
+        known = np.isfinite(theirs)
+        off, unsure = np.abs(ours - theirs)[known], np.abs(theirs - others)[known]
+        assert (off <= 1e-12 + 1e-9 * np.abs(theirs[known]) + 0.1 * np.nan_to_num(unsure)).all(), name
+        assert np.median(unsure) < 1e-9
     assert found.stats.steps.sum() < counted.stats.steps.sum()
     # Of those that overturn impacts are counted all the same, but for one or two of each row of bounces.
     counts = (np.asarray(y.impacts)[found.overturned] for y in (found, counted))
