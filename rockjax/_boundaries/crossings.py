@@ -12,6 +12,7 @@ from jax.core import Tracer
 
 from rockjax import _results as results
 from rockjax._batch.batch import LANES, bare_responses
+from rockjax._batch.executors import workers
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._progress import bar
@@ -142,7 +143,7 @@ def scan(
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
         changes = answered.first_changes() if look_closer == "first" else answered.changes()
         close = max(CLOSE, NOISE * float(options.rtol))
-        y, impacts = narrowed(answered, changes, look, close, 2 * LANES)
+        y, impacts = narrowed(answered, changes, look, close, LANES * min(2, workers()))
         crossings = Crossings(answered.line[changes], y, answered.margin[changes] > 0, impacts)
     return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
 

@@ -13,12 +13,12 @@ from .looked import Known, Look
 
 MOST = 64  # divisions of a bracket
 BESIDE = 2  # scenes where a polynomial knows the root; one halves a bracket …
-MOST_PLACES = 32  # … and up to so many divide it where lanes would be idle: few of them tell the most each
+MOST_PLACES = 64  # … and up to so many divide it where lanes would be idle: few of them tell the most each
 CLOSER = 0.05  # of a bracket is left where a polynomial knows the root; else it is divided evenly …
 RIGHT = 2  # … until the polynomial has been right so many times in a row: once may be chance
 AGREED = 0.25  # of the difference between two orders: how far from its zero a polynomial may be
 UNKNOWN = 0.05  # of the bracket, where a straight line is all there is
-SPREAD = 4.0  # from one place beside the zero to the next, where there are several
+SPREAD = 3.0  # from one place beside the zero to the next, where there are several
 
 
 def narrowed(
