@@ -12,8 +12,7 @@ import numpy as np
 from .looked import Known, Look
 
 MOST = 64  # divisions of a bracket
-BESIDE = 2  # scenes where a polynomial knows the root; one halves a bracket …
-MOST_PLACES = 64  # … and up to so many divide it where lanes would be idle: few of them tell the most each
+BESIDE = 2  # scenes where a polynomial knows the root; one halves a bracket, more where lanes would be idle
 CLOSER = 0.05  # of a bracket is left where a polynomial knows the root; else it is divided evenly …
 RIGHT = 2  # … until the polynomial has been right so many times in a row: once may be chance
 AGREED = 0.25  # of the difference between two orders: how far from its zero a polynomial may be
@@ -44,7 +43,7 @@ def narrowed(
             break
         size = np.abs(y[wide, 2] - y[wide, 1])
         root, error = zero(y[wide], margin[wide])
-        share, of = min(lanes // wide.size, MOST_PLACES), right[wide] >= RIGHT
+        share, of = lanes // wide.size, right[wide] >= RIGHT
         jumps, curves = wide[~of], wide[of]
         parts = [
             (jumps, _evenly(y[jumps], max(share, 1))),

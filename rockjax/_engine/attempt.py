@@ -16,7 +16,7 @@ from .coefficients import Coefficients, over_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
-from .runge_kutta import Step
+from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene, Turn
 
@@ -82,9 +82,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
     fresh = (state.sigma != 0) & (state.x[0] == 0)
-    h, reaches = _length(
-        scene, state, constant(a0[0]), _jerk(scene, state, ground_at, a0), fresh, constant(stop)
-    )
+    h, reaches = _length(scene, state, constant(a0[0]), _jerk(scene, state, field, a0), fresh, constant(stop))
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches
     h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
@@ -145,14 +143,14 @@ def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value
     return jnp.where(meets, h * crossing(ahead, zero, one), h)
 
 
-def _jerk(scene: Scene, state: LoopState, ground_at, a0: Vector) -> Value | None:
+def _jerk(scene: Scene, state: LoopState, field: Acceleration, a0: Vector) -> Value | None:
     """d³θ/dt³ at the start of the step under a record, where it tells when columns will meet the ground; None
     under pulses, where it takes as long as it saves."""
     if not isinstance(scene.excitation, AbstractSampled):
         return None
-    c, t, x, v, a = jax.lax.stop_gradient((over_inertia(scene.c), state.t, state.x, state.v, a0))
-    angular = lambda t, x, v: acceleration(c, state.sigma, ground_at(t), x, v)[0]
-    return jax.lax.stop_gradient(jax.jvp(angular, (t, x, v), (jnp.ones_like(t), v, a))[1])
+    moving = jnp.ones_like(state.t), state.v, a0
+    _, jerks = jax.jvp(field, (state.t, state.x, state.v), moving)
+    return jax.lax.stop_gradient(jerks[0])
 
 
 def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:

@@ -115,8 +115,8 @@ def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
 
 
 def test_inverse_eighth_root():
-    for dtype, most in ((np.float64, 30), (np.float32, 30)):
-        y = np.logspace(-most, most, 20001).astype(dtype)
+    for dtype in (np.float64, np.float32):
+        y = np.logspace(-30, 30, 20001).astype(dtype)
         found = jax.jit(inverse_eighth_root)(y)
         assert found.dtype == dtype
         ratio = np.asarray(found, float) * np.asarray(y, float) ** 0.125

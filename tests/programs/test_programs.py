@@ -147,7 +147,7 @@ def test_modules_and_numbers_beside_them_are_source(file, tmp_path, monkeypatch)
         (copy / name).write_text(name)
     spec = SimpleNamespace(origin=str(copy.parent / "__init__.py"))
     monkeypatch.setattr(kind, "find_spec", lambda _: spec)
-    source = getattr(kind.source, "__wrapped__", kind.source)
+    source = kind.source.__wrapped__
     before = source()
     assert source() == before
     (copy / file).write_text("edited")
