@@ -82,7 +82,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
     fresh = (state.sigma != 0) & (state.x[0] == 0)
-    h, reaches = _length(scene, state, constant(a0[0]), _jerk(scene, state, field, a0), fresh, constant(stop))
+    jerk = _jerk(state, field, a0) if plan.impacts or isinstance(scene.excitation, AbstractSampled) else None
+    h, reaches = _length(scene, state, constant(a0[0]), jerk, fresh, constant(stop))
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches
     h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
@@ -143,11 +144,9 @@ def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value
     return jnp.where(meets, h * crossing(ahead, zero, one), h)
 
 
-def _jerk(scene: Scene, state: LoopState, field: Acceleration, a0: Vector) -> Value | None:
-    """d³θ/dt³ at the start of the step under a record, where it tells when columns will meet the ground; None
-    under pulses, where it takes as long as it saves."""
-    if not isinstance(scene.excitation, AbstractSampled):
-        return None
+def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
+    """d³θ/dt³ at the start of the step, which tells when columns will meet the ground. It pays under records,
+    and under pulses where all impacts are wanted: those of a bouncing column are many."""
     moving = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), moving)
     return jax.lax.stop_gradient(jerks[0])

@@ -96,6 +96,23 @@ def test_most_impacts_are_landed_on_at_once(name):
         np.testing.assert_array_equal(found.impacts, count(method="tsit5", rtol=1e-12, atol=1e-14).impacts)
 
 
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_under_pulses_as_well_where_all_impacts_are_wanted(name):
+    podium = PODIUMS[name]
+    amplitude = np.linspace(1.2, 4.0, 8) * G * np.tan(podium.alpha)
+    pulses = rj.Ricker(amplitude[:, None], 2 * np.pi / (podium.p * np.linspace(1.5, 6.0, 8)))
+
+    def count(**options):
+        how = rj.Options(outputs=("peak_rotation", "impacts"), **options)
+        return rj.peak_responses(podium, pulses, options=how)
+
+    found = count()
+    assert found.impacts.sum() > 5000
+    assert found.stats.rejected.sum() < 0.15 * found.impacts.sum()
+    closer = count(rest_velocity=rj.Options().rtol, rtol=1e-11, atol=1e-13)
+    np.testing.assert_array_equal(found.impacts, closer.impacts)
+
+
 def start(motion, options=USUAL):
     podium = PODIUM.split()
     plan = plan_for(podium, options, history=False)
