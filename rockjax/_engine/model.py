@@ -14,7 +14,7 @@ docs/control.md. A podium without any never looks at them.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -162,7 +162,11 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     return theta_ddot, -ground - springs
 
 
-def plus(value: Value, more: Value | float) -> Value:
+@overload
+def plus(value: Value, more: Value | float) -> Value: ...
+@overload
+def plus(value: float, more: float) -> float: ...
+def plus(value: Value | float, more: Value | float) -> Value | float:
     """The sum, where there is something to add: known before tracing."""
     return value if isinstance(more, float) else value + more
 

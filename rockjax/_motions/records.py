@@ -128,7 +128,8 @@ class Records(AbstractSampled):
 
     def sizes(self) -> Float[Array, "k n"]:
         numpy = array_module(self)
-        samples = numpy.arange(self.acceleration.shape[-1])[None] < numpy.asarray(self.counts)[:, None]
+        counts = numpy.asarray(self.counts)[:, None]
+        samples = numpy.arange(self.acceleration.shape[-1], dtype=counts.dtype)[None] < counts
         return numpy.where(samples, numpy.abs(self.acceleration), 0.0)
 
     def chosen(self, which, scale) -> Self:

@@ -91,11 +91,17 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     return _fitted(loss, start, (events, trials), fits)
 
 
-def _fitted(loss, start, data, fits: Bool[Array, ""]) -> Lognormal:
+def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> Lognormal:
     """The maximum of a likelihood in (ln median, ln dispersion): where its gradient is zero."""
     import optimistix as optx  # which takes long to import, and is needed only where a fit is traced
 
     constant = jax.lax.stop_gradient
+
+    # Solvers raise where there is nothing to find, and so do derivatives: they get something else to find.
+    def loss(y, data):
+        return jnp.where(fits, misfit(y, data), 0.5 * jnp.sum(y**2))
+
+    start = jnp.where(fits, start, 0.0)
     near = optx.minimise(
         loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
     )

@@ -168,7 +168,7 @@ def test_derivatives_of_linearised_rocking():
     def found(y):
         R, phi, e, kappa = y
         push = rj.Record(np.full(2, G * math.tan(alpha)), 1e3, kappa)
-        fine = options(1e-13, "dopri8", history=1024, rest_velocity=1e-12)
+        fine = options(1e-13, "dopri8", history=2048, rest_velocity=1e-12)
         podium, start = rj.Podium(alpha, R, restitution=e), rj.State(phi * alpha)
         return rj.simulate(podium, push, initial=start, t_end=900.0, options=fine).impact_times[:impacts]
 

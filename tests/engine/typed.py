@@ -76,12 +76,12 @@ def check_scene(name: str, podium, motion) -> None:
     options = rj.Options(outputs=(*EVERY, "peak_drift", "peak_floor_acceleration", "margin"))
     plan = plan_for(podium, options, history=False)
 
-    def checked():
-        podium_, motion_, start = jax.tree.map(jnp.asarray, (podium.split(), motion, REST))
-        for part in prepare(podium_, motion_, start, None, options, plan):
+    def checked(podium, motion, start):
+        for part in prepare(podium, motion, start, None, options, plan):
             check_fields(part, f"{name}, {type(part).__name__}")
 
-    jax.eval_shape(checked)
+    # As arguments: what is known while tracing may be a number of NumPy.
+    jax.eval_shape(checked, podium.split(), motion, REST)
 
 
 def main() -> None:

@@ -187,7 +187,16 @@ def test_derivatives_of_a_fit():
     "capacity", [[0.5, np.inf, np.inf], [np.inf] * 3, [0.4, 0.4, 0.4]], ids=["one", "none", "all the same"]
 )
 def test_what_does_not_fit_is_not_a_number(capacity):
-    assert np.isnan(fit_capacities(jnp.asarray(capacity), jnp.ones(3)).median)
+    """Nor do its derivatives raise anything: who replaces the number has none by the capacities."""
+    capacity, limit = jnp.asarray(capacity), jnp.ones(3)
+    assert np.isnan(fit_capacities(capacity, limit).median)
+
+    def median(capacity):
+        found = _lognormal.fit_capacities(capacity, limit).median
+        return jnp.where(jnp.isnan(found), 3.0, found)
+
+    for of in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_array_equal(jax.jit(of(median))(capacity), np.zeros(3))
 
 
 def test_counts_that_do_not_overlap_are_not_a_number():
