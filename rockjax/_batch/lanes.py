@@ -34,7 +34,7 @@ from .reach import least_reach
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
-MANY = 1 / 2  # the share of the lanes with trials to make that lets the others wait for them to pass samples
+MANY = 2  # one in so many of the lanes with trials to make lets the others wait for them to pass samples
 
 
 def advance(
@@ -121,8 +121,8 @@ def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes]
     """The lanes past samples at which nothing happens, as long as that is so for many."""
     if state.lane.passing is None:
         return state
-    fewest = MANY * jnp.sum(makes_trials(plan, options, state.lane))
-    many = lambda state: jnp.sum(present(state.lane.passing)) > fewest
+    going = jnp.sum(makes_trials(plan, options, state.lane))
+    many = lambda state: MANY * jnp.sum(present(state.lane.passing)) > going
     return jax.lax.while_loop(many, onward, state)
 
 

@@ -159,16 +159,17 @@ def test_a_file_asks_for_cost_and_expected_loss(tmp_path):
 @pytest.mark.slow
 def test_margins_have_derivatives_by_the_variables():
     """Also by a number that is zero, and by one that moves several numbers of the podium. Windows that open
-    and close on rays make the margin rough by 1e-3 or so."""
-    target = optimise.FailureProbability(0.05, MOTION, cov=0.4, rays=16)
-    box = variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)})
-    sampled = SampledTargets(box, (target,))
-    x, h = np.array(box.start()), 0.03
-    row = sampled.at(x)[0]
-    for k in range(2):
-        there = x.copy()
-        there[k] += h
-        assert row.slope[k] == pytest.approx((sampled.at(there)[0].margin - row.margin) / h, rel=0.3)
+    and close on rays make margins rough, each sample's in its own way, so the mean of some is looked at."""
+    box, h = variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)}), 0.03
+    x = np.array(box.start())
+    slopes, differences = [], []
+    for seed in range(3):
+        target = optimise.FailureProbability(0.05, MOTION, cov=0.4, rays=64, seed=seed)
+        sampled = SampledTargets(box, (target,))
+        row = sampled.at(x)[0]
+        slopes.append(row.slope)
+        differences.append([(sampled.at(x + h * e)[0].margin - row.margin) / h for e in np.eye(2)])
+    np.testing.assert_allclose(np.mean(slopes, axis=0), np.mean(differences, axis=0), rtol=0.3)
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ import pytest
 import optimise
 import rockjax as rj
 from optimise._suite import Suite
-from optimise._targets import AbstractScaleTarget
 
 BLOCK = rj.Podium(alpha=0.3, R=1.0)
 BOX = {"alpha": (0.05, 0.5)}
@@ -200,9 +199,21 @@ def test_slopes_of_a_batch_are_those_of_its_capacities():
     target = optimise.MedianCapacity(
         1.0, optimise.FreshSamples(rj.GaussianMotion(61, 0.06, 0.02), 4), width=1e-3
     )
-    assert isinstance(target, AbstractScaleTarget)
     options = rj.Options(rtol=1e-10, atol=1e-12, throw=False)
-    both = jax.jit(lambda a: jax.jvp(lambda a: target.margins(BLOCK.replace(alpha=a), options), (a,), (1.0,)))
-    (low, _), (_, slope), (high, _) = (both(0.15 + step) for step in (-1e-6, 0.0, 1e-6))
-    assert np.allclose(slope, (high - low) / 2e-6, rtol=1e-4)
+
+    def of_alpha(a):
+        scales = target.least_scales(BLOCK.replace(alpha=a), options)
+        return scales, target.of_scales(scales)
+
+    both = jax.jit(lambda a: jax.jvp(of_alpha, (a,), (1.0,)))
+    ((low, _), _), ((scales, _), (slopes, slope)), ((high, _), _) = map(
+        both, 0.15 + np.array([-1e-6, 0, 1e-6])
+    )
+    # At others a window narrower than `width` opens or closes below the boundary, as the columns may rock
+    # chaotically: it jumps.
+    steady = np.abs(high - low) < 1e-4 * scales
+    assert steady.sum() >= 2
+    np.testing.assert_allclose(slopes[steady], (high - low)[steady] / 2e-6, rtol=1e-4)
+    _, expected = jax.jvp(target.of_scales, (scales,), (slopes,))
+    np.testing.assert_allclose(slope, expected, rtol=1e-9)
     assert slope[0] > 0
