@@ -244,7 +244,8 @@ def energetic_impacts(scene: Scene, before: Energetic | None, hit: Flag, speed: 
     if before is None:
         return None
     ratio = jax.lax.stop_gradient(speed / (scene.c.p * scene.c.alpha))
-    one = jnp.where(hit, jnp.minimum(ratio * ratio, 1.0) ** 4, 0.0)
+    # On along the tangent: of faster ones a difference of speeds tells as well.
+    one = jnp.where(hit, jnp.minimum(ratio * ratio, 1.0) ** 4 + 8 * jnp.maximum(ratio - 1, 0.0), 0.0)
     return Energetic(before.total + one, jnp.where(hit, one, before.last))
 
 

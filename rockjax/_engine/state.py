@@ -50,8 +50,8 @@ class Turn(NamedTuple):
 
 
 class Energetic(NamedTuple):
-    """Impacts by their energy: each counts as (|θ̇⁻|/(pα))⁸, at most 1, so that those count from which columns
-    can overturn."""
+    """Impacts by their speed: each counts as y⁸, y = |θ̇⁻|/(pα), so that those count from which columns can
+    overturn, and faster ones as 1 + 8(y − 1)."""
 
     total: Value  # of all so far …
     last: Value  # … and of the last one

@@ -47,10 +47,13 @@ def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     Where rocking is chaotic, both may have the same peak, from before, and stand by chance. A solution that
     goes on for longer may have one impact more. Where both overturn, they do so at times of their own.
     """
-    apart = a["energetic"] - b["energetic"]
-    one_more = xp.minimum(abs(apart - a["last_energetic"]), abs(apart + b["last_energetic"]))
+    apart, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
+    one_more = xp.minimum(abs(apart - last[0]), abs(apart + last[1]))
+    # Equal sums, and the last impact of each another one than of the other.
+    by_chance = (abs(last[0] - last[1]) > PARTED) & (xp.minimum(*last) > PARTED)
+    as_many = xp.where(by_chance, xp.inf, abs(apart))
     falls = abs(a["fall_time"] - b["fall_time"]) > FALL_APART  # not so where one of them is NaN
-    return falls | (xp.minimum(abs(apart), one_more) > PARTED)
+    return falls | (xp.minimum(as_many, one_more) > PARTED)
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio, xp) -> Errors:
