@@ -375,7 +375,7 @@ CHAOTIC = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(but=["squat"])
 @pytest.mark.parametrize("name", CHAOTIC)
 def test_chaotic_scenes_are_undecided(name):
     """Chaotic rocking on a superstructure that hardly damps: wherever a tighter tolerance changes the class,
