@@ -52,7 +52,6 @@ def fit_capacities(
     mean = jnp.sum(w_known * log) / total
     spread = jnp.sqrt(jnp.sum(w_known * (log - mean) ** 2) / total)
     fits = spread > NARROWEST
-    spread = jnp.where(fits, spread, 1.0)
 
     def loss(y, data):
         log, w = data
@@ -78,8 +77,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     # Where to begin: the levels around which the shares change.
     share = (events + 0.5) / (trials + 1.0)
     slope, offset = jnp.polyfit(log, norm.ppf(share), 1)
-    slope = jnp.where(fits & (slope > 0.1), slope, 1.0)
-    middle = jnp.where(fits, -offset / slope, 0.0)
+    slope = jnp.where(slope > 0.1, slope, 1.0)
+    middle = -offset / slope
 
     def loss(y, data):
         z = (log - y[0]) / jnp.exp(y[1])
