@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
@@ -27,9 +28,15 @@ def filled(kind: type[_Kind], **fields: Any) -> _Kind:
     Raises `TypeError` for a field that is not given and has no default.
     """
     made = object.__new__(kind)
-    for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
-        value = fields.get(field.name, field.default)
+    for name, default in _defaults(kind):
+        value = fields.get(name, default)
         if value is dataclasses.MISSING:
-            raise TypeError(f"{kind.__name__}: no {field.name}")
-        object.__setattr__(made, field.name, value)
+            raise TypeError(f"{kind.__name__}: no {name}")
+        object.__setattr__(made, name, value)
     return made
+
+
+@functools.cache
+def _defaults(kind: type) -> tuple[tuple[str, Any], ...]:
+    """The names of fields, and what each is by default."""
+    return tuple((field.name, field.default) for field in dataclasses.fields(kind))

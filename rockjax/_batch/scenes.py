@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -83,12 +84,20 @@ class SceneBatch(NamedTuple):
         Those of the devices lie one after another, each filled up to the compiled size with copies that are
         never run.
         """
-        place = np.arange(devices)[:, None] + devices * np.arange(size)
+        place = np.arange(size)
+        if devices > 1:
+            place = (np.arange(devices)[:, None] + devices * place).ravel()
         which = numbers.of(np.where(place < numbers.scenes, place, 0))
-        which = self.in_grid(np.minimum(which, self.total - 1).ravel())
+        which = self.in_grid(np.minimum(which, self.total - 1))
         return [
-            y if rows is None else y[rows.flat[which]] for y, rows in zip(self.leaves, self.rows, strict=True)
+            y if rows is None else y[_picked(rows, which)]
+            for y, rows in zip(self.leaves, self.rows, strict=True)
         ]
+
+
+def _picked(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of the rows, by their places in C order: `rows.flat[which]`, at once where they lie like this."""
+    return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
 
 
 def broadcast(
@@ -110,10 +119,10 @@ def broadcast(
             rows.append(None)
             continue
         # A row is stored once, however many scenes share it.
-        index = np.arange(int(np.prod(batch, dtype=int)), dtype=np.int32).reshape(batch)
-        rows.append(np.broadcast_to(index, shape or batch))
+        index = np.arange(math.prod(batch), dtype=np.int32).reshape(batch)
+        rows.append(index if batch == shape else np.broadcast_to(index, shape or batch))
         leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
-    total = int(np.prod(shape, dtype=int))
+    total = math.prod(shape)
     return SceneBatch(leaves, rows, structure, total, _order(excitations, shape)), shape
 
 
@@ -123,7 +132,7 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
     Motions that just lift the columns rock them longest, strong ones overturn them soon: with these in the
     end, lanes are not left idle beside a few long scenes.
     """
-    if np.prod(shape) > SORTED:
+    if math.prod(shape) > SORTED:
         return None
     strength = excitations.strength()
     if strength is None or np.size(strength) == 1:

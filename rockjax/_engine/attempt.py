@@ -12,6 +12,7 @@ from rockjax._excitations.sampled import AbstractSampled
 from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
+from .bits import inverse_eighth_root
 from .coefficients import Coefficients, over_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
 from .model import acceleration, steady_for
@@ -186,18 +187,6 @@ def factor(plan: Plan, error: Value) -> Value:
     # The logarithm is a call for each lane, pow is worse, and roots of many lanes are taken one by one.
     root = inverse_eighth_root(error) if order == 8 else jnp.exp(-jnp.log(error) / order)
     return jnp.clip(SAFETY * root, SHRINK, GROW)
-
-
-def inverse_eighth_root(y: Value) -> Value:
-    """y^(−1/8) of positive numbers to 1 %: the bits of a floating-point number are nearly its logarithm, and
-    one step of Newton."""
-    kind, mantissa = (jnp.int64, 52) if y.dtype == jnp.float64 else (jnp.int32, 23)
-    one = jax.lax.bitcast_convert_type(jnp.ones((), y.dtype), kind)
-    logarithm = jax.lax.shift_right_logical(jax.lax.bitcast_convert_type(y, kind), jnp.asarray(3, kind))
-    # Between powers of 2 the bits go up in a straight line, which is below the logarithm: half of the most.
-    bits = one + (one >> 3) - logarithm - jnp.asarray(int(0.0485 * 2**mantissa), kind)
-    root = jax.lax.bitcast_convert_type(bits, y.dtype)
-    return root * (9 - y * root**8) / 8
 
 
 def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Value:

@@ -2,7 +2,8 @@
 
 A rigid column that has hit the ground with little speed bounces on in ever shorter hops, each of which keeps
 e of the speed, and rests after a time that is easily bounded. Where the ground cannot lift it before then,
-nothing is left of the bounces but the state at rest, and that is the same from the first of them on.
+and no hop is as high as it was before, nothing is left of the bounces but the state at rest, and that is the
+same from the first of them on.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._excitations.base import Shaking
-from rockjax._excitations.sampled import AbstractSampled
 from rockjax._once import once
 from rockjax._types import Flag, Index, Value
 
+from .bits import rough_logarithm
 from .coefficients import Coefficients, present
-from .model import acceleration, horizontal, shear
+from .model import horizontal
 from .state import Decision, LoopState, Plan, Scene
 
 AHEAD = 2.0  # the ground motion is looked at for so much longer than bounces last as things are
@@ -44,69 +45,74 @@ def skipped_bounces(
     """Where columns hit with the speed |θ̇|; `now` is the time, the piece and the ground acceleration then.
 
     They are followed where something is elastic, restrainers hold the columns or impacts are wanted, and
-    under pulses: under these there are few before it is certain that nothing changes any more.
+    under motions that do not say how strong they can get in a while.
     """
     if replayed is not None:  # what rests has no speed, by whichever rule
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
-    sampled = isinstance(scene.excitation, AbstractSampled)
-    if not (plan.skip_bounces and sampled and scene.c.restraint is None):
+    to_rest = None
+    if plan.skip_bounces and scene.c.restraint is None:
+        to_rest = _bounces_to_rest(scene, plan, state, now, scene.c.restitution * speed)
+    if to_rest is None:
         return Skipped(jnp.zeros_like(hit), jnp.zeros_like(state.impacts), speed)
-    left = scene.c.restitution * speed
-    t, piece, ground = now
-    to_rest = once(hit & _bounces_to_rest(scene, plan, state, t, piece, horizontal(ground), left))
-    impacts = once(jnp.where(to_rest, _bounces_from(scene, left), 0))
-    # The last of them leaves the rest velocity.
-    last = scene.rest / jnp.maximum(scene.c.restitution, jnp.finfo(speed.dtype).tiny)
-    return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, last), speed))
+    to_rest = once(hit & to_rest)
+    impacts = once(jnp.where(to_rest, _bounces_from(scene, scene.c.restitution * speed), 0))
+    return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, scene.slowest), speed))
 
 
 def _bounces_to_rest(
-    scene: Scene, plan: Plan, state: LoopState, t: Value, piece: Index, ground: Value, speed: Value
-) -> Flag:
-    """Whether columns that leave θ = 0 with the speed |θ̇| at t rest before the ground can lift them.
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    now: tuple[Value, Index, Value | Shaking],
+    speed: Value,
+) -> Flag | None:
+    """Whether columns that leave θ = 0 with the speed |θ̇| rest before the ground can lift them, and before
+    they are as high as they were; None where the ground motion does not say.
 
     Hops begin with speeds w eᵏ. Where the ground takes no more than leaves a deceleration a, each of them is
     w²/(2a) high at most and lasts 2w eᵏ/a at most, all together 2w/(a(1 − e)).
     """
-    scene, state, t, ground, speed = jax.lax.stop_gradient((scene, state, t, ground, speed))
-    c, zero = scene.c, jnp.zeros_like(t)
-    loss = 1 - jnp.clip(c.restitution, 0.0, 1.0)
+    scene, state, now, speed = jax.lax.stop_gradient((scene, state, now, speed))
+    c, (t, piece, shaking) = scene.c, now
+    ground = jnp.abs(horizontal(shaking))
 
-    def deceleration(ground: Value, theta: Value) -> Value:
-        """−θ̈ on the side to which the ground accelerates the columns."""
-        return -acceleration(c, jnp.ones_like(t), -ground, (theta,), (zero,))[0]
+    def at_foot(ground: Value) -> Value:
+        """−θ̈ times its inertia, Eq. (24), at θ = 0 on the side to which the ground accelerates the
+        columns."""
+        return c.gravity * c.sin_alpha - c.ground * ground * c.cos_alpha
 
-    def duration(a: Value) -> Value:
-        lost = jnp.maximum(a, 0.0) * loss
-        return jnp.where(lost > 0, 2 * speed / jnp.where(lost > 0, lost, 1.0), jnp.inf)
-
-    room = scene.excitation.breakpoint(piece) - t
-    ahead = jnp.minimum(AHEAD * duration(deceleration(jnp.abs(ground), zero)), room)
-    ahead = jnp.where(jnp.isfinite(ahead), ahead, 0.0)
-    later = jnp.abs(scene.excitation.piece(piece)(t + ahead))
-    most = jnp.maximum(jnp.abs(ground), later)  # between them it goes along a line
-    least = deceleration(most, zero)
-    height = speed**2 / jnp.where(least > 0, least, 1.0)  # if no less than half is left up there
-    at_top = deceleration(most, height)
-    rests = (least > 0) & (at_top > 0.5 * least) & (duration(at_top) < ahead)
+    # How long all hops last, times what slows them down and what restitution takes.
+    lasts, taken = 2 * speed * c.inertia, 1 - c.restitution
+    slows, room = at_foot(ground) * taken, scene.excitation.breakpoint(piece) - t
+    ahead = jnp.minimum(AHEAD * lasts / jnp.where(slows > 0, slows, 1.0), room)
+    ahead = jnp.where((slows > 0) & jnp.isfinite(ahead), ahead, 0.0)
+    most = scene.excitation.at_most(piece, t, ahead, ground)
+    if most is None:
+        return None
+    least = at_foot(most)
+    height = speed**2 * c.inertia / jnp.where(least > 0, least, 1.0)  # if no less than half is left up there
+    # The sine is steeper than 1 nowhere, and the cosine not than sin α.
+    at_top = least - height * (c.gravity + c.ground * most * c.sin_alpha)
+    rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken) & (height < state.peak)
     if plan.shear:
-        rests &= _shear_at_most(c, most, height, speed) < present(state.shear)
+        rests &= _beam_at_most(c, most, height, speed) < present(state.shear) * c.g
     return rests
 
 
-def _shear_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) -> Value:
-    """The most shear of hops so high at most: that of columns that just lift, under a ground acceleration of
-    this size to either side, and what rotation and its rate add."""
-    one, zero = jnp.ones_like(height), (jnp.zeros_like(height),)
-    each = (shear(c, one, g, zero, zero, acceleration(c, one, g, zero, zero)) for g in (ground, -ground))
+def _beam_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) -> Value:
+    """The most absolute acceleration of the beam over hops so high at most: that of columns that just lift,
+    Eqs. (14), (24), under a ground acceleration of this size to either side, and what rotation and its rate
+    add."""
+    per_moment = c.two_R / c.inertia
+    lifting = per_moment * c.cos_alpha
+    at_foot = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
     # By the rotation ψ changes, and with it 2Rθ̈ cos ψ, by less than 2R(p² + |θ̈|) θ.
-    fastest = c.gravity / c.inertia * (1 + ground / c.g)
-    turned = c.two_R * 2 * fastest * height / c.g
-    return jnp.maximum(*map(jnp.abs, each)) + turned + c.two_R * speed**2 / c.g
+    turned = 2 * per_moment * (c.gravity + c.ground * ground) * height
+    return at_foot + turned + c.two_R * speed**2
 
 
 def _bounces_from(scene: Scene, speed: Value) -> Index:
     """How many impacts there are until restitution leaves no more than the rest velocity of a speed |θ̇|."""
     speed = jax.lax.stop_gradient(speed)
-    count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
+    count = jnp.ceil(rough_logarithm(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

@@ -299,8 +299,14 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     )
     force = state.shear
     if plan.shear:
-        highest = scene.lookahead.highest_time(t, jnp.minimum(lifts_at, end))
-        force = larger(jnp.abs(excitation(constant(highest))) / c.g, present(state.shear))
+        # Where the ground jumps, the columns lift before the superstructure feels it; and where it has come
+        # to rest, what it jumped from is past.
+        digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
+        until = jnp.where(lifts, stamp - jnp.where(jumps, digit, 0.0), end)
+        stays = (until > t) & (t < constant(excitation.support[1]))
+        highest = jnp.clip(scene.lookahead.highest_time(t, until), t, until)  # none outside of the motion
+        size = jnp.abs(excitation(constant(highest)))
+        force = larger(jnp.where(stays, size, 0.0) / c.g, present(state.shear))
     lifted = state._replace(
         t=stamp,
         event_time=now,

@@ -208,6 +208,7 @@ def _scene(
     end = default_end(podium, excitation) if t_end is None else t_end
     longest = options.stride * _longest_step(c)
     excited = _longest_excited(excitation, longest, options)
+    rest = constant(_rest_velocity(c, options))
     return Scene(
         c=c,
         excitation=excitation,
@@ -215,10 +216,11 @@ def _scene(
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
-        rest=constant(_rest_velocity(c, options)),
+        rest=rest,
         estimated=_estimated(plan, options),
         pass_below=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
         lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
+        slowest=constant(rest / jnp.maximum(c.restitution, jnp.finfo(rest.dtype).tiny)),
         landing=_landing(options),
         split=_closer(options, SPLIT_CLOSER, SPLIT),
         whole=_closer(options, WHOLE_CLOSER, 1.0),

@@ -68,6 +68,7 @@ class Scene(NamedTuple):
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     lost: Value  # −ln e
+    slowest: Value  # impact, which leaves the rest velocity [rad/s]
     estimated: Value | None  # what the estimate of a lower order than usual counts; None: all of it
     pass_below: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event

@@ -139,6 +139,12 @@ class AbstractExcitation(Module):
             "of |d²ü_g/dt²| between breakpoints"
         )
 
+    def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value | None:
+        """A bound of |ü_g| for so long ahead of t, no further than to the end of the piece, where it is `now`
+        at t [m/s²]; None where nothing is known."""
+        del piece, t, ahead, now
+        return None
+
     def lowest(self) -> tuple[Value, Value]:
         """The least ü_g [m/s²], which may be positive, and when [s], of a single motion."""
         start, end = self.support

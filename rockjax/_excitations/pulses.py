@@ -188,8 +188,12 @@ class AbstractPulse(AbstractExcitation):
 
         return inside if self.compact else formula
 
+    def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
+        del piece, t
+        return now + jnp.abs(self.a_p / self.T_p) * _most(type(self), 1) * ahead
+
     def curvature(self) -> Value:
-        return jnp.abs(self.a_p) * _bend(type(self)) / self.T_p**2
+        return jnp.abs(self.a_p) * _most(type(self), 2) / self.T_p**2
 
     def lowest(self) -> tuple[Value, Value]:
         heights = np.array([float(self.shape(np.float64(z))) for z in self.knots()])
@@ -231,12 +235,12 @@ class AbstractPulse(AbstractExcitation):
 
 
 @functools.cache
-def _bend(pulse: type[AbstractPulse]) -> float:
-    """A bound of |s''| inside the span of a shape, by differences."""
+def _most(pulse: type[AbstractPulse], order: int) -> float:
+    """A bound of a derivative of a shape inside its span, by differences."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():
         s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))
-    return 1.01 * float(np.abs(np.diff(s, 2)).max()) / h**2
+    return 1.01 * float(np.abs(np.diff(s, order)).max()) / h**order
 
 
 def _exp(x):

@@ -117,6 +117,10 @@ class AbstractSampled(AbstractExcitation):
         t0 = self.sample_time(i)
         return lambda t: a0 + slope * (t - t0)
 
+    def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
+        # From one sample to the next it goes along a line.
+        return jnp.maximum(now, jnp.abs(self.piece(piece)(t + ahead)))
+
     def curvature(self) -> Value:
         return jnp.zeros_like(self.sampling.dt)
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from rockjax._threads import meanwhile
 
 from . import folder, kind
 from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
-from .settings import ARRAYS, is_here, present_settings, type_of, usual
+from .settings import ARRAYS, present_settings, types_here, usual
 from .turns import is_mine, turn
 
 _LOG = logging.getLogger("rockjax")
@@ -67,9 +68,10 @@ class KeptProgram:
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         passed, fixed = self._split(arguments, named)
-        if not all(map(is_here, passed)) or not usual():
+        types = types_here(passed)
+        if types is None or not usual():
             return self._jitted(fixed)(*passed)
-        key = fixed, tuple(map(type_of, passed)), present_settings()
+        key = fixed, types, present_settings()
         ready = self._ready.get(key) or self._make(key, passed, fixed)
         try:
             return ready(*passed)
@@ -83,9 +85,10 @@ class KeptProgram:
         """Load or compile, while something else goes on, what will be called with arguments of these
         kinds."""
         passed, fixed = self._split(arguments, named)
-        if not all(map(is_here, passed)) or not usual():
+        types = types_here(passed)
+        if types is None or not usual():
             return
-        key = fixed, tuple(map(type_of, passed)), present_settings()
+        key = fixed, types, present_settings()
         if key in self._ready:
             return
 
@@ -102,8 +105,9 @@ class KeptProgram:
 
     def _split(self, arguments: tuple, named: dict[str, Any]) -> tuple[list, _Fixed]:
         leaves, structure = jax.tree.flatten(arguments)
-        kept = tuple(None if isinstance(y, self._passed) else y for y in leaves)
-        passed = [y for y, other in zip(leaves, kept, strict=True) if other is None]
+        passes = [type(y) is np.ndarray or isinstance(y, self._passed) for y in leaves]
+        passed = [y for y, goes in zip(leaves, passes, strict=True) if goes]
+        kept = tuple(None if goes else y for y, goes in zip(leaves, passes, strict=True))
         return passed, _Fixed(structure, kept, tuple(sorted(named.items())))
 
     def _jitted(self, fixed: _Fixed) -> Any:

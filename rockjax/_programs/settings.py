@@ -23,18 +23,22 @@ def _sharding() -> jax.sharding.Sharding:
     return jax.sharding.SingleDeviceSharding(device())
 
 
-def is_here(leaf: Any) -> bool:
-    """Whether it is a number or array on the CPU that programs are kept for."""
-    if isinstance(leaf, jax.Array):
-        return not isinstance(leaf, Tracer) and leaf.sharding == _sharding()
-    return True  # of NumPy or Python
-
-
-def type_of(leaf: Any) -> Hashable:
-    """What a program is compiled for of a number or an array: arrays of NumPy and of JAX are the same."""
-    if isinstance(leaf, ARRAYS):
-        return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)
-    return type(leaf)
+def types_here(leaves: list[Any]) -> tuple[Hashable, ...] | None:
+    """What a program is compiled for of numbers and arrays, where arrays of NumPy and of JAX are the same; None
+    unless all are known, and on the CPU that programs are kept for."""
+    here, found = _sharding(), []
+    for leaf in leaves:
+        if type(leaf) is np.ndarray or isinstance(leaf, np.generic):
+            found.append((leaf.shape, leaf.dtype, False))
+        elif isinstance(leaf, Tracer):
+            return None
+        elif isinstance(leaf, ARRAYS):
+            if isinstance(leaf, jax.Array) and leaf.sharding != here:
+                return None
+            found.append((leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
+        else:
+            found.append(type(leaf))
+    return tuple(found)
 
 
 def usual() -> bool:

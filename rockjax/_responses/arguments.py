@@ -28,10 +28,15 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
 
 def check_precision(options: Options) -> None:
     """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
-    kind = float_type()
-    least = 20 * float(np.finfo(kind).eps)
-    accepted = f">= {least:.1e} in {kind} (loosen it, or enable float64 with jax_enable_x64)"
+    least, accepted = _least_tolerance(float_type())
     require("Options", "rtol", options.rtol, lambda v: v >= least, accepted)
+
+
+@functools.cache
+def _least_tolerance(kind: np.dtype) -> tuple[float, str]:
+    """The least tolerance of a floating-point type, in words as well."""
+    least = 20 * float(np.finfo(kind).eps)
+    return least, f">= {least:.1e} in {kind} (loosen it, or enable float64 with jax_enable_x64)"
 
 
 def check_single(owner: str, podium: Podium) -> None:

@@ -11,7 +11,7 @@ import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
 from rockjax._engine import hermite
-from rockjax._engine.attempt import inverse_eighth_root
+from rockjax._engine.bits import inverse_eighth_root, rough_logarithm
 from rockjax._engine.runge_kutta import step
 from rockjax._engine.scene import plan_for
 from rockjax._engine.tableaus import nystrom, tableau
@@ -93,12 +93,14 @@ def test_rigid_columns_that_nothing_brakes_take_the_nystrom_method():
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
 def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
-    """Rigid columns under pulses that they survive: errors of both, and neither takes many more trials."""
+    """Rigid columns under pulses that they survive, bounces and all: errors of both, and neither takes many
+    more trials."""
     podium = PODIUMS["rigid"]
     pulses = rj.Ricker(np.linspace(2.0, 6.0, 200), np.linspace(0.4, 0.9, 200))
+    outputs = ("peak_rotation", "impacts")
 
     def errors(method):
-        options = rj.Options(rtol=rtol, atol=1e-2 * rtol, method=method, outputs=("peak_rotation",))
+        options = rj.Options(rtol=rtol, atol=1e-2 * rtol, method=method, outputs=outputs)
         scenes, _ = broadcast("test", podium, pulses, rj.State(), None)
         floats, integers, tally = run_batch(scenes, options, False)
         found = np.where(integers["overturned"], np.nan, floats["peak_rotation"])
@@ -112,6 +114,13 @@ def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
     assert ours < max(1.5 * theirs, 2e-14)
     assert ours < 0.1 * rtol
     assert trials < 1.1 * trials_of_theirs
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_rough_logarithm(kind):
+    y = np.geomspace(1, 1e30, 4001, dtype=kind)
+    np.testing.assert_allclose(jax.jit(rough_logarithm)(y), np.log(y), atol=2e-4)
+    assert rough_logarithm(kind(1)) == 0
 
 
 def test_inverse_eighth_root():

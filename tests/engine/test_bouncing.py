@@ -1,0 +1,100 @@
+"""Bounces that end at rest whatever happens on the way, and are not followed."""
+
+import jax
+import numpy as np
+import pytest
+
+import rockjax as rj
+from tests.scenes import PODIUMS
+
+PODIUM = PODIUMS["rigid"]
+OUTPUTS = ("peak_rotation", "peak_shear", "margin")
+LIFTS = float(PODIUM.uplift_ground_acceleration)
+
+
+def followed(options: rj.Options) -> rj.Options:
+    """Who counts impacts follows all of them."""
+    return options.replace(outputs=(*options.outputs, "impacts"))
+
+
+@pytest.mark.parametrize("pulse", [rj.Ricker, rj.OneCosine])
+def test_pulses_have_the_same_peaks(pulse):
+    options = rj.Options(outputs=OUTPUTS)
+    ratios, periods = np.linspace(1.02, 4.0, 40)[:, None], np.array([0.4, 1.0, 2.5])
+    pulses = pulse(ratios * LIFTS, periods)
+    found = rj.peak_responses(PODIUM, pulses, options=options)
+    known = rj.peak_responses(PODIUM, pulses, options=followed(options))
+    np.testing.assert_array_equal(found.overturned, known.overturned)
+    for name in (*OUTPUTS, "peak_rotation_time", "uplift_time"):
+        np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-9, atol=1e-12)
+    assert (found.impacts[found.overturned] <= known.impacts[found.overturned] + 2).all()
+
+
+def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
+    """Columns that come to rest between two lobes of a Ricker pulse."""
+    options = rj.Options(outputs=("peak_rotation",))
+    pulses = rj.Ricker(np.linspace(3.31, 3.36, 6), 1.0)
+    podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
+    found = rj.peak_responses(podium, pulses, options=options)
+    known = rj.peak_responses(podium, pulses, options=followed(options))
+    assert known.stats.steps.max() > 300
+    assert found.stats.steps.max() < 100
+
+
+def test_derivatives_of_pulses_are_the_same():
+    """Where columns rest before the main lobe, after bounces; forward and in reverse."""
+    options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation",))
+
+    def slopes(transform, options):
+        def peak(alpha, a_p):
+            podium = PODIUM.replace(alpha=alpha)
+            return rj.peak_response(podium, rj.Ricker(a_p, 1.0), options=options).peak_rotation
+
+        return np.array(transform(peak, (0, 1))(float(PODIUM.alpha), 2.26 * LIFTS))
+
+    known = slopes(jax.jacfwd, followed(options))
+    assert np.abs(known).min() > 1e-3
+    for transform in (jax.jacfwd, jax.grad):
+        np.testing.assert_allclose(slopes(transform, options), known, rtol=1e-7)
+
+
+def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
+    """Shear after a motion that ends with a jump above the acceleration that lifts: there is none."""
+    ratio, options = 2.0, rj.Options(outputs=("peak_rotation", "peak_shear"))
+    pulse = rj.OneCosine(ratio * LIFTS, 0.4)
+    history = rj.simulate(PODIUM, pulse, options=options)
+    dense = history.base_shear(np.linspace(0, float(history.stats.end_time), 200_001)[1:])
+    known = float(np.abs(dense).max())
+    assert known < 0.8 * ratio * LIFTS / float(PODIUM.g)
+    assert float(history.peak_shear) == pytest.approx(known, rel=1e-5)
+    record = rj.Record(ratio * LIFTS * np.cos(2 * np.pi * np.arange(41) / 40), 0.01)
+    for shaking in (pulse, record):
+        found = rj.peak_response(PODIUM, shaking, options=followed(options))
+        assert float(found.peak_shear) == pytest.approx(known, rel=1e-5)
+
+
+def test_columns_lift_before_a_jump_is_felt():
+    """The ground moves vertically first; when it jumps horizontally the columns are in full contact."""
+    vertical = rj.Record(0.1 * np.sin(np.arange(150) / 8), 0.01, t_start=-1.0)
+    motion = rj.GroundMotion(rj.OneCosine(2.0 * LIFTS, 0.4), vertical)
+    options = rj.Options(outputs=("peak_rotation", "peak_shear"))
+    found = float(rj.peak_response(PODIUM, motion, options=options).peak_shear)
+    alone = float(rj.peak_response(PODIUM, rj.OneCosine(2.0 * LIFTS, 0.4), options=options).peak_shear)
+    assert found == pytest.approx(alone, rel=0.05)
+
+
+@pytest.mark.parametrize("spacing", [0.1, 1.0])
+@pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
+def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
+    """From a small rotation against the ground acceleration columns fall fast, and go far to the other
+    side, where little brings them back."""
+    record = rj.Record(np.append(np.full(4, ratio * LIFTS), 0.0), spacing)
+    options = rj.Options(outputs=("peak_rotation",))
+    for start in (1e-8, 1e-6, 1e-4):
+        initial = rj.State(theta=start * PODIUM.alpha)
+        found, known = (
+            rj.peak_response(PODIUM, record, initial=initial, options=each).peak_rotation
+            for each in (options, followed(options))
+        )
+        assert float(known) > 1.5 * start
+        assert float(found) == pytest.approx(float(known), rel=1e-8)
