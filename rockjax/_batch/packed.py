@@ -28,7 +28,7 @@ class Form(NamedTuple):
         return _form, (self.structure, self.leaves)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _form(structure: Any, leaves: tuple[tuple[str, Shape], ...]) -> Form:
     return Form(structure, leaves)
 

@@ -24,8 +24,8 @@ def _sharding() -> jax.sharding.Sharding:
 
 
 def types_here(leaves: list[Any]) -> tuple[Hashable, ...] | None:
-    """What a program is compiled for of numbers and arrays, where arrays of NumPy and of JAX are the same; None
-    unless all are known, and on the CPU that programs are kept for."""
+    """What a program is compiled for of numbers and arrays, where arrays of NumPy and of JAX are the same;
+    None unless all are known, and on the CPU that programs are kept for."""
     here, found = _sharding(), []
     for leaf in leaves:
         if type(leaf) is np.ndarray or isinstance(leaf, np.generic):

@@ -64,8 +64,8 @@ class AbstractPeak(Module):
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that,
-      because what was wanted stood (ask for the output `"impacts"`, or for a history). Bounces of rigid columns
-      that end at rest are counted by restitution alone, unless it is wanted
+      because what was wanted stood (ask for the output `"impacts"`, or for a history). Bounces of rigid
+      columns that end at rest are counted by restitution alone, unless it is wanted
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; of several modes each,
       along a last axis
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none
