@@ -17,6 +17,7 @@ from rockjax._excitations.base import Shaking
 from rockjax._once import once
 from rockjax._types import Flag, Index, Value
 
+from . import margin
 from .bits import rough_logarithm
 from .coefficients import Coefficients, present
 from .model import horizontal
@@ -94,6 +95,8 @@ def _bounces_to_rest(
     # The sine is steeper than 1 nowhere, and the cosine not than sin α.
     at_top = least - height * (c.gravity + c.ground * most * c.sin_alpha)
     rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken) & (height < state.peak)
+    if plan.margin:  # of a turning point, where nothing but gravity turns the columns back
+        rests &= present(state.margin) <= margin.at_rest(c, scene.overturn_angle, height)
     if plan.shear:
         rests &= _beam_at_most(c, most, height, speed) < present(state.shear) * c.g
     return rests

@@ -85,16 +85,9 @@ def derivative(coefficients: Sequence[Values]) -> list[Values]:
 
 
 @functools.partial(jax.jit, static_argnames="iterations")
-def _safeguarded_newton(
-    f: Sequence[Values], lo: Values, hi: Values, above: Values, below: Values, iterations: int
-) -> Values:
-    """Where the polynomial passes from positive at lo to negative at hi: Newton from the secant, kept in by
-    bisection.
-
-    Its values at lo and hi are `above` and `below`.
-    """
-    fall = above - below
-    z = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
+def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, iterations: int) -> Values:
+    """Where the polynomial passes from positive at lo to negative at hi: Newton from z, kept in by
+    bisection."""
     f, df, z = once((list(f), derivative(f), z))
     for _ in range(iterations):
         value, slope = once(_horner(f, z)), _horner(df, z)
@@ -108,28 +101,54 @@ def _safeguarded_newton(
 
 def turning_point(polynomial, rising: Flags) -> Values:
     """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z
-    = 1."""
+    = 1.
+
+    What begins at rest, as columns do that are lifted, has no slope at z = 0, and after an uplift that is
+    not a jump no curvature either, but for rounding: then z = 0 is no turning point, and is divided out.
+    """
     sign = once(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
+    for _ in range(2):
+        at_rest = slope[0] <= 0
+        divided = [*slope[1:], jnp.zeros_like(sign)]
+        slope = [jnp.where(at_rest, b, a) for a, b in zip(slope, divided, strict=True)]
+    # The parabola through the slope at both ends that leaves the first along it: between samples of a record
+    # the slope is very nearly that. It is positive at 0 and negative at 1, so that it has one zero there.
+    last = sum(slope[1:], slope[0])
+    bend = last - slope[0] - slope[1]
+    root = jnp.sqrt(jnp.maximum(slope[1] * slope[1] - 4 * slope[0] * bend, 0.0))
+    guess = 2 * slope[0] / jnp.where(root > slope[1], root - slope[1], 1.0)
     lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
-    return _safeguarded_newton(slope, lo, hi, slope[0], sum(slope[1:], slope[0]), _TO_TURN)
+    return _safeguarded_newton(slope, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     """The z in [lo, hi] at which the polynomial falls through zero, positive at lo and negative at hi."""
-    return _safeguarded_newton(polynomial, lo, hi, polynomial.value(lo), polynomial.value(hi), _TO_CROSS)
+    above, below = polynomial.value(lo), polynomial.value(hi)
+    fall = above - below
+    secant = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
+    return _safeguarded_newton(polynomial, lo, hi, secant, _TO_CROSS)
 
 
 def turns_more_than_once(
     polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]
 ) -> Bool[Array, ""]:
-    """Whether the slope, sampled inside, changes sign more than once between z = 0 and z = 1."""
+    """Whether the slope changes sign more than once between z = 0 and z = 1: sampled inside, and by the
+    parabola that it nearly is under a record."""
     turns = jnp.zeros((), jnp.int32)
     before = rising
     # Slopes at rounding of the value say nothing.
     noise = 128 * jnp.finfo(polynomial.c0.dtype).eps * jnp.abs(polynomial.c0)
+    sign = jnp.where(rising, 1.0, -1.0)
+    start = sign * polynomial.c1
+    first, last = 2 * sign * polynomial.c2, sign * polynomial.curvature(1.0)
+    # Down from the start, up to the end, and in between lowest at start − ½ first²/(last − first). (What
+    # begins at rest does not go down but for rounding.)
+    down, up = (start > 0) & (first < -8 * noise), last > 8 * noise
+    dips = down & up & (2 * (start + noise) * (last - first) < first * first)
     for z in (0.25, 0.5, 0.75):
         slope = polynomial.slope(z)
         here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
         turns, before = turns + (here != before).astype(jnp.int32), here
-    return turns + (before != rising_after).astype(jnp.int32) > 1
+    dips &= rising == rising_after
+    return dips | (turns + (before != rising_after).astype(jnp.int32) > 1)

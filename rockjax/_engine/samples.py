@@ -19,7 +19,7 @@ from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
 from .attempt import over_tolerance
-from .coefficients import over_inertia, present
+from .coefficients import Coefficients, over_inertia, present
 from .model import acceleration, shear
 from .runge_kutta import Step
 from .runge_kutta import step as runge_kutta
@@ -72,12 +72,8 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
     goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
     goes &= _goes_on(scene, state, a, end, h)
-    if plan.shear:  # after an impact it is another one than before
-        felt = (jnp.abs(shear(scene.c, sigma, *y)) for y in ((ground, state.x, state.v, a), (last, *end[:3])))
-        # Between samples it is a little more than at them, by less than (ph)² of it.
-        below = (1 - (scene.c.p * h) ** 2) * present(state.shear)
-        first_felt, last_felt, below = constant((*felt, below))
-        goes &= (first_felt <= constant(present(state.shear))) & (last_felt < below)
+    if plan.shear:
+        goes &= _shear_stays_under(scene, state, (ground, last), a, end, h)
     goes = once(goes)
     # The field is the same on both sides of a sample: where that moves, the state at the stamp does not.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
@@ -98,3 +94,41 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
     steady = (changes[0] * changes[1] >= 0) | (slowest > h * jnp.maximum(*map(jnp.abs, changes)))
     inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
     return inside & steady & (speeds[0] * speeds[1] > 0)
+
+
+def _shear_stays_under(
+    scene: Scene, state: LoopState, ground: tuple[Value, Value], a: Vector, end: Step, h: Value
+) -> Flag:
+    """Whether the shear does not rise above its record on the way.
+
+    Over a sample its second derivative is C at most, and it lies less than C z(1 − z) h²/2 above the straight
+    line between its ends.
+    """
+    c, sigma = scene.c, state.sigma
+    ends = (ground[0], state.x, state.v, a), (ground[1], *end[:3])
+    first, last = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in ends])
+    record = jax.lax.stop_gradient(present(state.shear))
+    over = jax.lax.stop_gradient(_bend(scene.c, ground, (state.v[0], end.v[0]), (a[0], end.a[0]), h)) / c.g
+    # Either it falls from the first, or there is room for all that it can rise.
+    falls = (first <= record) & (last + 0.5 * over <= first)
+    return falls | (jnp.maximum(first, last) + 0.125 * over <= record)
+
+
+def _bend(
+    c: Coefficients,
+    ground: tuple[Value, Value],
+    speeds: tuple[Value, Value],
+    changes: tuple[Value, Value],
+    h: Value,
+) -> Value:
+    """h² times a bound of the second derivative in time of the beam's absolute acceleration, Eq. (14), over a
+    sample: of ü_g, which is a straight line there, nothing is left."""
+    speed, change = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, changes))
+    w, wh = h * h * change, h * (speed + h * change)  # θ̈ h² and θ̇ h at most
+    jerk = h * h * jnp.abs(changes[1] - changes[0])  # θ⃛ h³
+    most = jnp.maximum(*map(jnp.abs, ground))
+    # θ⁗ h⁴, Eq. (24): by the rotation itself, and by the change of ü_g while columns turn.
+    by_angle = h * h * (c.gravity + c.ground * most) / c.inertia * (w + wh * wh)
+    by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(ground[1] - ground[0]) * wh
+    turns = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
+    return c.two_R * (by_angle + by_ground + turns) / (h * h)

@@ -84,17 +84,32 @@ def test_columns_lift_before_a_jump_is_felt():
 
 
 @pytest.mark.parametrize("spacing", [0.1, 1.0])
-@pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 0.99])
 def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
     """From a small rotation against the ground acceleration columns fall fast, and go far to the other
-    side, where little brings them back."""
+    side, where little brings them back; and where they turn there the margin is less."""
     record = rj.Record(np.append(np.full(4, ratio * LIFTS), 0.0), spacing)
-    options = rj.Options(outputs=("peak_rotation",))
+    podium = PODIUM.replace(restitution=0.7 if ratio < 0.5 else "paper")
+    options = rj.Options(outputs=("peak_rotation", "margin"))
     for start in (1e-8, 1e-6, 1e-4):
-        initial = rj.State(theta=start * PODIUM.alpha)
+        initial = rj.State(theta=start * podium.alpha)
         found, known = (
-            rj.peak_response(PODIUM, record, initial=initial, options=each).peak_rotation
+            rj.peak_response(podium, record, initial=initial, options=each)
             for each in (options, followed(options))
         )
-        assert float(known) > 1.5 * start
-        assert float(found) == pytest.approx(float(known), rel=1e-8)
+        assert (float(known.peak_rotation) > 1.5 * start) == (ratio >= 0.5)
+        assert float(found.peak_rotation) == pytest.approx(float(known.peak_rotation), rel=1e-8)
+        assert float(known.margin) < 1
+        assert float(found.margin) == pytest.approx(float(known.margin), abs=1e-13)
+
+
+def test_columns_thrown_up_by_a_jump_turn_within_their_first_step():
+    """They begin at rest, where the slope of every path is zero: that is no turning point."""
+    record = rj.Record(LIFTS * np.array([1.06, 0.71, 0.28, -0.02, 0.0]), 0.02)
+    options = rj.Options(outputs=("peak_rotation", "margin"))
+    known = rj.peak_response(PODIUM, record, options=rj.Options(method="tsit5", rtol=1e-13, atol=1e-15))
+    assert 0.005 < float(known.peak_rotation_time) < 0.01
+    for rtol in (1e-4, 1e-10):
+        found = rj.peak_response(PODIUM, record, options=options.replace(rtol=rtol))
+        assert float(found.peak_rotation) == pytest.approx(float(known.peak_rotation), rel=1e-6)
+        assert float(found.peak_rotation_time) == pytest.approx(float(known.peak_rotation_time), rel=1e-6)

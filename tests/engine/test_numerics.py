@@ -203,6 +203,39 @@ def test_turning_points():
     assert bool(hermite.turns_more_than_once(wave, jnp.asarray(True), jnp.asarray(True)))
 
 
+def of_slope(*coefficients) -> hermite.Quintic:
+    """The path with a slope c0 + c1 z + …"""
+    path = [0.0, *(c / (k + 1) for k, c in enumerate(coefficients))]
+    return hermite.Quintic(*map(jnp.asarray, (*path, *[0.0] * (6 - len(path)))))
+
+
+@pytest.mark.parametrize("turn", [1e-4, 0.0055, 0.3, 0.97])
+@pytest.mark.parametrize("curved", [0.0, 0.8, -0.8])
+def test_turning_points_close_to_the_ends(turn, curved):
+    """A slope (a − z)(1 + bz), from both sides."""
+    for sign in (1.0, -1.0):
+        path = of_slope(*(sign * np.array([turn, turn * curved - 1, -curved])))
+        z = hermite.turning_point(path, jnp.asarray(sign > 0))
+        assert float(z) == pytest.approx(turn, rel=1e-6)
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.7), (0.0, 0.0, 0.7), (0.0, -1e-17, 0.7), (0.0, 1e-17, 0.7)])
+def test_what_begins_at_rest_turns_later(start):
+    """Slopes like z(a − z) and z²(a − z), the latter with rounding."""
+    for sign in (1.0, -1.0):
+        path = of_slope(*(sign * np.array([*start, -1.0])))
+        assert float(hermite.turning_point(path, jnp.asarray(sign > 0))) == pytest.approx(0.7, rel=1e-6)
+
+
+def test_two_turning_points_close_to_each_other():
+    """Between the places where the slope is looked at: (z − 0.53)(z − 0.6), and the same without a zero."""
+    for shift, twice in ((0.0, True), (0.0013, False)):
+        for sign in (1.0, -1.0):
+            path = of_slope(*(sign * np.array([0.53 * 0.6 + shift, -1.13, 1.0])))
+            rising = jnp.asarray(sign > 0)
+            assert bool(hermite.turns_more_than_once(path, rising, rising)) is twice
+
+
 def test_backend_computes_right_numbers():
     """The miscompile of jax#39103: jit(vmap(matvec → reduce))."""
     rng = np.random.default_rng(0)

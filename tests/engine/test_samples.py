@@ -282,3 +282,35 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
     assert both.any()
     rest = 1e-8 * np.sqrt(0.75 * G / float(podium.R)) * float(podium.alpha)
     np.testing.assert_allclose(slowest[0][both], slowest[1][both], rtol=1e-8, atol=2 * rest)
+
+
+def test_rough_records_have_the_peaks_of_another_method():
+    """Two thousand scenes of noise of few samples, some from an initial rotation: columns that are thrown up
+    by a jump, turn twice within a sample, graze the ground, or bounce while it is about to lift them."""
+    count, rng = 2000, np.random.default_rng(1)
+    draw = functools.partial(rng.uniform, size=count)
+    alpha, gamma = draw(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)
+    podium = rj.Podium(
+        alpha=alpha,
+        R=10 ** draw(-0.3, 1),
+        gamma=gamma,
+        superstructure=rj.Rigid(10 ** draw(-1, 2)),
+        restitution=draw(0.3, 0.98),
+    )
+    noise = [np.convolve(rng.normal(size=208), np.hanning(9), "valid") for _ in range(40)]
+    rows = [
+        row / np.abs(row).max() + (rng.uniform(-0.3, 0.3) if k % 3 == 0 else 0.0)
+        for k, row in enumerate(noise)
+    ]
+    strength = draw(0.9, 6) * rng.choice([-1, 1], count) * np.asarray(podium.uplift_ground_acceleration)
+    table = rj.Records.of([rj.Record(row, 0.02) for row in rows])
+    motions = table.pick(rng.integers(0, 40, count)).scaled(strength)
+    turned = np.where(draw(0, 1) < 0.4, alpha * 10 ** draw(-8, -0.3) * rng.choice([-1, 1], count), 0.0)
+    answer = functools.partial(rj.peak_responses, podium, motions, initial=rj.State(theta=turned))
+    found, known = (
+        answer(options=each) for each in (dataclasses.replace(USUAL, rtol=1e-10, atol=1e-12), EVERY)
+    )
+    np.testing.assert_array_equal(found.overturned, known.overturned)
+    for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
+        ours, theirs = getattr(found, name), getattr(known, name)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-8, err_msg=name)
