@@ -4,7 +4,8 @@ Random podiums under motions that are rougher than earthquakes: noise of a few s
 that jump, and pulses; half of the podiums begin at rest, others turned or turning, and some scenes end early.
 Each scene is solved as usual, with all impacts counted, with one output alone, and by `tsit5` at a hundredth
 of the tolerance, and whatever differs by more than errors do is shown. Where rocking is chaotic errors grow
-as well: there both methods come closer to each other at smaller tolerances.
+as well: there both methods come closer to each other at smaller tolerances. And where two peaks are equal, as
+those of both halves of a sine can be, either may be taken for the first.
 """
 
 from __future__ import annotations
