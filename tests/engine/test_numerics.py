@@ -210,9 +210,11 @@ def of_slope(*coefficients) -> hermite.Quintic:
 
 
 @pytest.mark.parametrize("turn", [1e-4, 0.0055, 0.3, 0.97])
-@pytest.mark.parametrize("curved", [0.0, 0.8, -0.8])
+@pytest.mark.parametrize("curved", [0.0, 0.8, -0.8, None])
 def test_turning_points_close_to_the_ends(turn, curved):
-    """A slope (a − z)(1 + bz), from both sides."""
+    """A slope (a − z)(1 + bz), from both sides; with b = 1/a it begins without curvature, as columns do that
+    are about to touch the ground."""
+    curved = 1 / turn if curved is None else curved
     for sign in (1.0, -1.0):
         path = of_slope(*(sign * np.array([turn, turn * curved - 1, -curved])))
         z = hermite.turning_point(path, jnp.asarray(sign > 0))
