@@ -125,7 +125,7 @@ def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], ac
     if value is None or isinstance(x, str | bytes):
         raise ValueError(f"{owner}: {name} must be {accepted}, got {shown(x)}")
     good = np.isfinite(value) & ok(value)
-    if not (good if value.ndim == 0 else good.all()):
+    if not good.all():
         bad = value if value.ndim == 0 else value[~good].ravel()[0]
         raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
 

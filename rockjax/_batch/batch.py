@@ -297,9 +297,8 @@ class _Answers:
                 for name in sorted(part, key="code".__eq__):
                     values = part[name]
                     if name not in whole:
-                        whole[name] = np.empty((self.scenes.total, *values.shape[1:]), values.dtype)
-                        if index.size < self.scenes.total or name == "code":
-                            whole[name].fill(results.INTERRUPTED if name == "code" else fill)
+                        blank = results.INTERRUPTED if name == "code" else fill
+                        whole[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
                     whole[name][index] = values[rows]
         return index.size
 

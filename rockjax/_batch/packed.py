@@ -19,18 +19,10 @@ Shape = tuple[int, ...]
 
 
 class Form(NamedTuple):
-    """What a packed tree was. There is one of each, which compares and hashes in no time."""
+    """What a packed tree was."""
 
     structure: Any
     leaves: tuple[tuple[str, Shape], ...]  # type and shape of each
-
-    def __reduce__(self):
-        return _form, (self.structure, self.leaves)
-
-
-@functools.cache
-def _form(structure: Any, leaves: tuple[tuple[str, Shape], ...]) -> Form:
-    return Form(structure, leaves)
 
 
 @jax.tree_util.register_pytree_node_class
@@ -64,7 +56,7 @@ class Packed:
 def packed(tree: Any) -> Packed:
     """A tree of NumPy arrays, or of traced ones, in a few arrays."""
     leaves, structure = jax.tree.flatten(tree)
-    form = _form(structure, tuple((np.dtype(y.dtype).str, y.shape) for y in leaves))
+    form = Form(structure, tuple((np.dtype(y.dtype).str, y.shape) for y in leaves))
     xp: Any = np if all(isinstance(y, np.ndarray | np.generic) for y in leaves) else jnp
     kinds = _kinds(form.leaves)
     of_kind = lambda kind: [
