@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from rockjax._once import once
 from rockjax._types import Flags, Value, Values
@@ -152,25 +151,14 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     return _safeguarded_newton(polynomial, lo, hi, secant, _TO_CROSS)
 
 
-def turns_more_than_once(
-    polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]
-) -> Bool[Array, ""]:
-    """Whether the slope changes sign more than once between z = 0 and z = 1: sampled inside, and by the
-    parabola that it nearly is under a record."""
+def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:
+    """Whether the slope changes sign more than once in a step: in a dip, or at three places inside."""
     turns = jnp.zeros((), jnp.int32)
     before = rising
     # Slopes at rounding of the value say nothing.
     noise = 128 * jnp.finfo(polynomial.c0.dtype).eps * jnp.abs(polynomial.c0)
-    sign = jnp.where(rising, 1.0, -1.0)
-    start = sign * polynomial.c1
-    first, last = 2 * sign * polynomial.c2, sign * polynomial.curvature(1.0)
-    # Down from the start, up to the end, and in between lowest at start − ½ first²/(last − first). (What
-    # begins at rest does not go down but for rounding.)
-    down, up = (start > 0) & (first < -8 * noise), last > 8 * noise
-    dips = down & up & (2 * (start + noise) * (last - first) < first * first)
     for z in (0.25, 0.5, 0.75):
         slope = polynomial.slope(z)
         here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
         turns, before = turns + (here != before).astype(jnp.int32), here
-    dips &= rising == rising_after
     return dips | (turns + (before != rising_after).astype(jnp.int32) > 1)
