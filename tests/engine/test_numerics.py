@@ -238,7 +238,7 @@ def test_what_begins_at_rest_turns_later(start):
 @pytest.mark.parametrize("curved", [0.0, 0.9, -0.6, 3.0])
 @pytest.mark.parametrize("between", [(0.53, 0.6), (0.02, 0.06), (0.26, 0.49), (0.7, 0.95)])
 def test_two_turning_points_close_to_each_other(between, curved):
-    """Between the places where the slope is looked at: (z − a)(z − b)(1 + cz), and the same without a zero."""
+    """Between the places that are looked at: (z − a)(z − b)(1 + cz), and the same without a zero."""
     (a, b), lift = between, (between[1] - between[0]) ** 2
     for shift, twice in ((0.0, True), (0.5, False)):
         for sign in (1.0, -1.0):
