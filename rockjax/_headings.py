@@ -163,7 +163,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         if unit := unit_of(held):
             return quantity, unit
         if brackets[1] is None and (
-            _is_symbol(words) or _QUALIFIER.match(held) or _kind(quantity) == "probability"
+            _is_symbol(words) or _QUALIFIER.match(held) or words.casefold().startswith("p(")
         ):
             return words, None
         raise ValueError(
