@@ -31,6 +31,7 @@ def as_float(x, what: str = "it") -> Array:
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
+    refuse_gaps(what, x)
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
@@ -54,7 +55,63 @@ def from_host(x, dtype=None) -> Array:
 
     A copy, as by `jnp.array`, which compiles a program for each shape in each process: 10 ms each.
     """
+    refuse_gaps("it", x)
     return jax.device_put(np.array(x, dtype))
+
+
+def refuse_gaps(what: str, x) -> None:
+    """Raise a `ValueError` that names the first gap of a masked array, or of an array of objects (None, NA)."""
+    if isinstance(x, np.ma.MaskedArray):
+        gaps = np.ma.getmaskarray(x)
+    elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
+        gaps = np.array([not isinstance(y, float | int | np.number | Tracer | jax.Array) for y in x.ravel()])
+    else:
+        return
+    if gaps.any():
+        raise ValueError(
+            f"{what} has a gap: {_first_run(gaps.ravel())} of {gaps.size} hold no number; {_CURE}"
+        )
+
+
+_CURE = "cut the gap out or fill it"
+# What digitisers and libraries write in the place of missing samples, but for those that are 9, 9 …: of types
+# (smallest and largest whole numbers, fill values of netCDF, SMC) and of conventions.
+_SENTINELS = (32768.0, 2147483647.0, 2147483648.0, 1e10, 1e15, 1e20, 1e30, 1.7e38, 9.969209968386869e36)
+
+
+def refuse_sentinels(what: str, samples: np.ndarray) -> None:
+    """Raise a `ValueError` that names the gap where samples hold a value that stands for missing ones, such as
+    -999 or 999999: three times the size of all others, or in runs of three and more that begin or end with a
+    jump."""
+    sizes = np.abs(samples)
+    if not sizes.size or sizes.max() < 999:
+        return
+    for value in np.unique(samples[sizes >= 999][:_SEARCHED]):
+        size = abs(value)
+        nines = size < 1e10 and set(f"{size:.10g}".replace(".", "")) == {"9"}
+        if not (nines or any(np.isclose(size, each, rtol=1e-6) for each in _SENTINELS)):
+            continue
+        at = samples == value
+        others = sizes[~at]
+        starts, ends = np.flatnonzero(np.diff(at, prepend=False, append=False)).reshape(-1, 2).T
+        inside = [samples[k] for k in (*(starts[starts > 0] - 1), *ends[ends < at.size])]
+        jumps = any(abs(value - y) > 0.5 * size for y in inside)
+        if (others.size and 3 * others.max() < size) or ((ends - starts).max() >= 3 and jumps):
+            raise ValueError(
+                f"{what} has a gap: {_first_run(at)} of {at.size} are {value:g}, which stands for missing samples; "
+                f"{_CURE}"
+            )
+
+
+_SEARCHED = 1_000_000
+
+
+def _first_run(at: np.ndarray) -> str:
+    """The first run of true values, in words."""
+    first = int(at.argmax())
+    rest = at[first:]
+    last = first + (int(np.argmin(rest)) if not rest.all() else rest.size) - 1
+    return f"sample {first}" if last == first else f"samples {first} to {last}"
 
 
 def as_array(x) -> Array:

@@ -103,8 +103,8 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        # The line through both ends is left out of the filter, whose gains for constants differ from sample to
-        # sample by 1e-3; padtype="line" of SciPy only extends it.
+        # The line through both ends is left out of the filter, whose gains for constants differ from
+        # sample to sample by 1e-3; padtype="line" of SciPy only extends it.
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from rockjax._checks import as_array, as_number, concrete, finite, positive, product, single
+from rockjax._checks import as_array, as_number, concrete, finite, positive, product, refuse_sentinels, single
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
@@ -46,6 +46,8 @@ class Record(AbstractSampled):
             raise ValueError(
                 f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}"
             )
+        if samples is not None:
+            refuse_sentinels("Record: acceleration", samples.ravel())
 
     @classmethod
     def from_file(

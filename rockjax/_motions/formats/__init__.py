@@ -14,7 +14,7 @@ from pathlib import Path
 from rockjax._texts import decode
 
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
-from .base import EVEN, UNITS, Component, Samples
+from .base import ACCELERATIONS, EVEN, UNITS, Component, Samples
 
 # In the order in which they are looked for.
 FORMATS = (
@@ -32,7 +32,7 @@ FORMATS = (
     table.FORMAT,
 )
 
-__all__ = ["EVEN", "FORMATS", "UNITS", "Samples", "parse"]
+__all__ = ["ACCELERATIONS", "EVEN", "FORMATS", "UNITS", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:
