@@ -60,7 +60,7 @@ def from_host(x, dtype=None) -> Array:
 
 
 def refuse_gaps(what: str, x) -> None:
-    """Raise a `ValueError` that names the first gap of a masked array, or of an array of objects (None, NA)."""
+    """Raise a `ValueError` that names the first gap of a masked array or an array of objects (None, NA)."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -68,42 +68,50 @@ def refuse_gaps(what: str, x) -> None:
     else:
         return
     if gaps.any():
-        raise ValueError(
-            f"{what} has a gap: {_first_run(gaps.ravel())} of {gaps.size} hold no number; {_CURE}"
-        )
+        where = f"{_first_run(gaps.ravel())} of {gaps.size}"
+        raise ValueError(f"{what} has a gap: no number at {where}; {_CURE}")
 
 
 _CURE = "cut the gap out or fill it"
-# What digitisers and libraries write in the place of missing samples, but for those that are 9, 9 …: of types
-# (smallest and largest whole numbers, fill values of netCDF, SMC) and of conventions.
-_SENTINELS = (32768.0, 2147483647.0, 2147483648.0, 1e10, 1e15, 1e20, 1e30, 1.7e38, 9.969209968386869e36)
+# Sizes of what digitisers and libraries write in the place of missing samples: 999, 999.9, 9999 …, the ends
+# of whole numbers and of float32, and fill values of SMC and netCDF.
+_SENTINELS = (
+    *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
+    *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
+)
 
 
 def refuse_sentinels(what: str, samples: np.ndarray) -> None:
-    """Raise a `ValueError` that names the gap where samples hold a value that stands for missing ones, such as
-    -999 or 999999: three times the size of all others, or in runs of three and more that begin or end with a
-    jump."""
+    """Raise a `ValueError` that names the gap where samples hold a value that stands for missing ones, such
+    as -999 or 999999: at least three times as large as all others, or in runs of at least three that begin or
+    end with a jump."""
     sizes = np.abs(samples)
-    if not sizes.size or sizes.max() < 999:
+    if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
         return
-    for value in np.unique(samples[sizes >= 999][:_SEARCHED]):
-        size = abs(value)
-        nines = size < 1e10 and set(f"{size:.10g}".replace(".", "")) == {"9"}
-        if not (nines or any(np.isclose(size, each, rtol=1e-6) for each in _SENTINELS)):
+    for size in _SENTINELS:
+        at = np.abs(sizes - size) <= 1e-7 * size
+        if not at.any() or at.all():
             continue
-        at = samples == value
-        others = sizes[~at]
         starts, ends = np.flatnonzero(np.diff(at, prepend=False, append=False)).reshape(-1, 2).T
-        inside = [samples[k] for k in (*(starts[starts > 0] - 1), *ends[ends < at.size])]
-        jumps = any(abs(value - y) > 0.5 * size for y in inside)
-        if (others.size and 3 * others.max() < size) or ((ends - starts).max() >= 3 and jumps):
-            raise ValueError(
-                f"{what} has a gap: {_first_run(at)} of {at.size} are {value:g}, which stands for missing samples; "
-                f"{_CURE}"
-            )
+        jumps = np.abs(np.diff(samples))[[*(starts[starts > 0] - 1), *(ends[ends < at.size] - 1)]]
+        in_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
+        if in_runs or 3 * sizes[~at].max() < size:
+            value = f"{samples[int(at.argmax())]:.10g}, which stands for missing samples"
+            raise ValueError(f"{what} has a gap: {value}, at {_first_run(at)} of {at.size}; {_CURE}")
 
 
-_SEARCHED = 1_000_000
+def require_finite_samples(owner: str, samples: np.ndarray) -> None:
+    """Raise a `ValueError` that names the first sample, and its gap, that is not finite or stands for a
+    missing one; of a batch the samples are along its last axis."""
+    wrong = ~np.isfinite(samples)
+    if wrong.any():
+        where = tuple(np.argwhere(wrong)[0])
+        gap = f" ({_first_run(wrong[where[:-1]])} of {samples.shape[-1]}: a gap?)" if wrong.sum() > 1 else ""
+        raise ValueError(
+            f"{owner}: acceleration must be finite, got {samples[where]} at sample {int(where[-1])}{gap}"
+        )
+    for row in samples.reshape(-1, samples.shape[-1]):
+        refuse_sentinels(f"{owner}: acceleration", row)
 
 
 def _first_run(at: np.ndarray) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from rockjax._checks import of_kind, refuse_sentinels, shown, single
 from rockjax._headings import unit_of
 
-from .accelerogram import Accelerogram
+from .accelerogram import RAW, Accelerogram
 from .formats import ACCELERATIONS, EVEN, UNITS, parse
 
 
@@ -75,5 +75,5 @@ def read(
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
     step = found.dt if found.dt is not None else float(dt or 0)
-    notes = {"units": unit} | ({"raw": found.raw} if found.raw else {})
+    notes = {"units": unit} | ({"processing": f"{RAW} ({found.raw})"} if found.raw else {})
     return Accelerogram(values, step, path.stem, path, found.metadata | notes)

@@ -24,6 +24,7 @@ FORMATS = (
     smc.FORMAT,
     csmip.FORMAT,
     cosmos.FORMAT,
+    unread.VOLUME_1,
     unread.VOLUME_2,
     knet.FORMAT,
     esm.FORMAT,

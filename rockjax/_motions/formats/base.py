@@ -48,7 +48,7 @@ class Samples:
     said: str | None = None  # the unit in the words of the file
     says_dt: str = ""  # where the file says dt, and in what words; without dt, why there is none
     says_units: str = ""  # where the file says the unit, its header by default
-    raw: str = ""  # where the file says that it is raw, and in what words
+    raw: str = ""  # what says that the samples are raw, such as line 3
 
 
 class Format(NamedTuple):
@@ -124,7 +124,8 @@ def number(path: Path, line: int, word: str) -> float:
     if value is None:
         raise ValueError(f"{path}:{line}: {short(word)} is not a number{_cause(word)}")
     if not np.isfinite(value):
-        raise ValueError(f"{path}:{line}: {short(word)} is not a finite number")
+        gap = ": a gap" if np.isnan(value) else ""
+        raise ValueError(f"{path}:{line}: {short(word)} is not a finite number{gap}")
     return value
 
 

@@ -60,7 +60,7 @@ def _at2(path: Path, lines: list[str]) -> Samples:
             "component": title[-1],
         }
     values = counted(path, k + 1, "NPTS", int(count), words(path, lines, k + 1))
-    says_raw = next((f"{path}:{i}" for i, line in enumerate(lines[:k], start=1) if raw(line)), "")
+    says_raw = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if raw(line)), "")
     says_dt = f"{path}:{k + 1}: DT is {dt:g} s"
     return Samples(values, dt, unit(said), metadata, said, says_dt, raw=says_raw)
 

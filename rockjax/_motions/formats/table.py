@@ -27,7 +27,7 @@ class _Table(NamedTuple):
 
     - `rows`: shape (rows, columns); `numbers`: the line of each row; `cells`: the rows as they are written
     - `headings`: of each column, where there are some; `line`: the line of the last of them
-    - `raw`: where the file says that its data are raw
+    - `raw`: the line that says that the data are raw
     """
 
     rows: np.ndarray
@@ -51,18 +51,14 @@ def _array(path: Path) -> np.ndarray:
 def _cells(text: str) -> list[str]:
     """The cells of a row of numbers; commas are decimal where something else separates."""
     blanks = text.split()
+    decimal = any(map(_DECIMAL_COMMA.fullmatch, blanks)) and not re.search(r",\s|\s,|\.", text)
     if ";" in text:
         cells = text.split(";")
-    elif "," not in text or (
-        len(blanks) > 1 and any(map(_DECIMAL_COMMA.fullmatch, blanks)) and not re.search(r",\s|\s,|\.", text)
-    ):
+    elif "," not in text or (len(blanks) > 1 and decimal):
         cells = blanks
     else:
         cells = text.split(",")
-    cells = [cell.strip().strip('"') for cell in cells]
-    while len(cells) > 1 and not cells[-1]:
-        cells.pop()
-    return cells
+    return [cell.strip().strip('"') for cell in cells]
 
 
 def _is_heading(cells: list[str]) -> bool:
@@ -84,21 +80,13 @@ def _heading_cells(text: str, count: int) -> list[str] | None:
             joined[-1] += " " + token
         else:
             joined.append(token)
-    ways = (
-        text.split(";"),
-        text.split("\t"),
-        next(csv.reader([text])),
-        re.split(r"\s{2,}", text),
-        joined,
-        tokens,
-    )
-    for cells in ways:
+    comma_separated = next(csv.reader([text]), [])
+    wide = re.split(r"\s{2,}", text)
+    for cells in (text.split(";"), text.split("\t"), comma_separated, wide, joined, tokens):
         cells = [cell.strip() for cell in cells]
         if len(cells) == count + 1 and not cells[-1]:
             cells.pop()
-        if len(cells) == 2 * count and all(
-            unit_of(cell) for cell in cells[1::2]
-        ):  # quantity, unit, quantity …
+        if len(cells) == 2 * count and all(map(unit_of, cells[1::2])):  # quantity, unit, quantity, unit …
             cells = [f"{a} [{b}]" for a, b in zip(cells[::2], cells[1::2], strict=True)]
         if len(cells) == count:
             return cells
@@ -112,8 +100,9 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
         cells = _heading_cells(text, count)
         if cells is None or len(lines) > _MOST_HEADINGS:
             raise ValueError(
-                f"{path}:{i}: the heading {short(text.strip())} does not name {count} columns; give each column "
-                "a name and a unit, such as time [s],acceleration [g], and begin other lines with #"
+                f"{path}:{i}: the heading {short(text.strip())} does not name {count} columns; give each a "
+                "name and a unit, such as time [s],acceleration [g], begin other lines with #, and write "
+                "decimal points, not commas"
             )
         names = [
             f"{a} [{b.strip('[]()')}]" if a and unit_of(b) else f"{a} {b}".strip()
@@ -149,20 +138,22 @@ def _table(path: Path, lines: list[str]) -> _Table:
         if not text or text[0] in "#%!":
             if text and not rows:
                 comment = i, text
-                says_raw = says_raw or (f"{path}:{i}" if raw(text) else "")
+                says_raw = says_raw or (f"line {i}" if raw(text) else "")
             continue
         cells = _cells(text)
+        while len(cells) > (len(rows[0]) if rows else 1) and not cells[-1]:
+            cells.pop()  # behind a separator at the end of the line
         if not rows and _is_heading(cells):
             headings.append((i, line))
-            says_raw = says_raw or (f"{path}:{i}" if raw(text) else "")
+            says_raw = says_raw or (f"line {i}" if raw(text) else "")
             continue
         if not any(cells):
             raise ValueError(f"{path}:{i}: holds no number")
         marks |= {mark for mark in ".," for cell in cells if mark in cell}
         if len(marks) == 2:
             raise ValueError(
-                f"{path}:{i}: commas and points both stand within the numbers of the file; write decimal points, "
-                "and nothing between thousands"
+                f"{path}:{i}: commas and points both stand within the numbers of the file; write decimal "
+                "points, and nothing between thousands"
             )
         cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
         row = [number(path, i, cell) for cell in cells]
@@ -195,8 +186,8 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
         raise ValueError(f"{where}: holds no acceleration; its headings are {held}")
     if headings and clock is None and len(columns) > 1 and not kinds[0] and _rises(rows[:, 0]):
         raise ValueError(
-            f"{where}: the heading {headings[0].text.strip()!r} is not known, and its column rises evenly; call it "
-            "time [s] if it holds times"
+            f"{where}: the heading {headings[0].text.strip()!r} is not known, and its column rises evenly; "
+            "call it time [s] if it holds times"
         )
     names = [_channel(headings[k].quantity) if headings else f"column {k + 1}" for k in chosen]
     if headings and isinstance(component, str):  # by the whole heading too
@@ -214,7 +205,7 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
         samples.says_units = f"{where}: its heading {heading.text.strip()!r}"
         if unit(said) is None:
             raise ValueError(
-                f"{samples.says_units} gives raw {said} of a digitiser; convert them to acceleration"
+                f"{samples.says_units} gives raw {said}, which must be converted to acceleration"
             )
     if clock is not None:
         factor = UNITS[headings[clock].unit or "s"].factor if headings else 1.0
@@ -222,7 +213,7 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
         samples.says_dt = f"{path}: the times in it are {samples.dt:g} s apart" if samples.dt else ""
     elif len(columns) > 1:
         samples.says_dt = f"{where}: has no column of times" + (
-            " (one that counts samples is none)" if "index" in kinds else ""
+            " (one that counts samples, or has no name, is none)" if "index" in kinds else ""
         )
     return samples
 
@@ -240,9 +231,9 @@ def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     first = rows[:, 0]
     if count > 2 and component is None:
         raise ValueError(
-            f"{path}: has {count} columns and no headings; one (acceleration) or two (time, acceleration) can be "
-            "read, and of more the one that component names (on the command line --component), counted without "
-            "times"
+            f"{path}: has {count} columns and no headings; one (acceleration) or two (time, acceleration) "
+            "can be read, and of more the one that component gives (on the command line --component), 1 for "
+            "the first beside the times"
         )
     counts = np.array_equal(first, first[0] + np.arange(len(first))) and first[0] in (0, 1) and len(first) > 2
     if counts:
@@ -257,7 +248,7 @@ def _rises(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """One unit of the last digit that times are written with: of the decimals, or of the significant digits."""
+    """One unit of the last digit of the times: of their decimals, or of their significant digits."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
@@ -308,8 +299,8 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
 
 def _simplest(values: np.ndarray, step: float, digit: float, factor: float) -> float:
-    """The step with the fewest digits, or the fewest of its inverse, that explains rounded times; `step` itself
-    where none does."""
+    """The step whose inverse has the fewest digits among those that explain rounded times; `step` where none
+    does."""
     allowed = digit + 1e-15 * float(np.abs(values).max())
     k = np.arange(len(values))
     rate = 1 / (factor * step)
