@@ -60,11 +60,13 @@ def from_host(x, dtype=None) -> Array:
 
 
 def refuse_gaps(what: str, x) -> None:
-    """Raise a `ValueError` that names the first gap of a masked array or an array of objects (None, NA)."""
+    """Raise a `ValueError` that names the first gap of a masked array, or of objects (None, NA)."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
         gaps = np.array([not isinstance(y, float | int | np.number | Tracer | jax.Array) for y in x.ravel()])
+    elif isinstance(x, list | tuple):
+        gaps = np.array([y is None or y is np.ma.masked for y in x], bool)
     else:
         return
     if gaps.any():
@@ -110,6 +112,8 @@ def require_finite_samples(owner: str, samples: np.ndarray) -> None:
         raise ValueError(
             f"{owner}: acceleration must be finite, got {samples[where]} at sample {int(where[-1])}{gap}"
         )
+    if not samples.size or np.abs(samples).max() < _SENTINELS[0] - 1:
+        return
     for row in samples.reshape(-1, samples.shape[-1]):
         refuse_sentinels(f"{owner}: acceleration", row)
 

@@ -138,7 +138,7 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
         )
     if damage := motion.metadata.get("damaged"):
         doubt(
-            f"{where}: is damaged, and only its {len(motion)} samples up to there are read: {damage}",
+            f"{where}: is damaged, and {len(motion)} samples are all that can be read: {damage}",
             stacklevel,
             RecordWarning,
         )

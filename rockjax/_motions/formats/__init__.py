@@ -20,8 +20,8 @@ from .base import ACCELERATIONS, EVEN, UNITS, Component, Samples
 FORMATS = (
     peer.FORMAT,
     geonet.FORMAT,
-    *unread.FORMATS,
     smc.FORMAT,
+    *unread.FORMATS,
     csmip.FORMAT,
     cosmos.FORMAT,
     unread.VOLUME_1,

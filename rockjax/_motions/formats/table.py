@@ -86,8 +86,9 @@ def _heading_cells(text: str, count: int) -> list[str] | None:
         cells = [cell.strip() for cell in cells]
         if len(cells) == count + 1 and not cells[-1]:
             cells.pop()
-        if len(cells) == 2 * count and all(map(unit_of, cells[1::2])):  # quantity, unit, quantity, unit …
-            cells = [f"{a} [{b}]" for a, b in zip(cells[::2], cells[1::2], strict=True)]
+        for k in range(len(cells) - 1, 0, -1):  # a unit belongs to the quantity before it
+            if len(cells) > count and unit_of(cells[k]) and not unit_of(cells[k - 1]):
+                cells[k - 1 : k + 1] = [f"{cells[k - 1]}, {cells[k]}"]
         if len(cells) == count:
             return cells
     return None
@@ -299,16 +300,12 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
 
 def _simplest(values: np.ndarray, step: float, digit: float, factor: float) -> float:
-    """The step whose inverse has the fewest digits among those that explain rounded times; `step` where none
-    does."""
-    allowed = digit + 1e-15 * float(np.abs(values).max())
-    k = np.arange(len(values))
-    rate = 1 / (factor * step)
-    for candidate in (1 / (factor * round(rate, d)) for d in range(5) if round(rate, d) > 0):
-        left = values - candidate * k
-        if np.ptp(left) <= allowed:
-            return candidate
-    return float(step)
+    """The step whose inverse has the fewest digits among those that explain rounded times about as well as
+    `step`, which is returned where none does."""
+    k, rate = np.arange(len(values)), 1 / (factor * step)
+    allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())
+    candidates = (1 / (factor * round(rate, digits)) for digits in range(5) if round(rate, digits) > 0)
+    return next((each for each in candidates if np.ptp(values - each * k) <= allowed), float(step))
 
 
 def read_array(path: Path, component: Component) -> Samples:
