@@ -855,6 +855,21 @@ def test_text_that_is_not_utf_8(tmp_path):
     assert rj.read_pulses(pulses).names == ("Gölcük",)
 
 
+@pytest.mark.parametrize("name", ["mean", "stddev"])
+def test_attributes_of_openquake_with_decimal_commas(tmp_path, name):
+    limits = {"mean": "0.1", "stddev": "0.08"} | {name: "0,1"}
+    path = put(
+        tmp_path,
+        '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m"><limitStates>a</limitStates>'
+        '<fragilityFunction id="A" format="continuous" shape="logncdf"><imls imt="PGA" noDamageLimit="0.05"/>'
+        f'<params ls="a" mean="{limits["mean"]}" stddev="{limits["stddev"]}"/></fragilityFunction>'
+        "</fragilityModel></nrml>",
+        "a.xml",
+    )
+    with pytest.raises(ValueError, match=rf"a\.xml: A.*{name}.*'0,1'"):
+        rj.read_fragility_model(path)
+
+
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_the_format_of_peer_under_another_suffix(tmp_path):
     for name in ("a.txt", "a.csv", "RSN1.acc", "noext"):

@@ -100,7 +100,7 @@ def test_intervals_that_no_accelerograph_has_are_doubted(tmp_path, dt):
         (1 / 128, "{:.6g}"),
         (1 / 300, "{:.4f}"),
         (0.005, "{:.2f}"),
-        (1 / 200, "{:.3e}"),
+        (1 / 200, "{:.4e}"),
         (1 / 128, "{:.3f}"),
     ],
 )
@@ -108,9 +108,6 @@ def test_times_that_are_rounded(tmp_path, dt, form):
     times = [form.format(k * dt) for k in range(4001)]
     wave = np.sin(np.arange(4001) / 20 * np.pi)
     path = table(tmp_path, "time [s],acc [g]", times, wave)
-    if form == "{:.3e}":  # 2.000e+01 and 2.000e+01: steps of 0.01 s at the end, of 0.005 s at the start
-        form = "{:.4e}"
-        path = table(tmp_path, "time [s],acc [g]", [form.format(k * dt) for k in range(4001)], wave)
     assert rj.read_motion(path).dt == pytest.approx(dt, rel=1e-12)
     assert rj.read_motion(path, dt=dt).dt == pytest.approx(dt, rel=1e-12)
     with pytest.raises(ValueError, match=r"s apart, but dt = 0\.02 s was given"):
@@ -169,7 +166,6 @@ def test_tables_that_cannot_be_read_say_why(tmp_path, text, words):
     assert all(word in str(error.value) for word in words), error.value
 
 
-@pytest.mark.filterwarnings("ignore:.*a column of numbers:UserWarning")
 def test_one_channel_of_several(tmp_path):
     columns = [0.01 * STEPS, WAVE, 2 * WAVE, 3 * WAVE]
     for heading in (
