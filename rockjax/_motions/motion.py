@@ -45,7 +45,8 @@ class Motion(Accelerogram):
       ([`rockjax.Motions.paired`][]); what is done to a motion is done to it as well, and measures are those
       of the horizontal motion
 
-    Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
+    Raises `ValueError` for empty or non-finite samples, for gaps (masked samples, values such as -999 or
+    999999 that stand for missing ones) and for dt ≤ 0.
     """
 
     vertical: Motion | None = None

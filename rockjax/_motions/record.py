@@ -35,7 +35,8 @@ class Record(AbstractSampled):
     - `dt`: sampling interval, > 0 [s]
     - `scale`: factor on the samples [–]; `t_start`: time of the first sample [s]
 
-    Raises `ValueError` for empty or non-finite records.
+    Raises `ValueError` for empty or non-finite records, and for gaps: masked samples, and values such as -999
+    or 999999 that stand for missing ones.
     """
 
     acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))

@@ -860,7 +860,8 @@ def test_attributes_of_openquake_with_decimal_commas(tmp_path, name):
     limits = {"mean": "0.1", "stddev": "0.08"} | {name: "0,1"}
     path = put(
         tmp_path,
-        '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m"><limitStates>a</limitStates>'
+        '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m">'
+        "<limitStates>a</limitStates>"
         '<fragilityFunction id="A" format="continuous" shape="logncdf"><imls imt="PGA" noDamageLimit="0.05"/>'
         f'<params ls="a" mean="{limits["mean"]}" stddev="{limits["stddev"]}"/></fragilityFunction>'
         "</fragilityModel></nrml>",
