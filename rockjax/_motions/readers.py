@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 
 from rockjax._checks import of_kind, single
+from rockjax._texts import decode, read_text
 
 from .accelerogram import check
 from .files import check_reading, read
@@ -24,19 +26,21 @@ def read_motion(
 
     Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet
     (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net
-    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time, acceleration), with comments (`#`,
-    `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's `.npy`; with ObsPy, the
-    extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, with comments
+    (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or tabs between;
+    NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others
-      say it
-    - `dt`: sampling interval [s], where the file has neither it nor times
-    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
+    - `dt`: sampling interval, > 0 [s]; needed where the file has neither it nor times
+    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`; any
+      usual name of the vertical one is known
 
     Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground
-    motion, and lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is
-    above 3 g or below 1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a
-    fifth of PGV is left at the end.
+    motion, for headings that are not understood or contradict `units` or `dt`, and for gaps; it lists the
+    channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
+    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, where the sampling interval is above
+    0.1 s or below 1e-4 s, where the file is damaged or its data are raw, and where more than a fifth of PGV
+    is left at the end.
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3, unsaid=units is not None)
@@ -99,25 +103,25 @@ def read_suite(
 def is_table(path: Path) -> bool:
     """Whether a file begins like a table of files, not like a motion."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as stream:
-            return path.suffix.lower() == ".csv" and "file" in stream.readline().strip().split(",")
-    except OSError:
-        return False  # what is wrong with it is said by whoever reads it
+        if path.suffix.lower() != ".csv":
+            return False
+        with path.open("rb") as stream:
+            first = decode(path, stream.read(4096)).partition("\n")[0]
+    except (OSError, ValueError):
+        return False  # read_suite and read_motion report the cause
+    return "file" in first.strip().split(",")
 
 
 def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
     """The rows of a table of files: where each is, for complaints, and its cells that are not empty."""
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            rows = [
-                (reader.line_num, [cell.strip() for cell in row])
-                for row in reader
-                if any(cell.strip() for cell in row)
-            ]
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except (csv.Error, ValueError) as error:
+        rows = [
+            (reader.line_num, [cell.strip() for cell in row])
+            for row in reader
+            if any(cell.strip() for cell in row)
+        ]
+    except csv.Error as error:
         raise ValueError(f"{path}: is not a table of files: {error}") from None
     if not rows or "file" not in rows[0][1]:
         raise ValueError(
