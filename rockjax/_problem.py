@@ -131,6 +131,7 @@ from ._problem_keys import (
 from ._restrainers import KINDS
 from ._restrainers.base import AbstractRestrainer
 from ._structures import AbstractSuperstructure, Modes, Podium, ShearBuilding, superstructure_of
+from ._texts import read_text
 
 
 class Reported(ValueError):
@@ -140,10 +141,8 @@ class Reported(ValueError):
 def load_table(path: Path) -> dict[str, Any]:
     """The table of a TOML file. Raises `ValueError` that names the file and the cause."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_text(path, utf8_only=True))
+    except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: is not TOML: {error}") from None
 
 

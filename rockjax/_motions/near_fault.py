@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_float, concrete, of_kind, single, texts
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import KeptProgram
+from rockjax._texts import read_text
 
 from .convert import AnyMotion, as_motions
 from .motion import Motion
@@ -46,7 +47,7 @@ def read_pulses(path: str | Path) -> PulseTable:
     names pulse and column for anything else, and for pulses that make no sense.
     """
     path = Path(path)
-    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
     rows = list(csv.DictReader(line for line in lines if not line.lstrip().startswith("#")))
     if not rows:
         raise ValueError(f"{path}: holds no pulses; columns are {', '.join(COLUMNS)}")

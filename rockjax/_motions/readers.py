@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 
 from rockjax._checks import of_kind, single
+from rockjax._texts import decode, read_text
 
 from .accelerogram import check
 from .files import check_reading, read
@@ -99,25 +101,25 @@ def read_suite(
 def is_table(path: Path) -> bool:
     """Whether a file begins like a table of files, not like a motion."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as stream:
-            return path.suffix.lower() == ".csv" and "file" in stream.readline().strip().split(",")
-    except OSError:
-        return False  # what is wrong with it is said by whoever reads it
+        if path.suffix.lower() != ".csv":
+            return False
+        with path.open("rb") as stream:
+            first = decode(path, stream.read(4096)).partition("\n")[0]
+    except (OSError, ValueError):
+        return False  # read_suite and read_motion report the cause
+    return "file" in first.strip().split(",")
 
 
 def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
     """The rows of a table of files: where each is, for complaints, and its cells that are not empty."""
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            rows = [
-                (reader.line_num, [cell.strip() for cell in row])
-                for row in reader
-                if any(cell.strip() for cell in row)
-            ]
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except (csv.Error, ValueError) as error:
+        rows = [
+            (reader.line_num, [cell.strip() for cell in row])
+            for row in reader
+            if any(cell.strip() for cell in row)
+        ]
+    except csv.Error as error:
         raise ValueError(f"{path}: is not a table of files: {error}") from None
     if not rows or "file" not in rows[0][1]:
         raise ValueError(

@@ -14,6 +14,7 @@ import numpy as np
 
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY
+from rockjax._texts import read_text
 
 from .units import SI
 
@@ -26,8 +27,7 @@ _HEADER = re.compile(r"^\s*(?P<measure>[^\[]+?)\s*\[\s*(?P<units>[^\]]+?)\s*\]\s
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     """The arguments of the `Hazard` in a file."""
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+    rows = [row for row in csv.reader(read_text(path).splitlines()) if any(cell.strip() for cell in row)]
     comments = [row for row in rows if row[0].lstrip().startswith("#")]
     rows = [row for row in rows if not row[0].lstrip().startswith("#")]
     if not rows:
@@ -208,12 +208,22 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
     return found
 
 
+def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
+    """The number in an attribute. Raises `ValueError` that names file, structure, attribute and text."""
+    text = element.get(key, "nan")
+    try:
+        return float(text)
+    except ValueError:
+        cure = "; write its decimal comma as a point" if "," in text else ""
+        raise ValueError(f"{path}: {name}: attribute {key} must be a number, got {text!r}{cure}") from None
+
+
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))
     factor, si = SI[units]
-    mean, deviation = float(state.get("mean", "nan")), float(state.get("stddev", "nan"))
+    mean, deviation = (_number(path, name, state, key) for key in ("mean", "stddev"))
     if not (mean > 0 and deviation > 0):
         raise ValueError(f"{path}: {name} needs mean and stddev > 0, got {mean:g} and {deviation:g}")
     dispersion = math.sqrt(math.log1p((deviation / mean) ** 2))

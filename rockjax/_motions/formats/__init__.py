@@ -9,8 +9,9 @@ miniSEED and SAC, is left to it.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
+
+from rockjax._texts import decode
 
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
 from .base import EVEN, UNITS, Component, Samples
@@ -41,21 +42,6 @@ def parse(path: Path, content: bytes, component: Component) -> Samples:
         return waveforms.read(path, content, component)
     if suffix == ".npy":
         return table.read_array(path, component)
-    lines = _text(path, content).splitlines() or [""]
+    lines = decode(path, content).splitlines() or [""]
     found = next(each for each in FORMATS if each.recognises(path, lines))
     return found.read(path, lines, component)
-
-
-def _text(path: Path, content: bytes) -> str:
-    if content.rstrip().endswith(b"\x1a"):
-        content = content.rstrip(b"\x1a \t\r\n")  # the end of a file under CP/M and DOS
-    strange = re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", content)
-    if strange:
-        line = content.count(b"\n", 0, strange.start()) + 1
-        raise ValueError(
-            f"{path}:{line}: is not text: byte 0x{content[strange.start()]:02x} at offset {strange.start()}"
-        )
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")  # names of stations in headers

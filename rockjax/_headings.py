@@ -1,0 +1,190 @@
+"""Headings of columns in files: quantity, unit and investigation time."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from ._structures import STANDARD_GRAVITY
+
+
+class Unit(NamedTuple):
+    """A unit: the dimension of its quantity, and its size in SI (a year for rates and return periods)."""
+
+    dimension: str
+    factor: float
+
+
+UNITS = {
+    "g": Unit("acceleration", STANDARD_GRAVITY),
+    "m/s2": Unit("acceleration", 1.0),
+    "cm/s2": Unit("acceleration", 1e-2),
+    "gal": Unit("acceleration", 1e-2),
+    "mm/s2": Unit("acceleration", 1e-3),
+    "mg": Unit("acceleration", 1e-3 * STANDARD_GRAVITY),
+    "%g": Unit("acceleration", 1e-2 * STANDARD_GRAVITY),
+    "m/s": Unit("velocity", 1.0),
+    "cm/s": Unit("velocity", 1e-2),
+    "mm/s": Unit("velocity", 1e-3),
+    "m": Unit("displacement", 1.0),
+    "cm": Unit("displacement", 1e-2),
+    "mm": Unit("displacement", 1e-3),
+    "s": Unit("time", 1.0),
+    "ms": Unit("time", 1e-3),
+    "us": Unit("time", 1e-6),
+    "min": Unit("time", 60.0),
+    "1/year": Unit("rate", 1.0),
+    "year": Unit("return period", 1.0),
+    "1": Unit("ratio", 1.0),
+    "%": Unit("ratio", 1e-2),
+    "counts": Unit("counts", 1.0),
+}
+_ALIASES = {
+    "g's": "g", "gs": "g", "gn": "g", "g0": "g", "milli-g": "mg", "gals": "gal",
+    "kine": "cm/s", "msec": "ms", "millis": "ms", "µs": "us", "μs": "us", "usec": "us",
+    "minute": "min", "minutes": "min", "1/yr": "1/year", "1/a": "1/year", "/year": "1/year", "/yr": "1/year",
+    "yr-1": "1/year", "year-1": "1/year", "peryear": "1/year", "peryr": "1/year", "perannum": "1/year",
+    "a": "year", "yr": "year", "yrs": "year", "years": "year", "percent": "%", "-": "1", "–": "1",
+    "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
+}  # fmt: skip
+
+# The first pattern that a heading has gives its kind.
+_KINDS = [
+    ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
+    ("return period", r"\breturn period|\brp\b|\bt r\b"),
+    ("rate", r"\brates?\b|\b(?:annual|mean|exceedance)\b.*\bfrequency|\bfrequency of|\b(?:maf|mafe|afe)\b"
+             r"|\blambda\b|λ"),
+    ("acceleration", r"\bpga\b|\bp?sa\b|\bpeak ground acc|\bspectral acc"),
+    ("velocity", r"\bpgv\b|\bpeak ground vel"),
+    ("displacement", r"\bpgd\b|\bpeak ground disp"),
+    ("index", r"^(?:|index|idx|no\.?|nr\.?|n|i|k|#|id|row|step|points?|samples?|sample (?:no|number|index)\.?"
+              r"|unnamed:? ?\d*|count|number)$"),
+    ("time", r"^(?:t|(?:[a-z]+ )?times?|time stamp|zeit|tempo|temps|tiempo|zaman|seconds?|sec)$"),
+    ("acceleration", r"^(?:a|ag|a g|a\(t\)|a[xyz]|[üu]g?|x ?ddot|ug ?ddot)$|\b(?:acc|acel|besch|ivme)"),
+    ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
+    ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
+]  # fmt: skip
+# Dimensions of units that go with a kind; an index has none, an unknown kind takes any.
+_DIMENSIONS = {
+    "probability": {"ratio"},
+    "rate": {"rate", "ratio"},
+    "index": {"ratio", "counts"},
+    "acceleration": {"acceleration", "counts"},
+    "velocity": {"velocity", "counts"},
+}
+_PERIOD = re.compile(r"\b(P?S[ad])[ _]?\(\s*(?:T\d?\s*=\s*)?([\d.]+)\s*(?:s|sec)?\s*\)", re.I)
+_YEARS = re.compile(
+    r"[\[(]?\s*(?:\b(?:in|over|during|for|per|within)\s+)?"
+    r"(?<![\d.])(\d+(?:\.\d+)?)[\s-]*(?:years?|yrs?|y|a)\b\s*[\])]?",
+    re.I,
+)
+_BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))\s*$")
+# Parentheses that hold a direction, not a unit: (N-S), (x), (H1), (N90E), (090).
+_QUALIFIER = re.compile(
+    r"(?:[nsewxyzhv]\d?|n-?s|e-?w|u-?d|up|down|[ns]\d{1,2}[ew]|\d{2,3}|[a-z]{2}[nezxy123])$", re.I
+)
+_SEPARATED = re.compile(r"\s*[,/]\s*|[\s_]+(?:in\s+)?")
+_SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
+
+
+class Heading(NamedTuple):
+    """The meaning of a heading.
+
+    - `text`: the heading as it stands in the file
+    - `quantity`: its words without unit and investigation time; `PGA`, `PGV`, `PGD` and `Sa(1 s)` are spelled
+      so whatever the file's spelling
+    - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
+      period`, `ratio`, `counts`; empty where neither words nor unit tell it
+    - `unit`: a key of `UNITS`; None where the heading has none
+    - `years`: investigation time of a probability [years]; None where the heading has none
+    """
+
+    text: str
+    quantity: str
+    kind: str
+    unit: str | None
+    years: float | None
+
+
+def unit_of(text: str | None) -> str | None:
+    """The key of `UNITS` that a text means, in any case and with `^2`, `²`, `**2`, `/s/s` or `s-2`; None for
+    any other text."""
+    plain = re.sub(r"[\s^*·]|\.(?=\D|$)", "", (text or "").strip(" []()").translate(_SUPERSCRIPTS)).casefold()
+    plain = re.sub(r"milliseconds?", "ms", plain)
+    plain = re.sub(r"seconds?|secs?(?![a-z])", "s", plain).replace("/s/s", "/s2")
+    plain = re.sub(r"^(m|cm|mm)s-([12])$", r"\1/s\2", plain).replace("/s1", "/s")
+    plain = _ALIASES.get(plain, plain)
+    return plain if plain in UNITS else None
+
+
+def parse_heading(where: str, text: str) -> Heading:
+    """Return quantity, unit and investigation time of a heading.
+
+    - `where`: file, and line where it is known, for errors
+    - `text`: such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or `probability
+      of exceedance in 50 years`
+
+    Raises `ValueError` that quotes the heading for brackets that hold no known unit, and for a unit that does
+    not go with the quantity.
+    """
+    words = " ".join(text.split()).strip("\"' ")
+    years, spelled = None, None
+    if _kind(words) == "probability":
+        if match := _YEARS.search(words.replace("_", " ")):
+            years, words = float(match[1]), words[: match.start()] + " " + words[match.end() :]
+        elif re.search(r"annual|yearly|per (?:year|annum)", words, re.I):
+            years, words = 1.0, re.sub(r"\s*per (?:year|annum)", "", words, flags=re.I)
+    if match := _PERIOD.search(words):
+        spelled = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
+        words = words.replace(match[0], match[1])
+    quantity, unit = _split(where, text, words.strip(" ,;:"))
+    kind = _kind(quantity) if quantity else ""
+    if kind in ("", "index") and unit:
+        kind = UNITS[unit].dimension
+    elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
+        raise ValueError(f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}")
+    if not quantity and not unit:
+        kind = "index"
+    known = re.fullmatch(r"pg[avd]", quantity, re.I)
+    return Heading(text, spelled or (quantity.upper() if known else quantity), kind, unit, years)
+
+
+def _kind(words: str) -> str:
+    plain = " ".join(words.replace("_", " ").casefold().split())
+    return next((kind for kind, pattern in _KINDS if re.search(pattern, plain)), "")
+
+
+def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
+    """Quantity and unit."""
+    if (unit := unit_of(words)) and not _kind(words):
+        return "", unit
+    if brackets := _BRACKETS.search(words):
+        held, quantity = (brackets[1] or brackets[2] or "").strip(), words[: brackets.start()].rstrip(" ,/_")
+        if unit := unit_of(held):
+            return quantity, unit
+        if brackets[1] is None and (
+            _is_symbol(words) or _QUALIFIER.match(held) or words.casefold().startswith("p(")
+        ):
+            return words, None
+        raise ValueError(
+            f"{where}: the unit {held!r} in the heading {text.strip()!r} is not known; known are "
+            f"{', '.join(UNITS)}"
+        )
+    if _is_symbol(words):
+        return words, None
+    for match in _SEPARATED.finditer(words):
+        quantity, rest = words[: match.start()], words[match.end() :]
+        unit = unit_of(rest)
+        if unit is None or not quantity:
+            continue
+        # A letter after a blank may be a direction (N S): it is a unit where it goes with the quantity.
+        kind = _kind(quantity)
+        suits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
+        if suits or "/" in rest or match[0].strip(" _in"):
+            return quantity, unit
+    return words, None
+
+
+def _is_symbol(words: str) -> bool:
+    """Whether a heading is a symbol such as a_g or a(t), whose index is no unit."""
+    return re.fullmatch(r"[a-zü]+(?:_g|\(t\))", words, re.I) is not None and len(words) <= 4

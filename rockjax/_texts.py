@@ -1,0 +1,60 @@
+"""Text of files in whatever encoding editors and spreadsheets write."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+# The longer marks first: that of UTF-32 begins like that of UTF-16.
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+
+
+def read_text(path: str | Path, *, utf8_only: bool = False) -> str:
+    """Return the text of a file; see [`decode`][]. Raises `ValueError` that names the file and the cause."""
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL in the name
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    return decode(path, content, utf8_only=utf8_only)
+
+
+def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
+    """Return the text in the bytes of a file.
+
+    - `path`: for errors
+    - `content`: UTF-8, or UTF-16 or UTF-32 with a byte order mark; other bytes are taken for Windows-1252,
+      as in names of stations and places
+    - `utf8_only`: refuse text without a byte order mark that is not UTF-8
+
+    Raises `ValueError` that names the file, the line and the cause for what is not text.
+    """
+    if content.rstrip().endswith(b"\x1a"):
+        content = content.rstrip(b"\x1a \t\r\n")  # the end of a file under CP/M and DOS
+    encoding = next((name for mark, name in _MARKS if content.startswith(mark)), None)
+    try:
+        text = content.decode(encoding or "utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        if encoding or utf8_only:
+            raise ValueError(
+                f"{path}:{line}: is not {(encoding or 'utf-8').removesuffix('-sig').upper()}: byte "
+                f"0x{content[error.start]:02x} at offset {error.start}; save the file as UTF-8"
+            ) from None
+        text = content.decode("cp1252", errors="replace")
+    if strange := _CONTROL.search(text):
+        line = text.count("\n", 0, strange.start()) + 1
+        cure = "; if it is UTF-16, save it as UTF-8" if strange[0] == "\0" else ""
+        raise ValueError(
+            f"{path}:{line}: is not text: character 0x{ord(strange[0]):02x} at offset {strange.start()}{cure}"
+        )
+    return text
