@@ -184,15 +184,17 @@ def _why_not(answer: FailureProbability, cov: float) -> str:
     """Why an estimate has not converged, and the cure."""
     cures = [] if answer.method == "subset" else ["method='subset'"]
     if answer.probability == 0:
-        cause = f"none of {answer.scenes} scenes fails"
+        cause = "none of them fails"
         cures.append("stronger motions, for the probability may be zero")
-    else:
-        reached = answer.standard_error / answer.probability
-        cause = f"a coefficient of variation of {reached:.2g} was reached, {cov:g} asked for"
+    elif (reached := answer.standard_error / answer.probability) > cov:
+        cause = f"their coefficient of variation is {reached:.2g}, {cov:g} was asked for"
         cures += ["a larger max_scenes", "a larger cov"]
+    else:
+        cause = "too few of them fail, or a few with large weights make up most of the sum"
+        cures.append("a larger max_scenes")
     return (
-        f"the probability {answer.probability:.3g} by {answer.method!r} has not converged: {cause} "
-        f"({answer.scenes} scenes); take {', or '.join(cures)}"
+        f"the probability {answer.probability:.3g} by {answer.method!r} has not converged in {answer.scenes} "
+        f"scenes: {cause}; take {', or '.join(cures)}"
     )
 
 
@@ -207,7 +209,7 @@ def _answer(
     found = estimator.found
     first = first_order(found)
     low, high = estimate.interval
-    converged = estimator.converged(estimate, cov)
+    converged = estimator.converged(estimate, cov) and estimator.has_light_tail()
     off = max(first, 1e-300) / max(estimate.probability, 1e-300)
     return FailureProbability(
         probability=estimate.probability,

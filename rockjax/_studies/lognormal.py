@@ -78,8 +78,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     some, spared = events > 0, events < trials
     lowest = jnp.min(jnp.where(some, log, jnp.inf))
     highest = jnp.max(jnp.where(spared, log, -jnp.inf))
-    # In offset and slope of the probit the likelihood is concave, so its maximum has a slope > 0 just where it
-    # rises with the slope from there on where all shares are alike.
+    # In offset and slope of the probit the likelihood is concave: its maximum has a slope > 0 just where the
+    # likelihood rises with the slope from the best curve of slope 0.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
     fits = jnp.any(some) & jnp.any(spared) & (lowest < highest) & (rise > LEAST_RISE)

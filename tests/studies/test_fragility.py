@@ -200,10 +200,16 @@ def test_what_does_not_fit_is_not_a_number(capacity):
 
 
 WITHOUT_MAXIMUM = {
-    "half at all levels": ([10] * 8, "the same share of the records, 50%, overturns at all levels from 1 to 8"),
+    "half at all levels": (
+        [10] * 8,
+        "the same share of the records, 50%, overturns at all levels from 1 to 8",
+    ),
     "a twentieth at all levels": ([1] * 8, "the same share of the records, 5%"),
     "as many at the ends": ([8, 9, 10, 11, 11, 10, 9, 8], "hardly rises with the intensity, from 40% at 1"),
-    "one more at the last level": ([5] * 7 + [6], "hardly rises with the intensity, from 25% at 1 to 30% at 8"),
+    "one more at the last level": (
+        [5] * 7 + [6],
+        "hardly rises with the intensity, from 25% at 1 to 30% at 8",
+    ),
     "falling": ([8, 7, 6, 5, 4, 3, 2, 1], "falls with the intensity, from 40% at 1 to 5% at 8"),
     "falling from all to none": ([20] * 4 + [0] * 4, "falls with the intensity, from 100% at 1 to 0% at 8"),
     "separated": ([0] * 4 + [20] * 4, "too far apart"),
@@ -236,7 +242,9 @@ def test_counts_that_rise_and_fall_are_fitted_where_the_likelihood_is_greatest(e
 
     def loss(y):
         z = np.log(levels / np.exp(y[0])) / np.exp(y[1])
-        return -np.sum(events * scipy.stats.norm.logcdf(z) + (20 - np.array(events)) * scipy.stats.norm.logsf(z))
+        return -np.sum(
+            events * scipy.stats.norm.logcdf(z) + (20 - np.array(events)) * scipy.stats.norm.logsf(z)
+        )
 
     tight = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 10_000}
     best = np.exp(scipy.optimize.minimize(loss, [1.5, -0.5], method="Nelder-Mead", options=tight).x)

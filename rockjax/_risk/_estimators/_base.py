@@ -68,6 +68,10 @@ class AbstractEstimator(abc.ABC):
         """Whether an estimate is as accurate as asked for, as far as its own samples can tell."""
         return self.rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
 
+    def has_light_tail(self) -> bool:
+        """Whether no few contributions make up most of the estimate, so that its spread tells its error."""
+        return True
+
     def exhausted(self) -> bool:
         """Whether more rounds would tell nothing more."""
         return False
