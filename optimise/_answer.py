@@ -16,7 +16,7 @@ from rockjax.internal import Module, html, lines, of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
-from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, named
+from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, UNVERIFIED, named
 from ._variables import Structure, Variables, as_podium, variables
 
 
@@ -48,7 +48,7 @@ class Design(Module):
     - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)
     - `variables`: name → value in user units; `objective`: its largest value at the design
     - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11, or in an independent sample;
-      `margins`: target → margins there [–]
+      `margins`: target → margins there, NaN of a probability whose independent sample has not converged [–]
     - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per
       relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not
       satisfied
@@ -132,7 +132,10 @@ def aligned(rows: list[list[str]]) -> list[str]:
 
 def _remarks(design: Design) -> list[str]:
     remarks = [RESULTS[design.result]]
-    remarks += [f"not satisfied: {name}, short by {-value:.3g}" for name, value in design.failing.items()]
+    remarks += [
+        f"not verified: {name}" if np.isnan(value) else f"not satisfied: {name}, short by {-value:.3g}"
+        for name, value in design.failing.items()
+    ]
     good = sum(outcome.satisfied for outcome in design.starts)
     if len(design.starts) > 1:
         remarks.append(
@@ -144,8 +147,8 @@ def _remarks(design: Design) -> list[str]:
             f"{name}: margin {margin:+.3g} ± {error:.2g} (standard error), by an independent sample"
         )
     for name, found in design.probabilities.items():
-        low, high = found.interval
-        remarks.append(f"{name}: P = {found.probability:.3g} (95 %: {low:.3g} to {high:.3g}), sampled anew")
+        state = "sampled anew" if found.converged else f"not converged in {found.scenes} scenes"
+        remarks.append(f"{name}: P = {found.probability:.3g} ({found.described_interval}), {state}")
     cost = design.stats
     remarks.append(
         f"{cost.iterations} iterations, "
@@ -200,10 +203,18 @@ def answer_of(
     final, end, there = outcomes[best], found.ends[best], found.evaluations[best]
     parts = np.cumsum([0, *found.sizes.values()])
     spans = [slice(a, b) for a, b in itertools.pairwise(parts)]
+    by_sample = sampled(end.x)
+    margins = there.c.copy()
+    unverified = [k for k, p in by_sample.probabilities.items() if not p.converged]
+    if unverified:
+        for k in unverified:
+            margins[spans[k]] = np.nan
+        result = named(UNVERIFIED) if final.satisfied else final.result
+        final = final._replace(margin=np.nan, satisfied=False, result=result)
+        outcomes = (*outcomes[:best], final, *outcomes[best + 1 :])
     prices = found.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
     sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
     bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
-    by_sample = sampled(end.x)
     # From the user's own structure, whose plain numbers stay what they are.
     structure = variables(given, bounds).structure(end.x)
     return Design(
@@ -212,7 +223,7 @@ def answer_of(
         variables=final.variables,
         objective=final.objective,
         satisfied=final.satisfied,
-        margins={name: there.c[span] for name, span in zip(found.sizes, spans, strict=True)},
+        margins={name: margins[span] for name, span in zip(found.sizes, spans, strict=True)},
         multipliers={name: prices[span] for name, span in zip(found.sizes, spans, strict=True)},
         result=final.result,
         history=tuple(found.history),

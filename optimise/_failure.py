@@ -4,6 +4,7 @@ traced code, one structure at a time."""
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -29,6 +30,7 @@ from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit
 
 SAFE = 1.645  # standard errors of ln P by which a search stays inside: 95 % of independent samples agree
+MAX_SCENES = 10_000_000  # of an independent sample
 CLOSE = 1e-3  # relative change of numbers of a structure that a check need not be repeated for
 
 
@@ -45,7 +47,8 @@ class FailureProbability(AbstractTarget):
     probability is `at_most`. While searching, k comes from rays through failing samples of the first
     structure, the same ones for all, with derivatives by the implicit function theorem; it stays inside by
     what two samples may differ. An answer is verified by subset simulation from another seed: its margin is
-    that of the second sample, which is in `Design.probabilities`.
+    that of the second sample, which is in `Design.probabilities`. Where that has not converged in 10 million
+    scenes, the margin is NaN, and the design is `unverified` and not satisfied.
     """
 
     at_most: float = eqx.field(static=True)
@@ -80,7 +83,7 @@ class FailureProbability(AbstractTarget):
     def probability(self, podium: rj.Podium, seed: int = 0) -> rj.FailureProbability:
         """The probability of failure of a structure, by subset simulation (host)."""
         return rj.failure_probability(
-            podium, self.motion, limit=self.limit, method="subset", cov=self.cov, seed=seed
+            podium, self.motion, limit=self.limit, cov=self.cov, seed=seed, max_scenes=MAX_SCENES
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
@@ -103,7 +106,8 @@ class Margin(NamedTuple):
 
 
 class _Check(NamedTuple):
-    """An independent sample at a structure: what it says, and by how much the rays are off there."""
+    """An independent sample at a structure: what it says, and by how much the rays are off there, as far as
+    is known."""
 
     numbers: np.ndarray
     found: rj.FailureProbability
@@ -161,14 +165,17 @@ class Sampled:
         if self.checked(podium) is not None:
             return None
         before = self._ratio(podium)
-        found = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
-        limit = self._limit(podium)
-        by_rays = probability_at(limit, self.rays, 1.0)
-        self.scenes += found.scenes + limit.scenes
-        # A probability of zero is one below what the sample can see.
-        probability = max(found.probability, 1e-12)
-        self.checks.append(_Check(_numbers(podium), found, probability / max(by_rays, 1e-300)))
-        return math.log(self.checks[-1].ratio / before)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # the design says it
+            found = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
+        self.scenes += found.scenes
+        ratio = before
+        if found.converged:
+            limit = self._limit(podium)
+            ratio = found.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
+            self.scenes += limit.scenes
+        self.checks.append(_Check(_numbers(podium), found, ratio))
+        return math.log(ratio / before)
 
     def checked(self, podium: rj.Podium) -> rj.FailureProbability | None:
         """What an independent sample at this structure says, None where there is none."""

@@ -18,10 +18,23 @@ class RESULTS(eqx.Enumeration):
     not_finite = "A response at the start is not finite, or has no answer; start from another design."
     interrupted = "Stopped from outside; the best design seen until then."
     averaged = "The mean of a search by fresh samples; an independent sample satisfies the targets."
+    unverified = (
+        "The independent sample of a probability of failure has not converged, so nobody knows whether its "
+        "target is satisfied; raise the target's cov."
+    )
 
 
-NAMES = ("converged", "stalled", "infeasible", "out_of_iterations", "not_finite", "interrupted", "averaged")
-CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVERAGED = range(7)
+NAMES = (
+    "converged",
+    "stalled",
+    "infeasible",
+    "out_of_iterations",
+    "not_finite",
+    "interrupted",
+    "averaged",
+    "unverified",
+)
+CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVERAGED, UNVERIFIED = range(8)
 
 
 def named(code: int) -> RESULTS:

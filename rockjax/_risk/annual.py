@@ -67,9 +67,10 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     """The mean annual frequency with which a structure overturns, or reaches whatever the limit state of its
     fragility is.
 
-    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][]; or
-      one of [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then
-      taken as they are, linear between the levels: windows of survival count
+    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], or
+      of [`rockjax.read_fragility_model`][] with its limits; or one of
+      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then taken as
+      they are, linear between the levels: windows of survival count
     - `hazard`: of the same intensity measure, in the same units
 
     No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` it
@@ -97,6 +98,7 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
             owner,
             Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),
             hazard,
+            limits_of(curve),
         )
         return dataclasses.replace(
             found, sensitivities=dict(found.sensitivities) | _of_structure(curve, found.sensitivities)
@@ -117,9 +119,32 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
         )
 
 
-def _with_slopes(curve: Lognormal, hazard: Hazard):
+def limits_of(curve: xarray.Dataset) -> integral.Limits:
+    """The limits of a fragility model of OpenQuake, in the order in which its engine takes them: intensities
+    are brought into the range from `min_intensity` to `max_intensity` first, and then P = 0 up to
+    `no_damage_limit`."""
+    zero, low, high = (
+        float(curve[name]) if name in curve else None
+        for name in ("no_damage_limit", "min_intensity", "max_intensity")
+    )
+    rises_at_once = (low or 0.0) > (zero or 0.0)
+    return integral.Limits(None if rises_at_once else zero, low if rises_at_once else None, high)
+
+
+def _limited_probability(
+    curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
+) -> np.ndarray:
+    """P at intensities within limits; a share that stays > 0 at low ones counts from `first` on."""
+    low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
+    share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
+    if limits.constant_below is not None:
+        return np.where(x < min(first, low), 0.0, share)
+    return np.where(x <= (limits.zero_below or 0.0), 0.0, share)
+
+
+def _with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
     def total(log_median, dispersion):
-        parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion)
+        parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion, limits)
         return parts.total, parts
 
     (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
@@ -134,11 +159,13 @@ def _with_slopes(curve: Lognormal, hazard: Hazard):
 _lognormal = KeptProgram(_with_slopes)
 
 
-def _of_lognormal(owner: str, curve: Lognormal, hazard: Hazard) -> AnnualFrequency:
+def _of_lognormal(
+    owner: str, curve: Lognormal, hazard: Hazard, limits: integral.Limits = integral.Limits()
+) -> AnnualFrequency:
     require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
     require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
     curve = Lognormal(*map(as_float, curve))
-    return AnnualFrequency(*_lognormal(curve, hazard))
+    return AnnualFrequency(*_lognormal(curve, hazard, limits))
 
 
 def _of_structure(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
@@ -181,12 +208,13 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     """
     import xarray
 
-    found = annual_frequency(curve, hazard)
+    found, limits = annual_frequency(curve, hazard), integral.Limits()
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
             raise ValueError(
                 "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
             )
+        limits = limits_of(curve)
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))
@@ -196,7 +224,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
         require("disaggregation", "at", x, lambda v: v > 0, "finite and > 0")
     log_x, log_rate = hazard.logarithms
     i = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
-    rate, share = np.asarray(hazard(jnp.asarray(x))), np.asarray(curve.probability(jnp.asarray(x)))
+    rate = np.asarray(hazard(jnp.asarray(x)))
+    share = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
     density = share * np.asarray(integral.slopes(log_x, log_rate))[i] * rate / float(found.frequency)
     of = {"units": hazard.units, "long_name": hazard.measure}
     return xarray.Dataset(

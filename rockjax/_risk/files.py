@@ -8,69 +8,192 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockjax._files import write_whole
+from rockjax._headings import UNITS, Heading, parse_heading, unit_of
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._texts import read_text
 
-from .units import SI
+from .units import KNOWN, in_si
 
 if TYPE_CHECKING:
     import xarray
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
-_HEADER = re.compile(r"^\s*(?P<measure>[^\[]+?)\s*\[\s*(?P<units>[^\]]+?)\s*\]\s*$")
+CUTOFF = "1e-10"  # in the place of a minIML of 0, as OpenQuake has it
+NEARLY_SURE = 7.0  # standard deviations above the median: 1 − P = 1e-12
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     """The arguments of the `Hazard` in a file."""
-    rows = [row for row in csv.reader(read_text(path).splitlines()) if any(cell.strip() for cell in row)]
-    comments = [row for row in rows if row[0].lstrip().startswith("#")]
-    rows = [row for row in rows if not row[0].lstrip().startswith("#")]
+    text = read_text(path).splitlines()
+    rows = [_Row.of(number, line, _delimiter(text)) for number, line in enumerate(text, 1)]
+    rows = [row for row in rows if any(row.cells)]
+    comments = [row for row in rows if row.is_comment]
+    rows = [row for row in rows if not row.is_comment]
     if not rows:
         raise ValueError(f"{path}: is empty; expected a hazard curve")
-    if any(cell.strip().startswith("poe-") for cell in rows[0]):
-        found = _openquake(path, rows, ",".join(cell for row in comments for cell in row), site)
-    else:
-        if site is not None:
-            raise ValueError(
-                f"{path}: site is for OpenQuake's files of several sites; this one holds one curve"
-            )
-        found = _two_columns(path, rows)
-    units = found["units"]
-    if units not in SI:
+    if sum(cell.startswith("poe-") for cell in rows[0].cells) > 1:
+        return _openquake(path, rows, comments, site)
+    if site is not None:
+        raise ValueError(f"{path}: site is for OpenQuake's files of several sites; this one holds one curve")
+    return _two_columns(path, rows, comments)
+
+
+class _Row(NamedTuple):
+    """A line of a table: its number, its text and its cells."""
+
+    line: int
+    text: str
+    cells: list[str]
+
+    @classmethod
+    def of(cls, number: int, line: str, delimiter: str) -> _Row:
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+        if delimiter != ",":  # commas are decimal
+            cells = [
+                point if _as_number(point := cell.replace(",", ".")) is not None else cell for cell in cells
+            ]
+        return cls(number, line, cells)
+
+    @property
+    def is_comment(self) -> bool:
+        return self.text.lstrip().startswith(("#", '"#'))
+
+    @property
+    def has_numbers(self) -> bool:
+        return any(_as_number(cell) is not None for cell in self.cells)
+
+    def number(self, path: str | Path, column: int) -> float:
+        """The number in a column. Raises `ValueError` that names file, line and text."""
+        cell = self.cells[column] if column < len(self.cells) else ""
+        number = _as_number(cell)
+        if number is None:
+            raise ValueError(f"{path}:{self.line}: expected a number in column {column + 1}, got {cell!r}")
+        return number
+
+
+def _delimiter(lines: list[str]) -> str:
+    """Between the cells of the last line: a semicolon or tab where it has one, else a comma."""
+    last = next((line for line in reversed(lines) if line.strip()), "")
+    return next((mark for mark in ";\t" if mark in last), ",")
+
+
+def _as_number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> dict[str, Any]:
+    body = [k for k, row in enumerate(rows) if row.has_numbers]
+    first = body[0] if body else len(rows)
+    texts = _headings(
+        [row.cells for row in rows[:first]] or [_uncommented(row) for row in comments[-1:]], rows
+    )
+    found = [parse_heading(str(path), text) for text in texts]
+    wanted = [k for k, heading in enumerate(found) if heading.kind not in ("index", "time")]
+    often = [k for k in wanted if found[k].kind in ("probability", "rate", "return period")]
+    intensity = [k for k in wanted if k not in often]
+    shown = ", ".join(repr(text) for text in texts) or repr(rows[0].text[:60])
+    if len(often) != 1 or len(intensity) != 1 or found[intensity[0]].unit is None:
         raise ValueError(
-            f"{path}: units {units!r} of {found['measure']} are unknown; known are {', '.join(SI)}"
+            f"{path}: expected two columns under a header that names the measure and its unit, and how often "
+            "it is exceeded, such as 'PGA [g],annual_rate', 'PGA [g],PoE in 50 years' or 'PGA [g],return "
+            f"period [years]'; got {shown}"
         )
-    factor, found["units"] = SI[units]
-    found["intensity"] = np.asarray(found["intensity"]) * factor
+    x, exceeded = found[intensity[0]], found[often[0]]
+    factor, units = _si(path, x)
+    values = np.array([[row.number(path, k) for k in (intensity[0], often[0])] for row in rows[first:]])
+    levels, rates = _rates(path, exceeded, *values.reshape(-1, 2).T, _years(comments))
+    return {"intensity": levels * factor, "annual_rate": rates, "measure": x.quantity, "units": units}
+
+
+def _uncommented(row: _Row) -> list[str]:
+    return [row.cells[0].lstrip('"# '), *row.cells[1:]]
+
+
+def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
+    """The headings of a table: a second line of them holds units, and one whose comma divides it is put
+    together again."""
+    cells = [cell.strip() for cell in lines[0]] if lines else []
+    for more in lines[1:]:
+        units = [text.strip(" []()") for text in more] + [""] * (len(cells) - len(more))
+        cells = [f"{cell} [{unit}]" if unit else cell for cell, unit in zip(cells, units, strict=False)]
+    columns = len(rows[-1].cells)
+    while len(cells) > columns:
+        at = [k for k in range(1, len(cells)) if unit_of(cells[k]) or re.match(r"[\d.]+ *y|in ", cells[k])]
+        if not at:
+            break
+        cells[at[0] - 1 : at[0] + 1] = [f"{cells[at[0] - 1]}, {cells[at[0]]}"]
+    return cells
+
+
+def _si(path: str | Path, heading: Heading) -> tuple[float, str]:
+    found = in_si(heading.unit or "")
+    if found is None:
+        raise ValueError(
+            f"{path}: heading {heading.text.strip()!r}: {heading.unit!r} is no unit of an intensity; "
+            f"known are {', '.join(KNOWN)}"
+        )
     return found
 
 
-def _two_columns(path: str | Path, rows: list[list[str]]) -> dict[str, Any]:
-    header = _HEADER.match(rows[0][0]) if len(rows[0]) == 2 else None
-    if header is None:
+def _years(comments: list[_Row]) -> float | None:
+    """The investigation time that comments of a file say."""
+    said = re.search(
+        r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
+    )
+    return None if said is None else float(said[1])
+
+
+def _rates(
+    path: str | Path, heading: Heading, x: np.ndarray, values: np.ndarray, years: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Intensities with annual rates, from what a heading says of the values."""
+    quoted = f"{path}: heading {heading.text.strip()!r}"
+    values = values * (1e-2 if heading.unit == "%" else 1.0)
+    if heading.kind == "rate":
+        if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
+            raise ValueError(f"{quoted}: rates must be annual; 'annual_rate' says so")
+        return x, values
+    if heading.kind == "return period":
+        if np.any(values <= 0):
+            raise ValueError(f"{quoted}: return periods must be > 0, got {values.min():g}")
+        return x, 1 / values
+    years = years if heading.years is None else heading.years
+    if years is None:
         raise ValueError(
-            f"{path}: expected two columns with a header that names the measure and its unit, such as "
-            f"'PGA [g],annual_rate', got {','.join(rows[0])[:60]!r}"
+            f"{quoted}: is a probability without its investigation time; write it such as 'PoE in 50 years'"
         )
-    try:
-        x, rate = np.array([[float(cell) for cell in row] for row in rows[1:]]).T
-    except ValueError as error:
+    return _of_probabilities(quoted, x, values, years)
+
+
+def _of_probabilities(
+    owner: str, x: np.ndarray, poe: np.ndarray, years: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Intensities with annual rates −ln(1 − p)/t."""
+    if not (np.isfinite(years) and years > 0):
+        raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
+    if np.any(~((poe >= 0) & (poe <= 1))):
         raise ValueError(
-            f"{path}: every line after the header must hold an intensity and an annual rate: {error}"
-        ) from None
-    return {"intensity": x, "annual_rate": rate, "measure": header["measure"], "units": header["units"]}
+            f"{owner}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
+        )
+    # What is certain, or never happens, has no rate: such points say nothing about the curve.
+    known = (poe > 0) & (poe < 1)
+    if known.sum() < 2:
+        raise ValueError(f"{owner}: needs at least two probabilities between 0 and 1, got {int(known.sum())}")
+    return x[known], -np.log1p(-poe[known]) / years
 
 
-def _openquake(path: str | Path, rows: list[list[str]], comment: str, site: int | None) -> dict[str, Any]:
-    header = [cell.strip() for cell in rows[0]]
-    columns = [i for i, cell in enumerate(header) if cell.startswith("poe-")]
-    years = re.search(r"investigation_time\s*=\s*([0-9.eE+]+)", comment)
-    imt = re.search(r"imt\s*=\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", comment)
+def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: int | None) -> dict[str, Any]:
+    columns = [k for k, cell in enumerate(rows[0].cells) if cell.startswith("poe-")]
+    years = _years(comments)
+    imt = re.search(r"imt\s*[=:]\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", " ".join(row.text for row in comments))
     if years is None or imt is None:
         raise ValueError(
             f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them"
@@ -80,25 +203,16 @@ def _openquake(path: str | Path, rows: list[list[str]], comment: str, site: int 
         raise ValueError(
             f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}"
         )
-    if site is not None and not 0 <= site < len(curves):
+    if not 0 <= (site or 0) < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
-    x = np.array([float(header[i].removeprefix("poe-")) for i in columns])
-    poe = np.array([float(curves[site or 0][i]) for i in columns])
-    if np.any((poe < 0) | (poe > 1)):
-        raise ValueError(
-            f"{path}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
-        )
-    # What is certain, or never happens, has no rate: such points say nothing about the curve.
-    known = (poe > 0) & (poe < 1)
-    if known.sum() < 2:
-        raise ValueError(f"{path}: needs at least two probabilities between 0 and 1, got {int(known.sum())}")
-    measure, units = _measure(path, imt[1])
-    return {
-        "intensity": x[known],
-        "annual_rate": -np.log1p(-poe[known]) / float(years[1]),
-        "measure": measure,
-        "units": units,
-    }
+    # Some versions write the type of a column after a colon.
+    heads = [rows[0].cells[k].removeprefix("poe-").split(":")[0] for k in columns]
+    x = np.array([rows[0]._replace(cells=heads).number(path, k) for k in range(len(heads))])
+    poe = np.array([curves[site or 0].number(path, k) for k in columns])
+    x, rates = _of_probabilities(str(path), x, poe, years)
+    measure, unit = _measure(path, imt[1])
+    factor, units = UNITS[unit].factor, "m s-1" if measure == "PGV" else "m s-2"
+    return {"intensity": x * factor, "annual_rate": rates, "measure": measure, "units": units}
 
 
 def _measure(path: str | Path, imt: str) -> tuple[str, str]:
@@ -106,7 +220,7 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
     if imt == "PGA":
         return "PGA", "g"
     if imt == "PGV":
-        return "PGV", "cm s-1"
+        return "PGV", "cm/s"
     if imt.startswith("SA("):
         return f"Sa({float(imt[3:-1]):g} s)", "g"
     raise ValueError(f"{path}: intensity measure {imt!r} is not read; PGA, PGV and SA(T) are")
@@ -138,7 +252,9 @@ def write_fragility_model(
       structures, by default `structure-1` …
 
     NRML holds mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` = m
-    e^(β²/2), `stddev` = mean √(e^(β²) − 1). Raises `ValueError` for measures that OpenQuake does not know.
+    e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written as they are.
+    OpenQuake asks for minIML and maxIML: a curve without them has 1e-10 and m e^(7β), which change no
+    probability by more than 1e-11. Raises `ValueError` for measures that OpenQuake does not know.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -161,12 +277,10 @@ def write_fragility_model(
         imt, unit = _imt(curve.attrs["measure"])
         median, dispersion = float(curve["median_capacity"]) / unit, float(curve["dispersion"])
         mean = median * math.exp(0.5 * dispersion**2)
-        at = curve["at"].values / unit
         function = ET.SubElement(
             model, f"{{{NRML}}}fragilityFunction", {"id": name, "format": "continuous", "shape": "logncdf"}
         )
-        limits = {"noDamageLimit": "0", "minIML": repr(float(at[0])), "maxIML": repr(float(at[-1]))}
-        ET.SubElement(function, f"{{{NRML}}}imls", {"imt": imt, **limits})
+        ET.SubElement(function, f"{{{NRML}}}imls", {"imt": imt, **_limits_to_write(curve, unit)})
         moments = {"mean": repr(mean), "stddev": repr(mean * math.sqrt(math.expm1(dispersion**2)))}
         ET.SubElement(function, f"{{{NRML}}}params", {"ls": "overturning", **moments})
     ET.indent(root)
@@ -180,8 +294,11 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
     structures (host).
 
     Several limit states of a structure are named `structure/limit state`. Each is a dataset with
-    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it. Raises `ValueError` for
-    other files and other shapes of curves.
+    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it, and with the limits that
+    the file has: `no_damage_limit`, up to which P = 0; `min_intensity` and `max_intensity` (minIML, maxIML),
+    below and above which P is that at the limit. As in OpenQuake, a limit of 0 is none, and intensities are
+    brought between the last two before the first is looked at. Raises `ValueError` for other files, other
+    shapes of curves, and limits that leave no curve.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -218,16 +335,48 @@ def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float
         raise ValueError(f"{path}: {name}: attribute {key} must be a number, got {text!r}{cure}") from None
 
 
+# Names of limits in datasets, by those in NRML.
+LIMITS = {
+    "noDamageLimit": "no_damage_limit",
+    "minIML": "min_intensity",
+    "maxIML": "max_intensity",
+}
+
+
+def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
+    """The limits of a curve that are not 0, in the unit of the file."""
+    found = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
+    for key, limit in found.items():
+        if not 0 <= limit < math.inf:
+            raise ValueError(f"{path}: {name}: attribute {key} must be >= 0, got {imls.get(key)!r}")
+    highest = found.get("maxIML", 0.0)
+    for key in ("noDamageLimit", "minIML"):
+        if 0 < highest <= found.get(key, 0.0):
+            raise ValueError(f"{path}: {name}: {key} {found[key]:g} must be below maxIML {highest:g}")
+    return {LIMITS[key]: limit for key, limit in found.items() if limit > 0}
+
+
+def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
+    highest = float(curve["median_capacity"]) / unit * math.exp(NEARLY_SURE * float(curve["dispersion"]))
+    own = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
+    return {"minIML": CUTOFF, "maxIML": f"{highest:.15g}"} | own
+
+
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))
-    factor, si = SI[units]
+    factor, si = UNITS[units].factor, "m s-1" if measure == "PGV" else "m s-2"
+    if (own := imls.get("imlUnit")) is not None and unit_of(own) != units:
+        raise ValueError(
+            f"{path}: {name}: imlUnit {own!r} is not {units!r}, the unit of {measure} in OpenQuake"
+        )
     mean, deviation = (_number(path, name, state, key) for key in ("mean", "stddev"))
     if not (mean > 0 and deviation > 0):
         raise ValueError(f"{path}: {name} needs mean and stddev > 0, got {mean:g} and {deviation:g}")
     dispersion = math.sqrt(math.log1p((deviation / mean) ** 2))
     median = mean * math.exp(-0.5 * dispersion**2) * factor
+    limits = {key: ((), limit * factor, {"units": si}) for key, limit in _limits(path, name, imls).items()}
     return xarray.Dataset(
         {
             "median_capacity": ((), median, {"units": si, "long_name": f"median overturning {measure}"}),
@@ -236,6 +385,7 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
                 dispersion,
                 {"units": "1", "long_name": "standard deviation of its logarithm"},
             ),
+            **limits,
         },
         attrs={"title": "Fragility", "kind": "fragility", "measure": measure, "units": si},
     )

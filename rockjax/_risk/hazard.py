@@ -14,7 +14,7 @@ from rockjax._checks import as_float, concrete, require
 from rockjax._module import Module
 
 from .integral import log_rate_at
-from .units import SI
+from .units import KNOWN, in_si
 
 if TYPE_CHECKING:
     import xarray
@@ -81,21 +81,25 @@ class Hazard(Module):
 
     def in_si(self) -> Hazard:
         """The same curve with its intensity in SI units, as fragilities of rockjax have them."""
-        if self.units not in SI:
-            raise ValueError(f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(SI)}")
-        factor, units = SI[self.units]
+        found = in_si(self.units)
+        if found is None:
+            raise ValueError(f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(KNOWN)}")
+        factor, units = found
         return Hazard(self.intensity * factor, self.annual_rate, measure=self.measure, units=units)
 
     @classmethod
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
         """The hazard curve in a file (host), in SI units.
 
-        - `path`: two columns (CSV) with measure and unit of the first in the header, such as `PGA
-          [g],annual_rate`; or a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`), whose
-          probabilities in its investigation time become rates
+        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or two columns (CSV) under
+          headings, one for the intensity with measure and unit (`PGA [g]`, `Sa(1 s), %g`), one for how often
+          it is exceeded: `annual_rate`, `return period [years]`, or a probability with its investigation time
+          (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t years become rates
+          −ln(1 − p)/t; those of 0 and 1, which have none, are left out
         - `site`: row of an OpenQuake file, from 0; needed where it has several
 
-        Raises `ValueError` for files that are neither, and for curves that make no sense.
+        Raises `ValueError` that quotes the heading for one that is not understood, for probabilities without
+        an investigation time, for other files, and for curves that make no sense.
         """
         from .files import read_hazard
 

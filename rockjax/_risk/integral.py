@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.scipy.stats import norm
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 
 class Parts(NamedTuple):
@@ -27,6 +27,17 @@ class Parts(NamedTuple):
     @property
     def total(self) -> Float[Array, ""]:
         return self.below + jnp.sum(self.between) + self.above
+
+
+class Limits(NamedTuple):
+    """Intensities beyond which a curve does not go on; None where there is none, as for one of the first two.
+
+    P(x) = 0 up to `zero_below`; P(x) = P(`constant_below`) below that, P(`constant_above`) above that.
+    """
+
+    zero_below: Float[ArrayLike, ""] | None = None
+    constant_below: Float[ArrayLike, ""] | None = None
+    constant_above: Float[ArrayLike, ""] | None = None
 
 
 def slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Array, " n-1"]:
@@ -57,9 +68,55 @@ def lognormal(
     log_rate: Float[Array, " n"],
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
+    limits: Limits = Limits(),
 ) -> Parts:
-    """Contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion)."""
+    """Contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), within limits.
+
+    A share that stays > 0 at low intensities counts from the first given point on, for rates grow without
+    bound below it.
+    """
     k = slopes(log_x, log_rate)
+    zero, floor, last = (None if x is None else jnp.log(x) for x in limits)
+    first = floor if zero is None else zero
+    ends = [x for x in (first, last) if x is not None]
+    if not ends:
+        return _unlimited(log_x, log_rate, k, median, dispersion)
+    points = jnp.sort(jnp.concatenate([log_x, jnp.stack(ends)]))
+    middle = 0.5 * (points[:-1] + points[1:])
+    on = jnp.clip(jnp.searchsorted(log_x, middle) - 1, 0, log_x.size - 2)
+
+    def rate(s):
+        return jnp.exp(log_rate_at(log_x, log_rate, s))
+
+    def share(s):
+        return norm.cdf((s - jnp.log(median)) / dispersion)
+
+    parts = _unlimited(points, log_rate_at(log_x, log_rate, points), k[on], median, dispersion)
+    below, pieces, above, constant = parts.below, parts.between, parts.above, jnp.zeros(())
+    if first is not None:
+        below, pieces = jnp.zeros(()), jnp.where(middle > first, pieces, 0.0)
+    if floor is not None:
+        constant += share(floor) * jnp.maximum(rate(log_x[0]) - rate(floor), 0.0)
+    if last is not None:
+        beyond = rate(jnp.maximum(last, log_x[-1]))
+        above, pieces = share(last) * beyond, jnp.where(middle < last, pieces, 0.0)
+        constant += share(last) * (rate(last) - beyond)
+    lower, upper = middle < log_x[0], middle > log_x[-1]
+    return Parts(
+        below + jnp.sum(jnp.where(lower, pieces, 0.0)),
+        jnp.append(jnp.where(lower | upper, 0.0, pieces), constant),
+        above + jnp.sum(jnp.where(upper, pieces, 0.0)),
+    )
+
+
+def _unlimited(
+    log_x: Float[Array, " n"],
+    log_rate: Float[Array, " n"],
+    k: Float[Array, " n-1"],
+    median: Float[Array, ""],
+    dispersion: Float[Array, ""],
+) -> Parts:
+    """Contributions to ∫ F |dλ| without limits; k of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
     share, rate = norm.cdf(z), jnp.exp(log_rate)
     # ln(k₀ m^(−k) e^(k²β²/2)), k₀ from the left end of the segment.

@@ -29,6 +29,7 @@ LOW, HIGH = 1e-7, 1e-9  # shares of |u| below and above which nobody looks
 WIDER = 1.1  # range of k that is looked at, both ways, before it is known where it ends
 FARTHEST_FACTOR = 100.0  # on u, both ways
 NEARLY = 0.7  # of ln P: near enough to the probability that is asked for
+MAX_SCENES = 10_000_000  # of the sample that rays are drawn from
 TRIALS = 12  # factors on u
 TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and which of them fail it
 COARSE = Division(rounds=0)
@@ -91,8 +92,12 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
         raise ValueError("the limit state has failed at u = 0 already")
     rng = np.random.default_rng([seed, 3])
     factor, sampled = _strength(limit, probability, rng)
-    sampled.run(cov, 10_000_000, 500, lambda _: None)
-    known = sampled.estimate()
+    known = sampled.run(cov, MAX_SCENES, 500, lambda _: None)
+    if not sampled.converged(known, cov):
+        raise ValueError(
+            f"{MAX_SCENES} scenes reach a coefficient of variation of {known.cov:.2g} of a probability near "
+            f"{probability:g}, {cov:g} was asked for; raise cov"
+        )
     u, weights = _drawn(sampled, count, rng)
     size = np.linalg.norm(u, axis=1)
     scan = _Scan(limit, u / size[:, None], factor)

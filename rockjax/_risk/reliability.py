@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,7 +14,7 @@ import scipy
 from rockjax._progress import bar
 from rockjax._results import Interrupted
 
-from ._estimators import ESTIMATORS, Estimate, Slopes
+from ._estimators import ESTIMATORS, AbstractEstimator, Estimate, Slopes
 from .limit_state import AbstractLimitState, OfFunction
 from .search import FARTHEST, Found, design_points
 
@@ -25,14 +26,16 @@ DISAGREE = 1.5  # first order and the sampled probability: a factor that is wort
 class FailureProbability:
     """A probability of failure, sampled, with its accuracy and the first-order value beside it.
 
-    - `probability`, `standard_error`; `interval`: of 95 %
+    - `probability`, `standard_error`; `interval`: of 95 %, (NaN, NaN) for an estimate that has not converged,
+      but for `"monte-carlo"`, whose interval is exact for any number of scenes
     - `method`, `scenes`: evaluations of the limit state, those of the search for design points included
     - `effective_sample_size`: effective number of failures in the sample
     - `first_order`: of the union of the half spaces of the design points; NaN for methods without them
     - `beta`: distances of the design points, nearest first
     - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
       far from plane, or a design point was not found
-    - `converged`: whether the coefficient of variation asked for was reached
+    - `converged`: whether the coefficient of variation asked for was reached; without it the probability may
+      be off by a factor
     - `sensitivities`: (dP/dy, standard error) by the name of y, where the limit state is that of a structure
       and the method is `"line"`; `jumps`: the share of the surface of failure across which G jumps, of which
       they know nothing
@@ -52,19 +55,24 @@ class FailureProbability:
     jumps: float = math.nan
 
     def __repr__(self):
-        low, high = self.interval
-        text = f"FailureProbability: {self.probability:.4g} (95 %: {low:.3g} to {high:.3g}) "
+        text = f"FailureProbability: {self.probability:.4g} ({self.described_interval}) "
         text += f"from {self.scenes} scenes, {self.method}"
         if math.isfinite(self.first_order):
             text += f"; first order {self.first_order:.3g}" + (", which disagrees" if self.disagrees else "")
-        return text + ("" if self.converged else "; not as accurate as asked for")
+        return text + ("" if self.converged else "; not converged")
+
+    @property
+    def described_interval(self) -> str:
+        """The interval in words."""
+        low, high = self.interval
+        return "no interval" if math.isnan(low) else f"95 %: {low:.3g} to {high:.3g}"
 
 
 def reliability(
     G: Callable[[Any], Any],
     dimension: int,
     *,
-    method: str = "importance",
+    method: str = "subset",
     cov: float = 0.1,
     seed: int = 0,
     starts: int = 16,
@@ -74,12 +82,14 @@ def reliability(
     """P(G(u) ≤ 0) for standard normal u (host).
 
     - `G`: a differentiable JAX function of u, shape (dimension,), to a number; failure where it is ≤ 0
-    - `method`: `"importance"`, `"line"`: around the design points; `"subset"`, `"monte-carlo"`: without them
-      or derivatives
-    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations at most
+    - `method`: `"subset"`, `"monte-carlo"`: without design points or derivatives; `"importance"`, `"line"`:
+      around the design points, for limit states that are nearly plane, or of few numbers
+    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations, after which no further
+      round begins
     - `seed`: the same gives the same; `starts`: directions from which design points are searched for
 
-    Ctrl-C raises [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that
+    An estimate that has not converged warns (`RuntimeWarning`) and has no interval. Ctrl-C raises
+    [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that
     make no sense, for a limit state that has failed at u = 0 already, and for one that no search reaches,
     where the method needs design points.
     """
@@ -162,33 +172,56 @@ def probability_of(
 
             estimator.run(cov, max_scenes, 500, report)
     except KeyboardInterrupt:
-        partial = _answer(known[0], estimator.found, limit, method, cov, None) if known else None
+        partial = _answer(known[0], estimator, limit, method, cov, None) if known else None
         raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", partial) from None
-    return _answer(known[0], estimator.found, limit, method, cov, estimator.slopes())
+    answer = _answer(known[0], estimator, limit, method, cov, estimator.slopes())
+    if not answer.converged:
+        warnings.warn(f"{owner}: {_why_not(answer, cov)}", RuntimeWarning, stacklevel=3)
+    return answer
+
+
+def _why_not(answer: FailureProbability, cov: float) -> str:
+    """Why an estimate has not converged, and the cure."""
+    cures = [] if answer.method == "subset" else ["method='subset'"]
+    if answer.probability == 0:
+        cause = "none of them fails"
+        cures.append("stronger motions, for the probability may be zero")
+    elif (reached := answer.standard_error / answer.probability) > cov:
+        cause = f"their coefficient of variation is {reached:.2g}, {cov:g} was asked for"
+        cures += ["a larger max_scenes", "a larger cov"]
+    else:
+        cause = "too few of them fail, or a few with large weights make up most of the sum"
+        cures.append("a larger max_scenes")
+    return (
+        f"the probability {answer.probability:.3g} by {answer.method!r} has not converged in {answer.scenes} "
+        f"scenes: {cause}; take {', or '.join(cures)}"
+    )
 
 
 def _answer(
     estimate: Estimate,
-    found: Found,
+    estimator: AbstractEstimator,
     limit: AbstractLimitState,
     method: str,
     cov: float,
     slopes: Slopes | None,
 ) -> FailureProbability:
+    found = estimator.found
     first = first_order(found)
     low, high = estimate.interval
+    converged = estimator.converged(estimate, cov) and estimator.has_light_tail()
     off = max(first, 1e-300) / max(estimate.probability, 1e-300)
     return FailureProbability(
         probability=estimate.probability,
         standard_error=estimate.standard_error,
-        interval=estimate.interval,
+        interval=estimate.interval if converged or estimator.always_covers else (math.nan, math.nan),
         method=method,
         scenes=limit.scenes,
         effective_sample_size=estimate.effective,
         first_order=first,
         beta=found.beta,
         disagrees=bool(found.beta.size and not low <= first <= high and not 1 / DISAGREE < off < DISAGREE),
-        converged=estimate.cov <= cov,
+        converged=converged,
         sensitivities={} if slopes is None else slopes.named,
         jumps=math.nan if slopes is None else slopes.jumps,
     )

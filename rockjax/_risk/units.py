@@ -1,20 +1,12 @@
-"""Units of intensity measures in files."""
+"""Units of intensity measures."""
 
-from rockjax._structures import STANDARD_GRAVITY
+from rockjax._headings import UNITS, unit_of
 
-# Units that can stand for another, in SI: factor and the SI unit.
-SI = {
-    "g": (STANDARD_GRAVITY, "m s-2"),
-    "cm s-2": (0.01, "m s-2"),
-    "gal": (0.01, "m s-2"),
-    "mm s-2": (1e-3, "m s-2"),
-    "cm s-1": (0.01, "m s-1"),
-    "cm/s": (0.01, "m s-1"),
-    "cm/s2": (0.01, "m s-2"),
-    "m/s2": (1.0, "m s-2"),
-    "m/s": (1.0, "m s-1"),
-    "m s-2": (1.0, "m s-2"),
-    "m s-1": (1.0, "m s-1"),
-    "m": (1.0, "m"),
-    "1": (1.0, "1"),
-}
+_SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
+KNOWN = [name for name, unit in UNITS.items() if unit.dimension in _SI]
+
+
+def in_si(units: str) -> tuple[float, str] | None:
+    """The factor to the SI unit of an intensity, and that unit; None for units of no intensity."""
+    unit = UNITS.get(unit_of(units) or "")
+    return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])

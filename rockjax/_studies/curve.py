@@ -240,9 +240,24 @@ def _why_not(method: str, data: _Ensemble) -> str:
                 f"{data.levels[-1]:g}; raise the highest intensity"
             )
         return f"the capacities of the {known.size} records that overturn do not differ; use other records"
-    if not data.overturned.any():
-        return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
+    share, levels, cure = data.overturned.mean(axis=0), data.levels, "take other levels or other records"
+    if not share.any():
+        return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
+    if share.all() and share.min() == 1:
+        return f"all records overturn at all levels from {levels[0]:g} on; lower the lowest intensity"
+    if np.flatnonzero(share)[0] >= np.flatnonzero(share < 1)[-1]:
+        return (
+            "the levels are too far apart: a dispersion needs overturned and surviving records at two levels "
+            "or more; add some"
+        )
+    if np.ptp(share) < 1e-9:
+        return (
+            f"the same share of the records, {share[0]:.0%}, overturns at all levels from {levels[0]:g} to "
+            f"{levels[-1]:g}: nothing says where the median lies; {cure}"
+        )
+    log = np.log(levels)
+    way = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
     return (
-        "the levels are too far apart: a dispersion needs overturned and surviving records at two levels or "
-        "more; add some"
+        f"the share of overturned records {way} with the intensity, from {share[0]:.0%} at {levels[0]:g} to "
+        f"{share[-1]:.0%} at {levels[-1]:g}: no lognormal curve does; {cure}"
     )

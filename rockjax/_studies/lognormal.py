@@ -19,6 +19,9 @@ from scipy.special import ndtr
 from rockjax._checks import array_module
 
 NARROWEST = 1e-4  # a dispersion smaller than that is none
+# Nor is a larger one: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
+WIDEST = 3.0
+LEAST_RISE = 1e-9  # of shares over the levels: less is rounding
 
 
 class Lognormal(NamedTuple):
@@ -59,39 +62,48 @@ def fit_capacities(
         likelihood = jnp.where(known, norm.logpdf(z) - y[1], norm.logsf(z))
         return -jnp.sum(w * likelihood) / jnp.sum(w)
 
-    return _fitted(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), fits)
+    y, good = _fitted(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), fits)
+    return _where(good, jnp.exp(y[0]), jnp.exp(y[1]))
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
     """The distribution behind `events` of `trials` at levels x (multiple stripes): binomial, with a probit in
     ln x.
 
-    Needs levels of overlap: where all events lie above all others, any dispersion small enough fits and the
-    result is NaN.
+    NaN where the likelihood has no maximum: where all events lie above all others, any dispersion small
+    enough fits; where the share does not rise with the level, any that is large enough. A dispersion above
+    `WIDEST` is none.
     """
     log = jnp.log(x)
     some, spared = events > 0, events < trials
     lowest = jnp.min(jnp.where(some, log, jnp.inf))
     highest = jnp.max(jnp.where(spared, log, -jnp.inf))
-    fits = jnp.any(some) & jnp.any(spared) & (lowest < highest)
-    # Where to begin: the levels around which the shares change.
-    share = (events + 0.5) / (trials + 1.0)
-    slope, offset = jnp.polyfit(log, norm.ppf(share), 1)
-    slope = jnp.where(slope > 0.1, slope, 1.0)
-    middle = -offset / slope
+    # In offset and slope of the probit the likelihood is concave: its maximum has a slope > 0 just where the
+    # likelihood rises with the slope from the best curve of slope 0.
+    centre = jnp.sum(trials * log) / jnp.sum(trials)
+    rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
+    fits = jnp.any(some) & jnp.any(spared) & (lowest < highest) & (rise > LEAST_RISE)
 
     def loss(y, data):
-        z = (log - y[0]) / jnp.exp(y[1])
+        z = y[0] + y[1] * (log - centre)
         events, trials = data
         likelihood = events * norm.logcdf(z) + (trials - events) * norm.logsf(z)
         return -jnp.sum(likelihood) / jnp.sum(trials)
 
-    start = jnp.stack([jnp.clip(middle, log[0] - 2, log[-1] + 2), -jnp.log(slope)])
-    return _fitted(loss, start, (events, trials), fits)
+    share = (events + 0.5) / (trials + 1.0)
+    slope, offset = jnp.polyfit(log - centre, norm.ppf(share), 1)
+    y, good = _fitted(loss, jnp.stack([offset, slope]), (events, trials), fits)
+    good = good & (y[1] * WIDEST > 1)
+    slope = jnp.where(good, y[1], 1.0)
+    return _where(good, jnp.exp(centre - y[0] / slope), 1 / slope)
 
 
-def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> Lognormal:
-    """The maximum of a likelihood in (ln median, ln dispersion): where its gradient is zero."""
+def _where(good: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Array, ""]) -> Lognormal:
+    return Lognormal(jnp.where(good, median, jnp.nan), jnp.where(good, dispersion, jnp.nan))
+
+
+def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+    """Where the gradient of a misfit is zero, and whether there is such a place."""
     import optimistix as optx  # which takes long to import, and is needed only where a fit is traced
 
     constant = jax.lax.stop_gradient
@@ -109,4 +121,4 @@ def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> Lognormal:
     found = optx.root_find(gradient, optx.Newton(1e-12, 1e-12), near.value, data, max_steps=20, throw=False)
     y, residual = found.value, gradient(constant(found.value), constant(data))
     good = fits & jnp.all(jnp.abs(residual) < 1e-8) & jnp.all(jnp.isfinite(y))
-    return Lognormal(jnp.where(good, jnp.exp(y[0]), jnp.nan), jnp.where(good, jnp.exp(y[1]), jnp.nan))
+    return y, good

@@ -221,8 +221,87 @@ def test_hazards_in_two_columns(tmp_path):
     with pytest.raises(ValueError, match="header that names the measure and its unit"):
         rj.Hazard.from_file(path)
     path.write_text("PGA [furlong],annual_rate\n0.1,1e-2\n0.5,1e-3\n")
-    with pytest.raises(ValueError, match="units 'furlong' of PGA are unknown"):
+    with pytest.raises(ValueError, match="unit 'furlong' in the heading 'PGA \\[furlong\\]' is not known"):
         rj.Hazard.from_file(path)
+
+
+SITE_RATES, SITE_LEVELS = np.array([0.035, 0.012, 0.0034, 7.5e-4]), np.array([0.05, 0.1, 0.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit", "exceeded"),
+    [
+        ("PGA [g],probability of exceedance in 50 years", 1, -np.expm1(-50 * SITE_RATES)),
+        ("PGA (g),PoE 50y", 1, -np.expm1(-50 * SITE_RATES)),
+        ('"pga, G","POE, 475 YEARS"', 1, -np.expm1(-475 * SITE_RATES)),
+        ("PGA, g, PoE, 50 years", 1, -np.expm1(-50 * SITE_RATES)),
+        ("PGA / %g,prob. of exceedance [%] / 50 yr", 100, -100 * np.expm1(-50 * SITE_RATES)),
+        ("# investigation_time = 50\nPGA [g],poe", 1, -np.expm1(-50 * SITE_RATES)),
+        ("PGA [cm/s2],annual probability of exceedance", 980.665, -np.expm1(-SITE_RATES)),
+        ("PGA [gal],return period [years]", 980.665, 1 / SITE_RATES),
+        ("PGA (m/s²),annual frequency of exceedance", 9.80665, SITE_RATES),
+        ("PGA,rate\n[g],[1/year]", 1, SITE_RATES),
+        ("# PGA [g],λ", 1, SITE_RATES),
+    ],
+)
+def test_columns_of_hazard_tables_are_what_their_headings_say(tmp_path, heading, unit, exceeded):
+    path = tmp_path / "site.csv"
+    rows = [f"{x!r},{y!r}\n" for x, y in zip((unit * SITE_LEVELS).tolist(), exceeded.tolist(), strict=True)]
+    path.write_text(heading + "\n" + "".join(rows), encoding="utf-8")
+    found = rj.Hazard.from_file(path)
+    np.testing.assert_allclose(found.intensity, SITE_LEVELS * 9.80665, rtol=1e-13)
+    np.testing.assert_allclose(found.annual_rate, SITE_RATES, rtol=1e-12)
+    assert (found.measure, found.units) == ("PGA", "m s-2")
+
+
+def test_hazard_tables_in_latin_1_and_with_decimal_commas(tmp_path):
+    path = tmp_path / "site.csv"
+    path.write_bytes("# Straße\nPGA [g];PoE in 50 years;\n0,1;0,4\n1;0,005\n".encode("latin-1"))
+    found = rj.Hazard.from_file(path)
+    np.testing.assert_allclose(found.intensity, [0.980665, 9.80665])
+    np.testing.assert_allclose(found.annual_rate, -np.log1p([-0.4, -0.005]) / 50)
+
+
+def test_columns_of_hazard_tables_come_in_any_order_beside_an_index(tmp_path):
+    path = tmp_path / "site.csv"
+    path.write_text("no.,annual_rate,Sa(0.3) (g)\n1,0.035,0.05\n2,0.012,0.1\n")
+    found = rj.Hazard.from_file(path)
+    np.testing.assert_allclose(found.annual_rate, [0.035, 0.012])
+    np.testing.assert_allclose(found.intensity, np.array([0.05, 0.1]) * 9.80665)
+    assert found.measure == "Sa(0.3 s)"
+
+
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [
+        ("PGA [g],poe", "'poe': is a probability without its investigation time"),
+        ("PGA [g],probability of exceedance", "'probability of exceedance': is a probability without"),
+        ("PGA [g],PoE in 0 years", "'PoE in 0 years': the investigation time must be > 0"),
+        ("PGA [g],rate in 50 years", "'rate in 50 years': rates must be annual"),
+        ("PGA [g],exceedance", "how often it is exceeded, .*; got 'PGA \\[g\\]', 'exceedance'"),
+        ("PGA,annual_rate", "measure and its unit, .*; got 'PGA', 'annual_rate'"),
+        ("PGA [cm/s],annual_rate", r"'PGA \[cm/s\]': cm/s is not a unit of acceleration"),
+        ("PGA [g],return period [s]", r"'return period \[s\]': s is not a unit of return period"),
+    ],
+)
+def test_headings_of_hazard_tables_that_are_not_understood_are_quoted(tmp_path, heading, words):
+    path = tmp_path / "site.csv"
+    path.write_text(heading + "\n0.1,0.4\n0.5,0.1\n")
+    with pytest.raises(ValueError, match=words):
+        rj.Hazard.from_file(path)
+
+
+def test_values_of_hazard_tables_that_make_no_sense_are_refused(tmp_path):
+    path = tmp_path / "site.csv"
+    for text, words in (
+        ("PGA [g],PoE in 50 years\n0.1,4\n0.5,0.1\n", "in 0 … 1, got 0.1 … 4"),
+        ("PGA [g],return period [years]\n0.1,0\n0.5,100\n", "must be > 0, got 0"),
+        ("PGA [g],annual_rate\n0.1,1e-2\n0.5,few\n", ":3: expected a number in column 2, got 'few'"),
+        ("PGA [g],annual_rate\n0.1,1e-2\n0.5\n", ":3: expected a number in column 2, got ''"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            rj.Hazard.from_file(path)
 
 
 OPENQUAKE = """#,,,,,"generated_by='OpenQuake 3.16', kind='mean', investigation_time=50.0, imt='SA(0.5)'"
@@ -262,6 +341,96 @@ def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
         rj.read_fragility_model(tmp_path / "no.xml")
     with pytest.raises(ValueError, match="OpenQuake has no intensity measure 'scale'"):
         rj.write_fragility_model(tmp_path / "x.xml", fragility("scale", "1"))
+
+
+MODEL = """<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m">
+<limitStates>collapse</limitStates><fragilityFunction id="A" format="continuous" shape="logncdf">
+<imls imt="PGA" %s/><params ls="collapse" mean="0.30" stddev="0.15"/></fragilityFunction>
+</fragilityModel></nrml>"""
+
+
+def openquake(x, no_damage=0.0, lowest=0.0, highest=0.0):
+    """P of the model above at x [g], as OpenQuake has it: 0 is no limit."""
+    dispersion = np.sqrt(np.log1p(0.25))
+    x = min(x, highest) if highest else x
+    x = max(x, lowest) if lowest else x
+    return 0.0 if x <= no_damage else norm.cdf(np.log(x / 0.3 * np.exp(0.5 * dispersion**2)) / dispersion)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"noDamageLimit": 0.2, "minIML": 0.05, "maxIML": 5.0},
+        {"noDamageLimit": 0.1, "minIML": 0.1, "maxIML": 0.8},
+        {"noDamageLimit": 0.02, "minIML": 0.005, "maxIML": 0.3},
+        {"minIML": 0.15, "maxIML": 3.0},
+        {"noDamageLimit": 0.1, "minIML": 0.2, "maxIML": 0.4},
+        {"minIML": 0.005, "maxIML": 0.004 * 1000},
+        {"noDamageLimit": 0.0, "minIML": 0.0, "maxIML": 0.6},
+        {"noDamageLimit": 0.25},
+        {"maxIML": 9.0},
+        {},
+    ],
+    ids=str,
+)
+def test_limits_of_openquake_are_followed_and_written(tmp_path, limits):
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL % " ".join(f'{key}="{value}"' for key, value in limits.items()))
+    points, rates = np.array([0.05, 0.1, 0.3, 1.0, 3.0]), np.array([0.03, 0.01, 2e-3, 2e-4, 1e-5])
+    hazard = rj.Hazard(points * 9.80665, rates)
+    arguments = [limits.get(key, 0.0) for key in ("noDamageLimit", "minIML", "maxIML")]
+    # Where P stays > 0 at low intensities, from the first given point on, or from where P begins to rise.
+    floor = arguments[1] > arguments[0]
+    low = np.log(min(points[0], arguments[1]) if floor else 1e-6)
+    breaks = sorted(y for y in np.log([*points, *(x for x in arguments if x)]) if y > low)
+    ends = [low, *breaks, np.log(1e4)]
+
+    def slope(s):
+        k = -np.diff(np.log(rates)) / np.diff(np.log(points))
+        i = np.clip(np.searchsorted(np.log(points), s) - 1, 0, 3)
+        return float(k[i] * hazard(np.exp(s) * 9.80665))
+
+    exact = sum(
+        quad(lambda s: openquake(np.exp(s), *arguments) * slope(s), a, b, epsabs=0, epsrel=1e-9, limit=200)[0]
+        for a, b in itertools.pairwise(ends)
+        if b > a
+    )
+    curve = rj.read_fragility_model(path)["A"]
+    found = rj.annual_frequency(curve, hazard)
+    assert float(found.frequency) == pytest.approx(exact, rel=1e-7)
+    table = rj.disaggregation(curve, hazard, at=9.80665 * np.geomspace(1e-3, 20, 20_001))
+    assert np.trapezoid(table["density"], np.log(table["intensity"])) == pytest.approx(1, abs=5e-3)
+    # Written and read again it is the same curve, with the limits of the file.
+    again = rj.read_fragility_model(rj.write_fragility_model(tmp_path / "again.xml", curve, ["A"]))["A"]
+    assert float(rj.annual_frequency(again, hazard).frequency) == pytest.approx(exact, rel=1e-7)
+    text = (tmp_path / "again.xml").read_text()
+    for key, value in limits.items():
+        assert f'{key}="{value:g}"' in text or not value
+    assert ("noDamageLimit" in text) == bool(arguments[0])
+
+
+def test_limits_do_not_come_from_the_range_of_a_picture(tmp_path):
+    plotted = fragility().assign_coords(at=np.array([0.5, 1.0, 1.5]))
+    again = rj.read_fragility_model(rj.write_fragility_model(tmp_path / "model.xml", plotted))["structure-1"]
+    expected = float(rj.annual_frequency(fragility(), HAZARD).frequency)
+    assert float(rj.annual_frequency(again, HAZARD).frequency) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ('noDamageLimit="0,1"', "A: attribute noDamageLimit must be a number, got '0,1'; write its decimal"),
+        ('minIML="-0.1" maxIML="5"', "A: attribute minIML must be >= 0, got '-0.1'"),
+        ('minIML="5" maxIML="5"', "A: minIML 5 must be below maxIML 5"),
+        ('noDamageLimit="6" maxIML="5"', "A: noDamageLimit 6 must be below maxIML 5"),
+        ('imlUnit="m/s2"', "A: imlUnit 'm/s2' is not 'g'"),
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(tmp_path, attributes, words):
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL % attributes)
+    with pytest.raises(ValueError, match=words):
+        rj.read_fragility_model(path)
 
 
 # Gaussian ground motions.

@@ -199,10 +199,57 @@ def test_what_does_not_fit_is_not_a_number(capacity):
         np.testing.assert_array_equal(jax.jit(of(median))(capacity), np.zeros(3))
 
 
-def test_counts_that_do_not_overlap_are_not_a_number():
-    levels, trials = jnp.arange(1.0, 5.0), jnp.full(4, 10.0)
-    for events in ([0.0, 0, 10, 10], [0.0, 4, 10, 10], [0.0] * 4, [10.0] * 4):
-        assert np.isnan(fit_counts(levels, jnp.asarray(events), trials).dispersion)
+WITHOUT_MAXIMUM = {
+    "half at all levels": (
+        [10] * 8,
+        "the same share of the records, 50%, overturns at all levels from 1 to 8",
+    ),
+    "a twentieth at all levels": ([1] * 8, "the same share of the records, 5%"),
+    "as many at the ends": ([8, 9, 10, 11, 11, 10, 9, 8], "hardly rises with the intensity, from 40% at 1"),
+    "one more at the last level": (
+        [5] * 7 + [6],
+        "hardly rises with the intensity, from 25% at 1 to 30% at 8",
+    ),
+    "falling": ([8, 7, 6, 5, 4, 3, 2, 1], "falls with the intensity, from 40% at 1 to 5% at 8"),
+    "falling from all to none": ([20] * 4 + [0] * 4, "falls with the intensity, from 100% at 1 to 0% at 8"),
+    "separated": ([0] * 4 + [20] * 4, "too far apart"),
+    "separated by one level": ([0] * 3 + [7] + [20] * 4, "too far apart"),
+    "none": ([0] * 8, "no record overturns at the levels up to 8"),
+    "all": ([20] * 8, "all records overturn at all levels from 1 on; lower"),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_MAXIMUM)
+def test_counts_whose_likelihood_has_no_maximum_are_refused_with_the_reason(name):
+    events, words = WITHOUT_MAXIMUM[name]
+    levels, overturned = np.arange(1.0, 9.0), np.arange(20)[:, None] < np.array(events)
+    assert np.isnan(fit_counts(levels, np.asarray(events, float), np.full(8, 20.0))).all()
+    counted = xarray.Dataset(
+        {
+            "overturned": (("record", "intensity"), overturned),
+            "capacity": ("record", np.where(overturned.any(1), 1.0, np.nan)),
+        },
+        coords={"intensity": ("intensity", levels, {"units": "m s-2"})},
+        attrs={"kind": "incremental-dynamic-analysis", "measure": "PGA"},
+    )
+    with pytest.raises(ValueError, match=words):
+        rj.fragility(counted, method="stripes", confidence=None)
+
+
+@pytest.mark.parametrize("events", [[0, 20] * 4, [0, 0, 0, 1, 0, 20, 20, 20], [1, 0, 0, 0, 0, 0, 0, 20]])
+def test_counts_that_rise_and_fall_are_fitted_where_the_likelihood_is_greatest(events):
+    levels = np.arange(1.0, 9.0)
+
+    def loss(y):
+        z = np.log(levels / np.exp(y[0])) / np.exp(y[1])
+        return -np.sum(
+            events * scipy.stats.norm.logcdf(z) + (20 - np.array(events)) * scipy.stats.norm.logsf(z)
+        )
+
+    tight = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 10_000}
+    best = np.exp(scipy.optimize.minimize(loss, [1.5, -0.5], method="Nelder-Mead", options=tight).x)
+    found = fit_counts(levels, np.asarray(events, float), np.full(8, 20.0))
+    np.testing.assert_allclose(found, best, rtol=1e-6)
 
 
 # --------------------------------------------------------------------------------------------------- analysis

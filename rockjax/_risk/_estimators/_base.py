@@ -46,9 +46,11 @@ class AbstractEstimator(abc.ABC):
     reached."""
 
     needs_design_points = True
+    always_covers = False  # the interval of an estimate that has not converged covers as often as it says
 
     def __init__(self, limit: AbstractLimitState, found: Found, rng: np.random.Generator):
         self.limit, self.found, self.rng = limit, found, rng
+        self.rounds = 0
 
     @abc.abstractmethod
     def round(self, size: int) -> None:
@@ -62,17 +64,27 @@ class AbstractEstimator(abc.ABC):
         """dP/dy by the same samples, where limit state and method say them."""
         return None
 
+    def converged(self, known: Estimate, cov: float) -> bool:
+        """Whether an estimate is as accurate as asked for, as far as its own samples can tell."""
+        return self.rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
+
+    def has_light_tail(self) -> bool:
+        """Whether no few contributions make up most of the estimate, so that its spread tells its error."""
+        return True
+
+    def exhausted(self) -> bool:
+        """Whether more rounds would tell nothing more."""
+        return False
+
     def run(self, cov: float, max_scenes: int, first: int, report: Callable[[Estimate], None]) -> Estimate:
         """Rounds, each as large as the last estimate asks for, at most four times all before it."""
-        start, rounds, size = self.limit.scenes, 0, first
+        start, size = self.limit.scenes, first
         while True:
             self.round(size)
-            rounds += 1
+            self.rounds += 1
             known, spent = self.estimate(), self.limit.scenes - start
             report(known)
-            if spent >= max_scenes or (
-                rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
-            ):
+            if spent >= max_scenes or self.converged(known, cov) or self.exhausted():
                 return known
             missing = spent * ((known.cov / cov) ** 2 - 1) if math.isfinite(known.cov) else 3 * spent
             size = int(min(max(1.1 * missing, first / 2), 3 * spent, max_scenes - spent + 1))

@@ -13,6 +13,7 @@ BATCH = 4096  # samples in memory at once
 
 class MonteCarlo(AbstractMean):
     needs_design_points = False
+    always_covers = True  # exact, of a binomial share
 
     def round(self, size: int) -> None:
         for start in range(0, size, BATCH):

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ._base import LEVEL, AbstractEstimator, Estimate, lognormal_interval
+from ._base import LEVEL, ROUNDS, AbstractEstimator, Estimate, lognormal_interval
 
 SHARE = 0.05  # of the samples that fail a level, if no other is wanted
 RUNS = 6  # of a round, side by side
@@ -116,6 +116,10 @@ class Subset(AbstractEstimator):
             # Shorter moves where too few are kept, longer ones where too many are.
             spread = min(spread * math.exp(float(stays.mean()) - ACCEPTED), 1.0)
         return np.concatenate(us), np.concatenate(gs), spread
+
+    def exhausted(self) -> bool:
+        """Whether no run of several rounds has reached failure in all its levels."""
+        return len(self.runs) >= ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> Estimate:
         # Much smaller runs vary more than in proportion: they have told how large the others must be.
