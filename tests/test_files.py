@@ -129,6 +129,7 @@ def test_a_process_that_ignores_ctrl_c_goes_on():
     """As jobs in the background of a shell do."""
     script = """
         import os, signal
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         import rockjax as rj
         class Bar:
             def update(self, count):
@@ -141,7 +142,6 @@ def test_a_process_that_ignores_ctrl_c_goes_on():
         capture_output=True,
         text=True,
         timeout=120,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout == "(3,)\n"
