@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     """Call `write(temporary_name)`, then move the file to `path`. On any failure nothing is left behind.
 
-    Raises `OSError` that names the file and the cause, such as a full disk.
+    `~` at the beginning of `path` is the home folder. Raises `OSError` that names the file and the cause,
+    such as a full disk.
     """
-    path = Path(path)
+    path = Path(os.path.expanduser(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The suffix stays last: writers choose their format by it.
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        # The suffix stays last: writers choose their format by it. Short: names have at most 255 bytes.
+        handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror}") from error
     os.close(handle)
@@ -72,9 +73,10 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
         close(figure)
 
 
-def as_json(data: Any) -> str:
-    """JSON of numbers, texts, arrays, lists and tables; what is not finite is null."""
-    return json.dumps(_plain(data), indent=2, ensure_ascii=False)
+def as_json(data: Any, ascii: bool = False) -> str:
+    """JSON of numbers, texts, arrays, lists and tables; what is not finite is null. `ascii` escapes all other
+    characters."""
+    return json.dumps(_plain(data), indent=2, ensure_ascii=ascii)
 
 
 def _plain(y: Any) -> Any:

@@ -1,6 +1,7 @@
 import collections
 import fnmatch
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -18,6 +19,8 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_configure(config):
+    # Jobs in the background of a shell ignore SIGINT, and so would the processes that tests start and stop.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # What is traced anew: at least it is not compiled anew.
     cache = Path(config.rootpath) / ".pytest_cache" / "jax"
     jax.config.update("jax_compilation_cache_dir", str(cache))

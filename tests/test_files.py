@@ -125,6 +125,28 @@ def test_ctrl_c_does_not_wait_for_a_scene_that_takes_minutes():
     assert np.isfinite(some.peak_rotation[:39]).all()
 
 
+def test_a_process_that_ignores_ctrl_c_goes_on():
+    """As jobs in the background of a shell do."""
+    script = """
+        import os, signal
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        import rockjax as rj
+        class Bar:
+            def update(self, count):
+                os.kill(os.getpid(), signal.SIGINT)
+        motions = rj.Ricker([1.0, 2.0, 3.0], 0.8)
+        print(rj.peak_responses(rj.Podium(0.15, 1.5), motions, progress=Bar()).peak_rotation.shape)
+    """
+    ended = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout == "(3,)\n"
+
+
 @pytest.mark.slow
 def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     monkeypatch.setattr(_batch, "CHUNK", 128)

@@ -54,7 +54,7 @@ def outputs(text: str, name: str) -> Outputs:
     The suffix of a picture is the format of all pictures. Raises `ValueError` for suffixes that are not
     written.
     """
-    output = Path(text)
+    output = Path(os.path.expanduser(text))
     if output.is_dir() or text.endswith(("/", os.sep)):
         return Outputs(output / name)
     suffix = output.suffix.lower()
@@ -71,6 +71,7 @@ def outputs(text: str, name: str) -> Outputs:
 
 def store_place(output: Path) -> Path:
     """The zarr store that `--output` means. Raises `ValueError` and `OSError` where there can be none."""
+    output = Path(os.path.expanduser(output))
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
         raise ValueError(

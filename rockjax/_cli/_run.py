@@ -128,7 +128,8 @@ class Report(Flags):
             from rockjax._version import __version__
 
             about = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
-            typer.echo(as_json(about | self.facts | {"files": list(map(str, self.written))}))
+            facts = about | self.facts | {"files": list(map(str, self.written))}
+            typer.echo(as_json(facts, ascii=True))  # valid in every encoding of stdout
         if self.verbose:
             self.note(_programs())
             self.note(f"{seconds:.1f} s in all")

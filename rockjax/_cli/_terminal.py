@@ -1,4 +1,5 @@
-"""The terminal, or what stands in its place: readers that have seen enough, and those who want no colours."""
+"""Standard output and standard error: pipes that are closed, full disks, encodings without Greek letters,
+colours."""
 
 from __future__ import annotations
 
@@ -9,30 +10,39 @@ from collections.abc import Iterator
 from typing import Any
 
 
-class _Spoken:
-    """Standard output that may be closed at its other end, as `| head -1` does: what comes after goes
-    nowhere."""
+class _Stream:
+    """A standard stream whose failures never end a command: what follows a failure is dropped.
+
+    `failure` is the `OSError` of the first write that failed, such as a full disk; a pipe that is closed at
+    its other end, as by `| head -1`, is no failure.
+    """
 
     def __init__(self, stream: Any):
         self._stream = stream
         self._closed = False
+        self.failure: OSError | None = None
+        with contextlib.suppress(AttributeError, ValueError):  # streams of notebooks and tests
+            stream.reconfigure(errors="backslashreplace")  # cp1252 has no α
 
     def write(self, text: str) -> int:
-        self._quietly(self._stream.write, text)
+        self._attempt(self._stream.write, text)
         return len(text)
 
     def flush(self) -> None:
-        self._quietly(self._stream.flush)
+        self._attempt(self._stream.flush)
 
-    def _quietly(self, call: Any, *arguments: str) -> None:
+    def _attempt(self, call: Any, *arguments: str) -> None:
         if self._closed:
             return
         try:
             call(*arguments)
-        except BrokenPipeError:
+        except OSError as error:
             self._closed = True
-            # Python flushes it once more at the end.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            if not isinstance(error, BrokenPipeError):
+                self.failure = error
+            # Python flushes the stream once more at the end.
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -40,17 +50,41 @@ class _Spoken:
 
 @contextlib.contextmanager
 def terminal() -> Iterator[None]:
-    """Write to a terminal or a pipe: a pipe that is closed early is no error, and NO_COLOR leaves text
-    without any codes."""
+    """Guard stdout and stderr while a command runs; NO_COLOR leaves text without any codes.
+
+    Raises `SystemExit` with status 1 where stdout could not be written, such as on a full disk, once the
+    command has written its files.
+    """
     if os.environ.get("NO_COLOR"):
         _plain()
-    before = sys.stdout
-    sys.stdout = _Spoken(before)
+    _open_closed_streams()
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = out, errors = _Stream(before[0]), _Stream(before[1])
     try:
         yield
     finally:
-        sys.stdout.flush()
-        sys.stdout = before
+        out.flush()
+        if out.failure is not None:
+            errors.write(f"rockjax: standard output could not be written: {out.failure.strerror}\n")
+        errors.flush()
+        sys.stdout, sys.stderr = before
+        if out.failure is not None:
+            raise SystemExit(1)
+
+
+def _open_closed_streams() -> None:
+    """Open the null device in place of standard streams that the parent process closed.
+
+    Otherwise a file that is written next would get their number, and what libraries print would go into it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, this one
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _plain() -> None:

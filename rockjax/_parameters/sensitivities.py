@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _checks
@@ -14,11 +15,20 @@ from .table import clash
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
-    """Raise `ValueError` for a name that is no parameter of this podium, nor one of `more`, or for two that
-    say the same."""
+    """Raise `ValueError` for a name that is no parameter of this podium with a derivative, nor one of `more`,
+    or for two that say the same."""
     names = _checks.texts(owner, "sensitivities", names)
-    known = [*variants.parameters_of(podium), *more]
+    parameters = variants.parameters_of(podium)
+    fixed = {name for name, parameter in parameters.items() if variants.is_fixed(podium, parameter)}
+    known = [*(name for name in parameters if name not in fixed), *more]
     for name in names:
+        if name in fixed:
+            value = float(np.max(variants.read(podium, name)))
+            cure = f"give it as an array, np.array({value:g})" if value else "give another value"
+            raise ValueError(
+                f"{owner}: sensitivities name {name!r}, which is fixed at {value:g} in this podium before "
+                f"tracing and has no derivative; {cure}"
+            )
         if name not in known:
             raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
     twice = clash(names)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 from rockjax._checks import require
@@ -48,6 +49,15 @@ def has(podium: Podium, parameter: Parameter) -> bool:
     except AttributeError:
         return False
     return True
+
+
+def is_fixed(podium: Podium, parameter: Parameter) -> bool:
+    """Whether a parameter that this podium has is decided before tracing, as the exponent of a linear damper:
+    it has no derivative."""
+    try:
+        return not jax.tree.leaves(_kept(podium.split(), parameter.place))
+    except AttributeError:  # a residual mass of 0 is left out
+        return True
 
 
 def read(podium: Podium, name: str) -> Any:

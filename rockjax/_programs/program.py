@@ -18,7 +18,7 @@ from rockjax._threads import meanwhile
 
 from . import folder, kind
 from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
-from .settings import ARRAYS, present_settings, types_here, usual
+from .settings import ARRAYS, nans_allowed, present_settings, types_here, usual
 from .turns import is_mine, turn
 
 _LOG = logging.getLogger("rockjax")
@@ -69,7 +69,13 @@ class KeptProgram:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         passed, fixed = self._split(arguments, named)
         types = types_here(passed)
-        if types is None or not usual():
+        if types is None:
+            return self._jitted(fixed)(*passed)
+        with nans_allowed():
+            return self._run(passed, fixed, types)
+
+    def _run(self, passed: list, fixed: _Fixed, types: Hashable) -> Any:
+        if not usual():
             return self._jitted(fixed)(*passed)
         key = fixed, types, present_settings()
         ready = self._ready.get(key) or self._make(key, passed, fixed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Hashable
 from typing import Any
@@ -55,6 +56,21 @@ def usual() -> bool:
         settings.jax_check_tracer_leaks,
     )
     return not any(unusual) and jax.process_count() == 1
+
+
+_AS_IT_IS = contextlib.nullcontext()
+
+
+def nans_allowed() -> contextlib.AbstractContextManager[None]:
+    """A context without JAX's search for NaN and inf, which stand for "none" and "not wanted" in what programs
+    give."""
+    settings: Any = jax.config
+    if not (settings.jax_debug_nans or settings.jax_debug_infs):
+        return _AS_IT_IS
+    found = contextlib.ExitStack()
+    found.enter_context(jax.debug_nans(False))
+    found.enter_context(jax.debug_infs(False))
+    return found
 
 
 def present_settings() -> tuple[Any, ...]:

@@ -16,6 +16,7 @@ from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
+from rockjax._programs.settings import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
 
@@ -156,7 +157,8 @@ class Response(AbstractPeak):
         """The balance of energy at times t [s], integrated over every step of the history."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), jnp.zeros(t.size, bool))
-        return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
+        with nans_allowed():
+            return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
         """The history as data (host): states, deformation, ground acceleration, mode, moment and energies at
@@ -189,17 +191,19 @@ class Response(AbstractPeak):
         t = as_float(t)
         times, flags = history.filled(t.ravel(), jnp.full(t.size, left))
         values = history.along(self._scene(), times, flags, quantity)
-        return jax.tree.map(lambda y: y[: t.size].reshape(*t.shape, *y.shape[1:]), values)
+        with nans_allowed():
+            return jax.tree.map(lambda y: y[: t.size].reshape(*t.shape, *y.shape[1:]), values)
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """All samples and energies at times t (n,), or before them where `left` (n,)."""
         size = t.size
         times, flags = history.filled(t, left)
         samples, *parts, initial = history.balance(self._scene(), times, flags)
-        samples, parts = jax.tree.map(lambda y: y[:size], (samples, parts))
-        samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
-        if not self.podium.restrainers:
-            parts.append(0.0 * parts[-1])  # NaN where there is no state
+        with nans_allowed():
+            samples, parts = jax.tree.map(lambda y: y[:size], (samples, parts))
+            samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
+            if not self.podium.restrainers:
+                parts.append(0.0 * parts[-1])  # NaN where there is no state
         return samples, Energies(*parts, initial=initial)
 
     def _scene(self) -> history.Solved:

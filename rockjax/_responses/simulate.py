@@ -15,6 +15,7 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.ground import check_weight
 from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._options import Options
+from rockjax._programs.settings import nans_allowed
 from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 
@@ -116,7 +117,8 @@ def _errors(arguments, floats, integers) -> Errors | None:
         return None
     constants = jax.lax.stop_gradient((podium, excitation, initial, t_end))
     second, counts, _ = _solved(*constants, companion(options), None)
-    return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
+    with nans_allowed():
+        return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):

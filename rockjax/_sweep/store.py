@@ -168,7 +168,7 @@ class Store:
             raise foreign
         with _readable(path):
             try:
-                group = _zarr().open_group(path, mode="r+")
+                group = _zarr().open_group(_zarr_store(path), mode="r+")
             except FileNotFoundError:
                 if is_local(path) and any(Path(path).iterdir()):
                     raise foreign from None
@@ -203,8 +203,9 @@ class Store:
             blocks = dict(zip(dims, layout.block, strict=True))
             # Axes whole; what is given for every scene in the chunks of the answers.
             kept = {name: {"chunks": _chunks(array, blocks)} for name, array in coords.variables.items()}
-            coords.to_zarr(place, mode="w", zarr_format=3, consolidated=False, encoding=kept)
-            group = zarr.open_group(place, mode="r+")
+            at = _zarr_store(place)
+            coords.to_zarr(at, mode="w", zarr_format=3, consolidated=False, encoding=kept)
+            group = zarr.open_group(at, mode="r+")
             more: Any = {"compressors": _codecs()}
             for name, variable in variables.items():
                 group.create_array(
@@ -291,7 +292,7 @@ class Store:
         Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
         """
         with _readable(self.path):
-            about = _about(_zarr().open_group(self.path, mode="r"))
+            about = _about(_zarr().open_group(_zarr_store(self.path), mode="r"))
         if about != self.about:
             raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
         box = self.layout.box(k)
@@ -307,7 +308,7 @@ class Store:
         import xarray
 
         with _readable(self.path):
-            return xarray.open_zarr(self.path, consolidated=False, chunks={})[self.variables]
+            return xarray.open_zarr(_zarr_store(self.path), consolidated=False, chunks={})[self.variables]
 
 
 def _about(group: zarr.Group) -> dict[str, Any]:
@@ -334,12 +335,38 @@ def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...
 
 
 def located(path: str | Path) -> str:
-    """A path as text, a URL of anything but a file as it is."""
-    return str(path).removeprefix("file://")
+    """A path as text with its home folder in place of `~`, a URL of anything but a file as it is."""
+    text = str(path).removeprefix("file://")
+    return os.path.expanduser(text) if is_local(text) else text
 
 
 def is_local(path: str) -> bool:
     return "://" not in path
+
+
+def require_place(path: str | Path) -> None:
+    """Raise `OSError` where no store can be made at a path: tried by making a folder of that name and
+    removing it."""
+    path = located(path)
+    if not is_local(path):
+        return
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):  # another process is making the store
+            os.mkdir(path)
+            with contextlib.suppress(OSError):
+                os.rmdir(path)
+    except (OSError, ValueError) as error:
+        raise OSError(f"{path} could not be written: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _zarr_store(path: str) -> Any:
+    """What zarr and xarray open at a path. They would take a text apart as a URL, at `#`, `?` and `:`."""
+    if not is_local(path):
+        return path
+    from zarr.storage import LocalStore
+
+    return LocalStore(path)
 
 
 @contextlib.contextmanager
@@ -351,7 +378,7 @@ def _in_one_move(path: str) -> Iterator[str]:
         return
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    place = tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent)
+    place = tempfile.mkdtemp(prefix=".sweep-", dir=target.parent)  # short: names have at most 255 bytes
     try:
         yield place
         umask = os.umask(0)

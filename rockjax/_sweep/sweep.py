@@ -26,7 +26,7 @@ from rockjax._structures import Podium
 from .chunks import Devices, Job
 from .pilot import Pilot
 from .runners import ChunkProgress, DaskRunner, LocalRunner
-from .store import ChunkLayout, ChunkRecord, Store, TakenError, located, require_zarr
+from .store import ChunkLayout, ChunkRecord, Store, TakenError, located, require_place, require_zarr
 from .study import SweepSpec, check_same, coords_of, study_of
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ def sweep(
         check_same(found, study, chunk)
     where = LocalRunner(devices) if client is None else DaskRunner(client, devices)
     if found is None or dry_run:
+        if not dry_run:
+            require_place(store)
         pilot = where.pilot(study)
         size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
         layout = ChunkLayout.of(study.shape, size) if found is None else found.layout

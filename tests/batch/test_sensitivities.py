@@ -1,6 +1,7 @@
 """Derivatives of whole batches against those of single scenes."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +12,9 @@ import rockjax as rj
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import MOVING
 from rockjax._engine.step import trial
-from rockjax._parameters.variants import read
+from rockjax._parameters.variants import parameters_of, read
 from rockjax._parameters.variants import varied as variant
-from rockjax._responses.sensitivities import SENSITIVE, moved
+from rockjax._responses.sensitivities import SENSITIVE, moved, of_scenes
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 NAMES = ("alpha", "R", "gamma", "a_p", "T_p")
@@ -147,3 +148,63 @@ def test_what_is_no_parameter_is_refused():
     ):
         with pytest.raises(ValueError, match=f"peak_responses: sensitivities .*{words}"):
             rj.peak_responses(PODIUMS["rigid"], rj.Ricker(A_P, 1.0), sensitivities=names)
+
+
+MODES = rj.Modes([3.0, 1.0], [0.5, 0.1], [0.05, 0.02])
+STRUCTURES = {
+    "linear": {"restrainers": (rj.Damper(4.0),)},
+    "linear from dimensions": {
+        "restrainers": rj.Podium.from_dimensions(0.45, 3, 1500, 30e3, damper_coefficient=1e4).restrainers
+    },
+    "one joint": {"restrainers": (rj.Damper(4.0, 1, joints=1), rj.Tendon(1.0), rj.Inerter(0.0))},
+    "power law": {"restrainers": (rj.Damper(4.0, 0.5),)},
+    "array": {"restrainers": (rj.Damper(4.0, np.array(1.0)),)},
+    "modes": {"superstructure": MODES},
+    "one mode": {"superstructure": rj.Modes([3.0], [0.5])},
+    "modes and more mass": {"superstructure": dataclasses.replace(MODES, residual=0.5)},
+    "building": {"superstructure": rj.ShearBuilding.uniform(3, 5.0, 0.5, modes=2)},
+    "given restitution": {"restitution": 0.9, "superstructure": rj.Rigid(0.0)},
+}
+FIXED = {
+    "linear": "exponent",
+    "linear from dimensions": "exponent",
+    "one joint": "exponent",
+    "modes": "residual",
+    "one mode": "residual",
+}
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_a_listed_parameter_has_a_derivative_or_one_line_says_why_not(name):
+    podium, motion = rj.Podium(0.15, 1.5, 10.0, **STRUCTURES[name]), rj.Ricker(3.0, 1.0)
+    refused = {}
+    for parameter in parameters_of(podium):
+        try:
+            of_scenes("here", podium, motion, [parameter])
+        except ValueError as error:
+            refused[parameter] = str(error)
+            continue
+        move = lambda factors, names=(parameter,): moved(podium.split(), motion, names, factors)
+        _, slopes = jax.jvp(move, (jnp.ones(1),), (jnp.ones(1),))
+        assert all(np.isfinite(slope).all() for slope in jax.tree.leaves(slopes))
+    assert list(refused) == ([FIXED[name]] if name in FIXED else [])
+    for parameter, words in refused.items():
+        start = f"here: sensitivities name '{parameter}', which is fixed at"
+        assert re.fullmatch(
+            rf"{start} \d in this podium before tracing and has no derivative; give .*", words
+        )
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda podium, names: rj.peak_responses(podium, rj.Ricker([2.0, 3.0], 1.0), sensitivities=names),
+        lambda podium, names: rj.overturning_spectrum(podium, rj.Ricker, [1.0], sensitivities=names),
+        lambda podium, names: rj.rocking_spectrum(podium, rj.Ricker, [2.0], [1.0], sensitivities=names),
+    ],
+)
+def test_a_fixed_parameter_is_refused_by_every_function(call):
+    podium = rj.Podium(0.15, 1.5, 10.0, restrainers=(rj.Damper(4.0),))
+    with pytest.raises(ValueError, match="'exponent', which is fixed at 1") as refused:
+        call(podium, ["exponent"])
+    assert len(str(refused.value)) < 200

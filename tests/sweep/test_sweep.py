@@ -34,6 +34,7 @@ GRID = rj.grid(
     acceleration_ratio=np.linspace(1, 8, 20),
     frequency_ratio=np.linspace(1, 8, 15),
 )
+SMALL = rj.grid(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), tan_alpha=[0.1, 0.15])
 CHUNK = 300  # 4 chunks, one for each slenderness
 
 
@@ -735,3 +736,40 @@ def test_the_command(tmp_path, capsys):
     ):
         with pytest.raises(ValueError, match=words), contextlib.chdir(tmp_path), warnings.catch_warnings():
             app(["sweep", *map(str, arguments)], standalone_mode=False)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "run #3.zarr",
+        "what?.zarr",
+        "2026-09-01T10:30:00.zarr",
+        "a::b.zarr",
+        "50% [new] *.zarr",
+        "#/?.zarr",
+        "~nobody here/a.zarr",
+        "x" * 250 + ".zarr",
+    ],
+)
+def test_a_store_is_written_where_its_path_says(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    data = sweep(name, SMALL)
+    assert np.isfinite(data["peak_rotation"]).all()
+    assert [str(path.parent) for path in Path().rglob("inputs")] == [name]
+    assert np.isfinite(sweep(Path(name), SMALL)["peak_rotation"]).all()
+
+
+def test_the_home_folder_in_a_path(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    sweep("~/sweeps/a.zarr", SMALL)
+    assert (tmp_path / "home" / "sweeps" / "a.zarr" / "zarr.json").exists()
+    assert not Path("~").exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b.zarr", "x" * 256, "file/a.zarr"])
+def test_a_path_that_cannot_be_is_refused_before_anything_is_solved(tmp_path, monkeypatch, name):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("rockjax._sweep.runners.pilot", None)
+    with pytest.raises(OSError, match=r"could not be written|too long"):
+        sweep(f"{tmp_path}/{name}", SMALL)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
