@@ -114,7 +114,7 @@ def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component
     return found[0]
 
 
-def first_line(error: BaseException) -> str:
+def first_line(error: BaseException | str) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 

@@ -11,7 +11,7 @@ from .base import DATE, NUMBER, Component, Format, Samples, alone, counted, inte
 _AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(rf"DT\s*=?\s*({NUMBER})", re.I)
 _AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({NUMBER})\s+NPTS\s*,?\s*DT", re.I)
 _OTHER = re.compile(
-    r"\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME (?:SERIES|HISTORY))|\b(SPECTRA)\b", re.I
+    r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
 _HEAD = 8  # lines among which NPTS and DT are looked for
@@ -41,8 +41,8 @@ def _at2(path: Path, lines: list[str]) -> Samples:
         )
     k, (count, step) = found[0]
     for i, line in enumerate(lines[:k], start=1):
-        if other := _OTHER.search(line):
-            held = (other[1] or other[2]).lower()
+        if other := _OTHER.match(line):
+            held = other[1].lower()
             raise ValueError(f"{path}:{i}: holds {held} ({short(line.strip())}), not acceleration")
     if held := _SUFFIXES.get(path.suffix.lower()):
         raise ValueError(f"{path}: by its suffix holds {held}, not acceleration")

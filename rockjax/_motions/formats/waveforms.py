@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,14 +28,14 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            stream = obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()])
+            traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # of whatever kind its plug-ins raise
         cause = "it is of another format, or cut short" if "BytesIO" in str(error) else first_line(error)
         raise ValueError(f"{path}: ObsPy cannot read it: {cause}") from None
-    if not stream:
+    if not traces:
         raise ValueError(f"{path}: holds no trace")
-    pieces: dict[str, list] = {}  # of each channel
-    for trace in stream:
+    pieces: dict[str, list[Any]] = {}  # of each channel
+    for trace in traces:
         pieces.setdefault(trace.id, []).append(trace)
     channels = [(k, of[0].stats.channel) for k, of in enumerate(pieces.values(), start=1)]
     trace = _joined(path, list(pieces.values())[choose(path, channels, component)])
@@ -57,7 +58,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     return Samples(values, dt, None, metadata, None, says_dt, raw="whole numbers" if is_counts else "")
 
 
-def _joined(path: Path, pieces: list):
+def _joined(path: Path, pieces: list[Any]) -> Any:
     """The pieces of a channel as one trace. Raises `ValueError` that names the first gap."""
     import obspy
 
@@ -71,7 +72,7 @@ def _joined(path: Path, pieces: list):
             f"{path}: {pieces[0].id} has {found}, the first of {abs(missing)} samples from {start} to {end}; "
             "cut out the part that holds the motion"
         )
-    trace = stream.merge()[0]
+    trace: Any = next(iter(stream.merge()))
     if isinstance(trace.data, np.ma.MaskedArray):
         raise ValueError(f"{path}: {trace.id} has gaps; cut out the part that holds the motion")
     return trace
