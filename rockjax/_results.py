@@ -113,14 +113,14 @@ class Stats(Module):
 
 
 class Errors(Module):
-    """Estimated errors of a scene's answers, and whether they leave its class open.
+    """Estimated errors of a scene's answers, and whether they leave its class or its peak open.
 
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these
       answers; inf where a scene has none, NaN where it was not asked for
     - `peak_drift` [m], `peak_floor_acceleration` [m/s²]: likewise, of buildings; None without stories
     - `undecided`: ten times the estimate would make the columns overturn, or keep them from it; or the
-      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, or in
-      when they do
+      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, in
+      when they do, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of it
     """
 
     peak_rotation: Float[Array, "*batch"]

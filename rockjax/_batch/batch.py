@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._checks import concrete, float_type
+from rockjax._checks import float_type
 from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
@@ -158,11 +158,7 @@ def responses(
         for name, values in answer.items():
             answer[name] = values.reshape((*shape, *values.shape[1:]))
     floats, integers = solutions[0]
-    doubt = (
-        errors(solutions[0], solutions[1], concrete(options.overturn_ratio), np)
-        if len(solutions) > 1
-        else None
-    )
+    doubt = errors(solutions[0], solutions[1], options, np) if len(solutions) > 1 else None
     slopes = sensitivities_of(floats, names, options.outputs)
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._checks import float_type
+from rockjax._checks import concrete, float_type
 from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
@@ -24,6 +24,9 @@ SAFETY = 10.0
 FINER = 0.1
 # Where two solutions of chaotic rocking agree, it is by chance: the closer they have to, the rarer it is.
 PARTED = 0.005  # energetic impacts: a sixteenth of a percent of the speed of one from which columns overturn
+# Errors that grow so much and become so large a part of the peak: the difference of two solutions is one
+# draw of many then, and says little about the next.
+AMPLIFIED, LARGE = 1e5, 1e-3
 FALL_APART = 0.01  # 1/p: the distance to the boundary is another one by a hundredth
 SHORTER = 0.7  # steps, where it is not the tolerance that sets them
 
@@ -56,8 +59,14 @@ def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     return falls | (xp.minimum(as_many, one_more) > PARTED)
 
 
-def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio, xp) -> Errors:
-    """From floats and integers of both solutions; `xp` is NumPy for batches on the host, else jax.numpy."""
+def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Options, xp) -> Errors:
+    """Return the error estimates from floats and integers of both solutions.
+
+    `options` are those of the first one; `xp` is NumPy for batches on the host, else jax.numpy.
+    """
+    rtol, overturn_ratio = (
+        concrete(y) if xp is np else jnp.asarray(y) for y in (options.rtol, options.overturn_ratio)
+    )
     if xp is jnp:
         first, second = jax.lax.stop_gradient((first, second))
     (a, flags), (b, others) = first, second
@@ -74,7 +83,8 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, overturn_ratio,
     close = xp.where(
         falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio
     )
-    undecided = unknown | (falls != others["overturned"]) | close | _parted(a, b, xp)
+    sensitive = rotation > xp.maximum(AMPLIFIED * rtol, LARGE) * a["peak_rotation"]
+    undecided = unknown | (falls != others["overturned"]) | close | sensitive | _parted(a, b, xp)
     peaks = apart("peak_deformation"), apart("peak_shear")
     of_stories = {name: apart(name) for name in OF_STORIES if name in a}
     return Errors(rotation, *peaks, undecided, **of_stories)

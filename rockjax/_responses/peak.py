@@ -294,8 +294,8 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     if peak.errors is not None and peak.errors.undecided:
         rows.append(
             (
-                "undecided: within the estimated error the columns may overturn or not; tighten rtol and "
-                "atol",
+                "undecided: within the estimated error the columns may overturn or not, or the rocking is "
+                "chaotic; tighten rtol and atol",
                 "",
             )
         )

@@ -118,7 +118,7 @@ def _errors(arguments, floats, integers) -> Errors | None:
     constants = jax.lax.stop_gradient((podium, excitation, initial, t_end))
     second, counts, _ = _solved(*constants, companion(options), None)
     with nans_allowed():
-        return errors((floats, integers), (second, counts), options.overturn_ratio, jnp)
+        return errors((floats, integers), (second, counts), options, jnp)
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
