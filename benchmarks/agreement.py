@@ -5,9 +5,9 @@ under motions that are rougher than earthquakes (noise of a few samples with off
 or none. Half of the podiums begin turned, turning or swaying, and some scenes end early.
 
 Answers at three tolerances are compared with each other, and derivatives by α and by the scale of the motion
-with central differences that settle: three steps in a row agree. A kind is named as in `elastic-power-vertical-
-steps`; parts of names choose all kinds that have them. With `--ways`, answers are compared as well with all
-impacts counted and with `tsit5`; with `--faults FOLDER`, each fault is written there, and
+with central differences that settle: three steps in a row agree. A kind is `elastic-power-vertical-steps`,
+for instance, and parts of such names choose all kinds that have them. With `--ways`, answers are compared as
+well with all impacts counted and with `tsit5`; with `--faults FOLDER`, each fault is written there, and
 `python -m benchmarks.agreement --again FILE` solves it again.
 
 Whatever differs by more than errors do has one of these names:
@@ -47,8 +47,13 @@ OUTPUTS = {
     "none": ("peak_rotation", "margin"),
     "rigid": ("peak_rotation", "margin", "peak_shear"),
     "elastic": ("peak_rotation", "margin", "peak_shear", "peak_deformation"),
-    "building": tuple(
-        "peak_rotation margin peak_shear peak_deformation peak_drift peak_floor_acceleration".split()
+    "building": (
+        "peak_rotation",
+        "margin",
+        "peak_shear",
+        "peak_deformation",
+        "peak_drift",
+        "peak_floor_acceleration",
     ),
     "unkept": ("peak_rotation", "margin", "peak_shear", "peak_floor_acceleration"),
 }
@@ -243,7 +248,10 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...], speck: float) -> Diff
     alpha = np.concatenate([ones[:1], up, down, ones, ones])
     scale = np.concatenate([ones[:1], ones, ones, up, down])
     shape = (len(alpha), len(batch.t_end))
-    found = columns(solve(batch.varied(alpha, scale), outputs, TOLERANCES[-1]), outputs, shape)
+    peaks = solve(
+        batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS
+    )  # one program
+    found = columns(peaks, outputs, shape)
     here, rest = found[:, :1], found[:, 1:]
     each = rest.reshape(len(found), len(PARAMETERS), 2, len(h), shape[1])
     after = (each[:, :, 0] - here[:, None]) / h[:, None]
@@ -257,9 +265,9 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...], speck: float) -> Diff
     within = RELATIVE * (np.abs(value) + size) + speck
     # Of a smooth answer the two sides differ by so much less at a smaller step.
     gap = np.abs(after - before)
-    kinked = of_best((gap[:, :, 1:-1] > 0.7 * gap[:, :, :-2])) & (of_best(gap[:, :, 1:-1]) > within)
-    sides = tuple(np.where(kinked, of_best(y[:, :, 2:]), np.nan) for y in (after, before))
-    return Differences(value, of_best(spread) < 0.5 * within, sides)
+    kinked = of_best(gap[:, :, 1:-1] > 0.7 * gap[:, :, :-2]) & (of_best(gap[:, :, 1:-1]) > within)
+    after, before = (np.where(kinked, of_best(y[:, :, 2:]), np.nan) for y in (after, before))
+    return Differences(value, of_best(spread) < 0.5 * within, (after, before))
 
 
 class Difference(NamedTuple):
@@ -297,7 +305,9 @@ def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Differen
     def add(off, answers, way, ours, right, named):
         for place in zip(*np.nonzero(off), strict=True):
             column, scene = place[:2]
-            answer = answers[column] if len(place) == 2 else f"d {answers[column]}/d ln {PARAMETERS[place[2]]}"
+            answer = (
+                answers[column] if len(place) == 2 else f"d {answers[column]}/d ln {PARAMETERS[place[2]]}"
+            )
             name = next((name for name, where in named.items() if where[place]), "FAULT")
             found.append(Difference(kind, int(scene), answer, way, ours[place], right[place], name))
 
@@ -316,20 +326,30 @@ def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Differen
         if not (off.any() or wrong.any()):
             return
         flagged = flags(kind, batch, rtol, names, limit, np.abs(values - right))
-        unsure = unsettled.any(axis=-1)
-        add(off, names, way, values, right, {"flagged": flagged, **{k: v.any(-1) for k, v in names_of_unsettled.items()}})
+        add(
+            off,
+            names,
+            way,
+            values,
+            right,
+            {"flagged": flagged, **{k: v.any(-1) for k, v in names_of_unsettled.items()}},
+        )
         if slopes is not None:
             near = lambda side: np.abs(slopes - side) <= 1e-3 * (np.abs(side) + np.abs(right)[..., None])
             tie = near(differences.sides[0]) | near(differences.sides[1])
-            named = {"tie": tie, "flagged": np.broadcast_to(flagged[..., None], tie.shape), **names_of_unsettled}
+            named = {
+                "tie": tie,
+                "flagged": np.broadcast_to(flagged[..., None], tie.shape),
+                **names_of_unsettled,
+            }
             add(wrong, names, way, slopes, differences.values, named)
 
     for rtol, peak in peaks.items():
         slopes = columns(peak.sensitivities, outputs, count, last=1)
         judge(f"{rtol:g}", columns(peak, outputs, count), rtol, slopes)
-    plain = solve(batch, outputs, TOLERANCES[1])
-    judge("one pass", columns(plain, outputs, count), TOLERANCES[1])
     if with_ways:
+        plain = solve(batch, outputs, TOLERANCES[1])
+        judge("no derivatives", columns(plain, outputs, count), TOLERANCES[1])
         counted = solve(batch, (*outputs, "impacts"), TOLERANCES[1])
         judge("all impacts", columns(counted, outputs, count), TOLERANCES[1])
         other = solve(batch, outputs, TOLERANCES[2], method="tsit5")
@@ -350,8 +370,12 @@ def flags(kind: Kind, batch: Scenes, rtol: float, names: list[str], limit, off) 
 def write(difference: Difference, one: Scenes, folder: Path) -> None:
     """A scene with all its numbers, as `--again` reads it."""
     leaves = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(one)]
-    told = difference._replace(kind=str(difference.kind), ours=float(difference.ours), right=float(difference.right))
-    words = "-".join((str(difference.kind), str(difference.scene), *difference.answer.replace("/", " by ").split()))
+    told = difference._replace(
+        kind=str(difference.kind), ours=float(difference.ours), right=float(difference.right)
+    )
+    words = "-".join(
+        (str(difference.kind), str(difference.scene), *difference.answer.replace("/", " by ").split())
+    )
     path = folder / f"{words}.json"
     path.write_text(json.dumps(told._asdict() | {"leaves": leaves}))
 
@@ -361,7 +385,9 @@ def read(path: Path) -> tuple[Kind, Scenes]:
     data = json.loads(path.read_text())
     kind = Kind(*data["kind"].split("-"))
     like = scenes(kind, 1, 0).scene(0)
-    leaves = [np.asarray(y, np.asarray(z).dtype) for y, z in zip(data["leaves"], jax.tree.leaves(like), strict=True)]
+    leaves = [
+        np.asarray(y, np.asarray(z).dtype) for y, z in zip(data["leaves"], jax.tree.leaves(like), strict=True)
+    ]
     one = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return kind, one._replace(motion=one.motion.scaled(np.ones(1)), t_end=np.reshape(one.t_end, 1))
 
