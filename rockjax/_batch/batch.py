@@ -25,6 +25,7 @@ from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._module import filled
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
+from rockjax._parameters.table import STRUCTURE
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
 from rockjax._responses.peak import Peak, peak_fields
@@ -138,8 +139,10 @@ def responses(
             f"{options.engine!r}; loop over peak_response for the "
             "segments engine"
         )
-    scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     names = of_scenes("peak_responses", podiums, excitations, sensitivities)
+    if not any(STRUCTURE[name].place.startswith("restrainers.") for name in names if name in STRUCTURE):
+        podiums = podiums.without_idle_restrainers()
+    scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     twice = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, twice * BYTES + len(names) * BYTES_OF_SLOPES)
     who = executor("peak_responses", devices, threads)

@@ -173,11 +173,9 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
     corner."""
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:
-        sway = c.two_R * c.sin_alpha
-        x_unit, v_unit = (
-            (*x_unit, sway),
-            (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(c.vibration.omega2))),
-        )
+        omega2 = c.vibration.omega2
+        sway = jnp.minimum(c.two_R * c.sin_alpha, c.g * c.sin_alpha / (c.cos_alpha * omega2))
+        x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(omega2)))
     return x_unit, v_unit
 
 

@@ -299,14 +299,11 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     )
     force = state.shear
     if plan.shear:
-        # Where the ground jumps, the columns lift before the superstructure feels it; and where it has come
-        # to rest, what it jumped from is past.
+        until = jnp.where(lifts, now, scene.end)
+        # Where the ground jumps, the columns lift before the superstructure feels it.
         digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
-        until = jnp.where(lifts, stamp - jnp.where(jumps, digit, 0.0), end)
-        stays = (until > t) & (t < constant(excitation.support[1]))
-        highest = jnp.clip(scene.lookahead.highest_time(t, until), t, until)  # none outside of the motion
-        size = jnp.abs(excitation(constant(highest)))
-        force = larger(jnp.where(stays, size, 0.0) / c.g, present(state.shear))
+        size = _largest_acceleration(scene, state.event_time, until, jnp.where(lifts & jumps, digit, 0.0))
+        force = larger(size / c.g, present(state.shear))
     lifted = state._replace(
         t=stamp,
         event_time=now,
@@ -322,6 +319,24 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     )
     no, yes = jnp.zeros((), bool), jnp.ones((), bool)
     return lifted, StepInfo(yes, jnp.full_like(t, jnp.nan), Decision(jnp.zeros_like(t), no, no, no, mode))
+
+
+def _largest_acceleration(scene: Scene, start: Value, end: Value, short: Value) -> Value:
+    """Return the largest |ü_g| between two times that move with the parameters, `short` of the second one
+    [m/s²].
+
+    It is 0 where nothing is left of the motion. On an end of the interval, or where the motion jumps or has a
+    kink, the largest value moves with that time; where the motion turns smoothly, its time does not matter.
+    """
+    constant, excitation = jax.lax.stop_gradient, scene.excitation
+    first, last = constant(start), constant(end) - short
+    stays = (last > first) & (first < constant(excitation.support[1]))
+    time = jnp.clip(constant(scene.lookahead.highest_time(first, last)), first, last)
+    edge = excitation.breakpoint(excitation.before(excitation.locate(time)))
+    moves = jnp.where(constant(edge) == time, edge, time)
+    moves = jnp.where(time == first, start, jnp.where(time == last, end, moves))
+    size = jnp.abs(excitation(time + (moves - constant(moves))))
+    return jnp.where(stays, size, 0.0)
 
 
 def _combine(weights: np.ndarray, values: Float[Array, " n"]) -> list[Value]:

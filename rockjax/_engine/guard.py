@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
-from .hermite import Quintic, crossing, quintic, third_at_end, turning_point, turns_more_than_once
+from .hermite import Quintic, crossing, quintic, third_at_end, turning_point_or_dip, turns_more_than_once
 from .model import acceleration, demand_jet
 from .ratio import safe_ratio
 from .runge_kutta import Step
@@ -57,7 +57,8 @@ def watch(
     turned = rising != rises_on
     # What many later kernels need would be worked out again in each of them.
     rising, rises_on, turned = once((rising, rises_on, turned))
-    turn = jnp.where(turned, turning_point(fixed, rising), one)
+    turn, dips = turning_point_or_dip(fixed, turned, rising)
+    turn = jnp.where(turned, turn, one)
     last = constant(at_end.c0)
     top = jnp.where(turned, fixed.value(turn), last)
     turn, top = once((turn, top))
@@ -79,7 +80,7 @@ def watch(
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
-    turns_twice = turns_more_than_once(fixed, rising, rises_on) & busy
+    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips) & busy
     ending, inside, time_past_end, converges, turns_twice = once(
         (ending, inside, time_past_end, converges, turns_twice)
     )

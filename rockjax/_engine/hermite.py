@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from rockjax._once import once
 from rockjax._types import Flags, Value, Values
@@ -107,19 +106,41 @@ def turning_point(polynomial, rising: Flags) -> Values:
     not a jump no curvature either, but for rounding: then z = 0 is no turning point, and is divided out.
     """
     sign = once(jnp.where(rising, 1.0, -1.0))
+    return _first_zero([sign * c for c in derivative(polynomial)])
+
+
+def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+    """Where a quantity turns over a step, and whether it turns twice.
+
+    Where its slopes at both ends have opposite signs (`turned`) it is the turning point. Else it may dip: the
+    slope is least, against its sign at the ends (`rising`), at the zero of the curvature that is returned;
+    where it changes sign there, the quantity turns before and after.
+    """
+    sign = once(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
+    curvature = [-c for c in derivative(slope)]
+    may_dip = ~turned & (curvature[0] > 0) & (sum(curvature[1:], curvature[0]) < 0)
+    pairs = zip(slope, [*curvature, jnp.zeros_like(sign)], strict=True)
+    z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])
+    noise = 128 * jnp.finfo(sign.dtype).eps * jnp.abs(polynomial.c0)
+    return z, may_dip & (_horner(slope, z) < -noise)
+
+
+def _first_zero(f: Sequence[Values]) -> Values:
+    """Where a polynomial, positive after z = 0, is zero and negative at z = 1."""
+    f = list(f)
     for _ in range(2):
-        at_rest = slope[0] <= 0
-        divided = [*slope[1:], jnp.zeros_like(sign)]
-        slope = [jnp.where(at_rest, b, a) for a, b in zip(slope, divided, strict=True)]
-    # The parabola through the slope at both ends that leaves the first along it: between samples of a record
-    # the slope is very nearly that. It is positive at 0 and negative at 1, so that it has one zero there.
-    last = sum(slope[1:], slope[0])
-    bend = last - slope[0] - slope[1]
-    root = jnp.sqrt(jnp.maximum(slope[1] * slope[1] - 4 * slope[0] * bend, 0.0))
-    guess = 2 * slope[0] / jnp.where(root > slope[1], root - slope[1], 1.0)
-    lo, hi = jnp.zeros_like(sign), jnp.ones_like(sign)
-    return _safeguarded_newton(slope, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
+        at_rest = f[0] <= 0
+        divided = [*f[1:], jnp.zeros_like(f[0])]
+        f = [jnp.where(at_rest, b, a) for a, b in zip(f, divided, strict=True)]
+    # The parabola through both ends that leaves the first along f: between samples of a record the slope of a
+    # rotation is very nearly that. It is positive at 0 and negative at 1, so that it has one zero there.
+    last = sum(f[1:], f[0])
+    bend = last - f[0] - f[1]
+    root = jnp.sqrt(jnp.maximum(f[1] * f[1] - 4 * f[0] * bend, 0.0))
+    guess = 2 * f[0] / jnp.where(root > f[1], root - f[1], 1.0)
+    lo, hi = jnp.zeros_like(f[0]), jnp.ones_like(f[0])
+    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
@@ -130,25 +151,14 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     return _safeguarded_newton(polynomial, lo, hi, secant, _TO_CROSS)
 
 
-def turns_more_than_once(
-    polynomial: Quintic, rising: Bool[Array, ""], rising_after: Bool[Array, ""]
-) -> Bool[Array, ""]:
-    """Whether the slope changes sign more than once between z = 0 and z = 1: sampled inside, and by the
-    parabola that it nearly is under a record."""
+def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:
+    """Whether the slope changes sign more than once in a step: in a dip, or at three places inside."""
     turns = jnp.zeros((), jnp.int32)
     before = rising
     # Slopes at rounding of the value say nothing.
     noise = 128 * jnp.finfo(polynomial.c0.dtype).eps * jnp.abs(polynomial.c0)
-    sign = jnp.where(rising, 1.0, -1.0)
-    start = sign * polynomial.c1
-    first, last = 2 * sign * polynomial.c2, sign * polynomial.curvature(1.0)
-    # Down from the start, up to the end, and in between lowest at start − ½ first²/(last − first). (What
-    # begins at rest does not go down but for rounding.)
-    down, up = (start > 0) & (first < -8 * noise), last > 8 * noise
-    dips = down & up & (2 * (start + noise) * (last - first) < first * first)
     for z in (0.25, 0.5, 0.75):
         slope = polynomial.slope(z)
         here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
         turns, before = turns + (here != before).astype(jnp.int32), here
-    dips &= rising == rising_after
     return dips | (turns + (before != rising_after).astype(jnp.int32) > 1)

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._once import once
-from rockjax._types import Value, Values
+from rockjax._types import Flag, Value, Values
 
-from .hermite import Quintic, derivative, turning_point
+from .hermite import Quintic, derivative, turning_point_or_dip
 from .ratio import safe_ratio
 
 # An extremum is landed on when it would raise the record and lies well inside the step; near the ends the
@@ -19,7 +19,6 @@ from .ratio import safe_ratio
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
 WELL_INSIDE_CUBIC = 1e-4
-ON_SUMMIT = 1e-4
 ROUNDING = 64  # times the resolution of numbers
 
 
@@ -31,20 +30,6 @@ class Maximum(NamedTuple):
     cut: Values  # fraction of the step, inf where there is no need
 
 
-def summit(path, end: float) -> Values:
-    """Where the path turns, if that is within rounding of an end of the step, else the end itself; a
-    constant.
-
-    An extremum on which a step ends has the value of that end, but not its derivative: it moves with the
-    parameters.
-    """
-    path = jax.lax.stop_gradient(path)
-    slope, curvature = path.slope(end), path.curvature(end)
-    flat = curvature != 0
-    time_past_end = -slope / jnp.where(flat, curvature, 1.0)
-    return jnp.where(flat & (jnp.abs(time_past_end) <= ON_SUMMIT), end + time_past_end, end)
-
-
 class End(NamedTuple):
     """An end of a step: the quantity, its rate in time, and how far past its time stamp the end lies [s]."""
 
@@ -53,28 +38,45 @@ class End(NamedTuple):
     past: Value
 
 
-@functools.partial(jax.jit, static_argnames="inside")
+@functools.partial(jax.jit, static_argnames=("inside", "lands"))
 def largest(
-    path: Quintic, h: Value, record: Values, ends: tuple[End, End], inside: float = WELL_INSIDE
+    path: Quintic,
+    h: Value,
+    long: Flag,
+    record: Values,
+    ends: tuple[End, End],
+    inside: float = WELL_INSIDE,
+    lands: bool = True,
 ) -> Maximum:
-    """max|f| over a step of length h from its path f(z) (value, slope, curvature) on z ∈ [0, 1], and its
-    ends."""
-    turned = ends[0].rate * ends[1].rate < 0
-    z = turning_point(jax.lax.stop_gradient(path), ends[0].rate > 0)
-    value = jnp.where(turned, jnp.abs(path.value(z)), -jnp.inf)
+    """Return max|f| over a step of length h, and where to shorten the step to land on it.
+
+    - `path`: f(z) on z ∈ [0, 1], with its value, slope and curvature at both ends
+    - `long`: whether the curvatures of the path are more than rounding, `hermite.is_long`
+    - `record`: largest |f| so far
+    - `ends`: f and its rate at both ends; an end that is an event or a breakpoint moves with the parameters
+    - `inside`: part of the step at both ends where an extremum need not be landed on
+    - `lands`: whether extrema are landed on
+
+    A step over which f turns twice is cut between both extrema where they could raise the record.
+    """
+    rates, sizes = [end.rate for end in ends], [jnp.abs(end.value) for end in ends]
+    turned = rates[0] * rates[1] < 0
+    z, dips = turning_point_or_dip(jax.lax.stop_gradient(path), turned, rates[0] > 0)
+    at_z = jnp.abs(path.value(z))
+    value = jnp.where(turned, at_z, -jnp.inf)
+    of_rates = safe_ratio(rates[1] - rates[0], h, h > 0)
     for place, end in zip((0.0, 1.0), ends, strict=True):
-        on_summit = once(summit(path, place))
-        curvature = path.curvature(jnp.full_like(h, place))
-        # Over a very short step it is a difference of nearly equal numbers, and not needed.
-        bend = safe_ratio(curvature, h * h, jnp.abs(curvature) > 1e-8 * jnp.abs(end.value))
-        past_end = end.value + end.past * (end.rate + 0.5 * end.past * bend)
-        there = jnp.where(on_summit == place, past_end, path.value(on_summit))
-        value = jnp.where(jnp.abs(there) > value, jnp.abs(there), value)
+        bend = jnp.where(long, safe_ratio(path.curvature(jnp.full_like(h, place)), h * h, h > 0), of_rates)
+        size = jnp.abs(end.value + end.past * (end.rate + 0.5 * end.past * bend))
+        value = jnp.where(size > value, size, value)
     value = once(value)
     # In a short hop the quantity hardly changes: a maximum that the ends have to rounding is not landed on.
-    of_ends = jnp.maximum(jnp.abs(ends[0].value), jnp.abs(ends[1].value))
+    of_ends = jnp.maximum(*sizes)
     stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))
-    raises = turned & stands_out & (value > record * (1 - NEAR_RECORD)) & (z > inside) & (z < 1 - inside)
+    near = record * (1 - NEAR_RECORD)
+    raises = lands & turned & stands_out & (value > near)
+    raises |= dips & (jnp.maximum(of_ends, at_z + jnp.abs(path.slope(z))) > near)
+    raises &= (z > inside) & (z < 1 - inside)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
 

@@ -17,8 +17,8 @@ from . import margin
 from .attempt import Attempt, Largest, StepOutcome
 from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .guard import Guard
-from .hermite import Quintic, quintic
-from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring, summit
+from .hermite import Quintic, is_long, quintic
+from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring
 from .model import acceleration, beam, beam_absolute, beam_acceleration, drift_weights, shear
 from .ratio import safe_ratio
 from .state import Energetic, LoopState, Plan, Scene, Turn
@@ -35,32 +35,50 @@ def step_peak(
     now: Value,
 ) -> tuple[Value, Value]:
     """The largest |θ| of the step and its time, with their derivatives."""
-    end = once(summit(guard.path, 1.0))
-    at_stop = jnp.where(end == 1, guard.at_end.value(outcome.after), guard.path.value(end))
+    at_stop = guard.at_end.value(outcome.after)
     end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.overturn_angle, at_stop))
     peak = guard.path.value(guard.turn)
     peak, end_angle = once((peak, end_angle))
-    at_turn = outcome.peaks & (peak > end_angle)
-    crest = jnp.where(at_turn, guard.turn, end)
-    on_crest = at_turn | (~outcome.lands & (end != 1))
-    off = safe_ratio(guard.path.slope(crest), guard.path.curvature(crest), on_crest)
-    time = jnp.where(on_crest, state.t + trial.h * (crest - jnp.clip(off, -1.0, 1.0)), now)
+    at_turn = outcome.peaks & (peak >= end_angle)
+    # The largest rotation so far at an end that is no event is a turning point, but for rounding.
+    at_event = (outcome.lands | trial.ends) & ~at_turn
+    crest = jnp.where(at_turn, guard.turn, 1.0)
+    time = jnp.where(at_event, now, state.t + _time_to_turn(scene, state, trial, guard, crest))
     return jnp.where(at_turn, peak, end_angle), time
+
+
+def _time_to_turn(scene: Scene, state: LoopState, trial: Attempt, guard: Guard, z: Value) -> Value:
+    """Time from the start of a step to its turning point of θ near `z`, which moves with the parameters [s].
+
+    Over a short step the slopes of the quintic are differences of nearly equal numbers: the turning point
+    moves as the speed and acceleration at the nearer end say.
+    """
+    path, early = guard.path, z < 0.5
+    off = jnp.clip(safe_ratio(path.slope(z), path.curvature(z), path.curvature(z) != 0), -1.0, 1.0) * trial.h
+    speed, change = (
+        jnp.where(early, *y) for y in ((state.v[0], trial.end.v[0]), (trial.a0[0], trial.end.a[0]))
+    )
+    of_end = safe_ratio(speed, change, change != 0)
+    of_end -= jax.lax.stop_gradient(of_end)
+    return z * trial.h - jnp.where(is_long(trial.h, scene.longest), off, of_end)
 
 
 def turn_at_peak(
     scene: Scene, plan: Plan, state: LoopState, ground_at, trial: Attempt, guard: Guard, peaks: Flag
 ) -> Turn:
     """A maximum of |θ| at the guard's turning point."""
-    h, sigma, path = trial.h, state.sigma, guard.path
-    off = safe_ratio(path.slope(guard.turn), path.curvature(guard.turn), peaks)
-    z = guard.turn - jnp.clip(off, -1.0, 1.0)  # moves with the parameters
-    theta = path.value(z)
+    h, sigma = trial.h, state.sigma
+    span = _time_to_turn(scene, state, trial, guard, guard.turn)
+    z = safe_ratio(span, h, h > 0)
+    theta = guard.path.value(z)
     x, v = (sigma * theta,), (jnp.zeros_like(h),)
     if plan.elastic:
-        sway = quintic(state.x[1], state.v[1], trial.a0[1], trial.end.x[1], trial.end.v[1], trial.end.a[1], h)
-        x, v = (*x, sway.value(z)), (*v, safe_ratio(sway.slope(z), h, h > 0))
-    slowing = -sigma * acceleration(scene.c, sigma, ground_at(state.t + z * h), x, v)[0]
+        first, last = (state.x[1], state.v[1], trial.a0[1]), (trial.end.x[1], trial.end.v[1], trial.end.a[1])
+        sway = quintic(*first, *last, h)
+        rate = cubic(*first[1:], *last[1:], h).value(z)
+        slope = safe_ratio(sway.slope(z), h, h > 0)
+        x, v = (*x, sway.value(z)), (*v, jnp.where(is_long(h, scene.longest), slope, rate))
+    slowing = -sigma * acceleration(scene.c, sigma, ground_at(state.t + span), x, v)[0]
     here = margin.at_turn(scene.c, scene.overturn_angle, theta, slowing)
     return Turn(*(jnp.where(peaks, y, jnp.inf) for y in (here, slowing)))
 
@@ -97,6 +115,16 @@ class Maxima(NamedTuple):
         return Largest(*(None if each is None else each.value for each in self))
 
 
+class _Span(NamedTuple):
+    """The length of a step [s], whether its polynomials know more than its ends, and how far past its time
+    stamps it begins and ends [s]."""
+
+    h: Value
+    long: Flag
+    before: Value
+    after: Value
+
+
 class _Course(NamedTuple):
     """A quantity over a step: its polynomial, and its value and rate at both ends."""
 
@@ -104,9 +132,10 @@ class _Course(NamedTuple):
     first: tuple[Values, Values]
     last: tuple[Values, Values]
 
-    def largest(self, h: Value, record: Values, past: tuple[Value, Value], inside=WELL_INSIDE) -> Maximum:
-        """Its largest size; the step begins and ends `past` its time stamps."""
-        return largest(self.path, h, record, (End(*self.first, past[0]), End(*self.last, past[1])), inside)
+    def largest(self, span: _Span, record: Values, inside=WELL_INSIDE, lands=True) -> Maximum:
+        """Its largest size over a step."""
+        ends = End(*self.first, span.before), End(*self.last, span.after)
+        return largest(self.path, span.h, span.long, record, ends, inside, lands)
 
 
 def _sum(weights: Values, course: _Course) -> _Course:
@@ -123,12 +152,12 @@ def superstructure_maxima(
     The step begins `before` and ends `after` its time stamps.
     """
     modes = scene.c.vibration
+    span = _Span(trial.h, is_long(trial.h, scene.longest), before, after)
     if modes is not None:
-        return _elastic_maxima(scene, plan, modes, state, ground_at, trial, (before, after))
+        return _elastic_maxima(scene, plan, modes, state, ground_at, trial, span)
     if plan.shear:
         course = _by_slopes(shear, scene.c, state, ground_at, trial)
-        record = present(state.shear)
-        return Maxima(shear=course.largest(trial.h, record, (before, after), WELL_INSIDE_CUBIC))
+        return Maxima(shear=course.largest(span, present(state.shear), WELL_INSIDE_CUBIC))
     return Maxima()
 
 
@@ -152,7 +181,7 @@ def _elastic_maxima(
     state: LoopState,
     ground_at,
     trial: Attempt,
-    past: tuple[Value, Value],
+    span: _Span,
 ) -> Maxima:
     h, found = trial.h, Maxima()
     if not (plan.deformation or plan.shear or plan.drifts or plan.floors):
@@ -161,21 +190,18 @@ def _elastic_maxima(
     (d0, r0, s0), (d1, r1, s1) = jets
     moved = _Course(quintic(d0, r0, s0, d1, r1, s1, h), (d0, r0), (d1, r1))
 
-    def landed(found: Maximum) -> Maximum:
-        """Where the polynomial is as good as the step, the maximum need not be landed on."""
-        return found if plan.refine else found._replace(cut=jnp.full_like(found.cut, jnp.inf))
-
+    # Where the polynomial is as good as the step, the maximum need not be landed on.
     if plan.deformation:
         record = present(state.deformation)
-        found = found._replace(deformation=landed(moved.largest(h, record, past)))
+        found = found._replace(deformation=moved.largest(span, record, lands=plan.refine))
     if plan.drifts:
         drifts = jax.vmap(lambda weights: _sum(weights, moved))(drift_weights(_floors(modes)))
-        found = found._replace(drifts=landed(drifts.largest(h, present(state.drifts), past)))
+        found = found._replace(drifts=drifts.largest(span, present(state.drifts), lands=plan.refine))
     if not (plan.shear or plan.floors):
         return found
     # These take a derivative of the polynomial: they are landed on whatever the order.
     springs = _spring(modes, moved, jets, h)
-    return _forces(scene.c, plan, modes, state, ground_at, trial, past, springs, found)
+    return _forces(scene.c, plan, modes, state, ground_at, trial, span, springs, found)
 
 
 def _forces(
@@ -185,13 +211,13 @@ def _forces(
     state: LoopState,
     ground_at,
     trial: Attempt,
-    past: tuple[Value, Value],
+    span: _Span,
     springs: _Course,
     found: Maxima,
 ) -> Maxima:
     """With the largest shear and accelerations of floors: forces of springs, less what moves with the
     beam."""
-    h, several, base, inside = trial.h, modes.several, None, WELL_INSIDE
+    several, base, inside = modes.several, None, WELL_INSIDE
     if several is not None and several.residual is not None:
         base, inside = _by_slopes(beam_absolute, c, state, ground_at, trial), WELL_INSIDE_CUBIC
 
@@ -204,11 +230,11 @@ def _forces(
 
     if plan.shear:
         course = springs if several is None else carried(several.shares)
-        force = course.largest(h, present(state.shear) * c.g, past, inside)
+        force = course.largest(span, present(state.shear) * c.g, inside)
         found = found._replace(shear=force._replace(value=force.value / c.g))
     if plan.floors:
         floors = jax.vmap(carried)(_floors(modes))
-        found = found._replace(floors=floors.largest(h, present(state.floors), past, inside))
+        found = found._replace(floors=floors.largest(span, present(state.floors), inside))
     return found
 
 

@@ -44,7 +44,7 @@ def solve(
     `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted
     or not, the programs are those that are kept between processes.
     """
-    podium = podium.split()
+    podium = podium.split().without_idle_restrainers()
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(known, leaves)):

@@ -13,10 +13,11 @@ a function of these two alone.
 """
 
 import abc
-from typing import Self
+from typing import ClassVar, Self
 
 import jax.numpy as jnp
 
+from rockjax._checks import concrete
 from rockjax._module import Module
 from rockjax._repr import card, readable
 from rockjax._types import Number, Value
@@ -25,6 +26,8 @@ from rockjax._types import Number, Value
 class AbstractRestrainer(Module):
     """A device of each column. To add a kind, say what it does over its own elongation; what it does not do
     is zero."""
+
+    strengths: ClassVar[tuple[str, ...]] = ()  # fields that leave nothing of it where all are zero
 
     @property
     @abc.abstractmethod
@@ -101,6 +104,12 @@ class AbstractRestrainer(Module):
     def stores(self) -> bool:
         """Whether there is a static force, known before tracing."""
         return type(self)._potential is not AbstractRestrainer._potential
+
+    @property
+    def idle(self) -> bool:
+        """Whether all its strengths are single zeros, known before tracing: it does nothing."""
+        values = [concrete(getattr(self, name)) for name in self.strengths]
+        return bool(values) and all(y is not None and y.ndim == 0 and y == 0 for y in values)
 
     @property
     def steep(self) -> bool:

@@ -52,6 +52,8 @@ class Damper(AbstractRestrainer):
     exponent: Number | float = eqx.field(converter=as_exponent, default=1.0)
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
+    strengths = ("coefficient",)
+
     def _check(self, owner: str) -> None:
         not_negative(owner, coefficient=self.coefficient)
         if not self.linear:

@@ -24,6 +24,8 @@ class Inerter(AbstractRestrainer):
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
+    strengths = ("inertance",)
+
     def _check(self, owner: str) -> None:
         not_negative(owner, inertance=self.inertance)
 

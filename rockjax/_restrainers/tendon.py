@@ -26,6 +26,8 @@ class Tendon(AbstractRestrainer):
     stiffness: Number = eqx.field(converter=as_number("Tendon: stiffness"), default=0.0)
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
+    strengths = "prestress", "stiffness"
+
     def _check(self, owner: str) -> None:
         not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)
 

@@ -356,6 +356,14 @@ class Podium(Module):
         top = self.superstructure
         return self if top is None or top.split() is top else self._with_top(top.split())
 
+    def without_idle_restrainers(self) -> Podium:
+        """The same without the restrainers that do nothing: it has the answers and the speed of a podium
+        without them."""
+        working = tuple(each for each in self.restrainers if not each.idle)
+        if len(working) == len(self.restrainers):
+            return self
+        return eqx.tree_at(lambda podium: podium.restrainers, self, working)
+
     def resolved(self) -> Podium:
         """What the engine takes: a superstructure worked out to oscillators."""
         top = self.superstructure

@@ -198,9 +198,15 @@ def test_turning_points():
     p = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, 0.5, 0.1, -2.0, -3.0)), jnp.asarray(1.0))
     z = hermite.turning_point(p, jnp.asarray(True))
     assert abs(float(p.slope(z))) < 1e-7
-    assert not bool(hermite.turns_more_than_once(p, jnp.asarray(True), jnp.asarray(False)))
+    assert not turns_twice(p, True, False)
     wave = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, -20.0, 0.1, 1.0, 20.0)), jnp.asarray(1.0))
-    assert bool(hermite.turns_more_than_once(wave, jnp.asarray(True), jnp.asarray(True)))
+    assert turns_twice(wave, True, True)
+
+
+def turns_twice(path: hermite.Quintic, rising: bool, rising_after: bool) -> bool:
+    turned, flags = jnp.asarray(rising != rising_after), (jnp.asarray(rising), jnp.asarray(rising_after))
+    _, dips = hermite.turning_point_or_dip(path, turned, flags[0])
+    return bool(hermite.turns_more_than_once(path, *flags, dips))
 
 
 def of_slope(*coefficients) -> hermite.Quintic:
@@ -229,13 +235,16 @@ def test_what_begins_at_rest_turns_later(start):
         assert float(hermite.turning_point(path, jnp.asarray(sign > 0))) == pytest.approx(0.7, rel=1e-6)
 
 
-def test_two_turning_points_close_to_each_other():
-    """Between the places where the slope is looked at: (z − 0.53)(z − 0.6), and the same without a zero."""
-    for shift, twice in ((0.0, True), (0.0013, False)):
+@pytest.mark.parametrize("curved", [0.0, 0.9, -0.6, 3.0])
+@pytest.mark.parametrize("between", [(0.53, 0.6), (0.02, 0.06), (0.26, 0.49), (0.7, 0.95)])
+def test_two_turning_points_close_to_each_other(between, curved):
+    """Between the places that are looked at: (z − a)(z − b)(1 + cz), and the same without a zero."""
+    (a, b), lift = between, (between[1] - between[0]) ** 2
+    for shift, twice in ((0.0, True), (0.5, False)):
         for sign in (1.0, -1.0):
-            path = of_slope(*(sign * np.array([0.53 * 0.6 + shift, -1.13, 1.0])))
-            rising = jnp.asarray(sign > 0)
-            assert bool(hermite.turns_more_than_once(path, rising, rising)) is twice
+            parabola = np.array([a * b + shift * lift, -a - b, 1.0])
+            path = of_slope(*(sign * np.convolve(parabola, [1.0, curved])))
+            assert turns_twice(path, sign > 0, sign > 0) is twice
 
 
 def test_backend_computes_right_numbers():
