@@ -1,70 +1,200 @@
-"""Do several ways lead to the same answers? `python -m benchmarks.agreement [scenes] [seed] [podium …]`.
+"""Do several ways lead to the same answers? `python -m benchmarks.agreement [scenes] [seed] [kind …]`.
 
-Random podiums under motions that are rougher than earthquakes: noise of a few samples, with offsets, in steps
-that jump, and pulses; half of the podiums begin at rest, others turned or turning, and some scenes end early.
-Each scene is solved as usual, with all impacts counted, with one output alone, and by `tsit5` at a hundredth
-of the tolerance, and whatever differs by more than errors do is shown. Where rocking is chaotic errors grow
-as well: there both methods come closer to each other at smaller tolerances. And where two peaks are equal, as
-those of both halves of a sine can be, either may be taken for the first.
+Random scenes of every kind: what stands on the columns, what holds them, with and without vertical motion,
+under motions that are rougher than earthquakes (noise of a few samples with offsets, steps that jump, pulses)
+or none. Half of the podiums begin turned, turning or swaying, and some scenes end early.
+
+Answers at three tolerances are compared with each other, and derivatives by α and by the scale of the motion
+with central differences that settle: three steps in a row agree. A kind is `elastic-power-vertical-steps`,
+for instance, and parts of such names choose all kinds that have them. With `--ways`, answers are compared as
+well with all impacts counted and with `tsit5`; with `--faults FOLDER`, each fault is written there, and
+`python -m benchmarks.agreement --again FILE` solves it again.
+
+Whatever differs by more than errors do has one of these names:
+
+- tie: two peaks are equal, and the derivative is that of one of them
+- flagged: the estimate (`errors`) says that the answer is off by so much, or that the scene is undecided
+- unsettled: differences do not settle, so that the answer has no derivative that they could find
+- grazing: likewise, after an impact of hardly any speed
+- FAULT: none of these
 """
 
 from __future__ import annotations
 
+import argparse
+import collections
+import itertools
+import json
 import math
-import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 import rockjax as rj
+from rockjax import _results as results
 from rockjax._excitations.pulses import PULSES
 
+TOPS = ("none", "rigid", "elastic", "modes", "building", "truncated", "unkept")
+DEVICES = ("free", "linear", "power")
+DIRECTIONS = ("horizontal", "vertical")
+SAMPLED = ("rough", "steps", "rest")  # one program for all of them
+MOTIONS = (*SAMPLED, *PULSES)
+STORIES = 3
 OUTPUTS = {
     "none": ("peak_rotation", "margin"),
     "rigid": ("peak_rotation", "margin", "peak_shear"),
     "elastic": ("peak_rotation", "margin", "peak_shear", "peak_deformation"),
+    "building": (
+        "peak_rotation",
+        "margin",
+        "peak_shear",
+        "peak_deformation",
+        "peak_drift",
+        "peak_floor_acceleration",
+    ),
+    "unkept": ("peak_rotation", "margin", "peak_shear", "peak_floor_acceleration"),
 }
-MOTIONS = ("record", "steps", *PULSES)
-TIMES = ("peak_rotation_time", "uplift_time", "overturn_time")
+OUTPUTS |= {"modes": OUTPUTS["elastic"], "truncated": OUTPUTS["building"]}
+
 RECORDS, SAMPLES, SPACING = 40, 200, 0.02
-RTOL = 1e-10
+TOLERANCES = (1e-8, 1e-10, 1e-12)
+PARAMETERS = ("alpha", "scale")
+STEPS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)  # of ln α and of the logarithm of the scale
 RELATIVE, ABSOLUTE = 1e-5, 1e-8  # beyond which two answers differ
+MOST_STEPS = 20_000  # of a scene, whose answers are left out else
+SAFETY = 10.0  # times the estimated error
+GRAZES = 1e-3  # of pα
+
+
+class Kind(NamedTuple):
+    """What a batch of scenes has in common."""
+
+    top: str
+    devices: str
+    direction: str
+    motion: str
+
+    def __str__(self):
+        return "-".join(self)
+
+    @classmethod
+    def chosen(cls, words) -> Iterator[Kind]:
+        """All kinds in whose names all parts of one of the words are."""
+        for parts in itertools.product(TOPS, DEVICES, DIRECTIONS, MOTIONS):
+            if not words or any(set(word.split("-")) <= set(parts) for word in words):
+                yield cls(*parts)
 
 
 class Scenes(NamedTuple):
     """A batch of scenes of one kind."""
 
     podium: rj.Podium
-    motion: rj.AbstractExcitation
+    motion: Any
     initial: rj.State
     t_end: np.ndarray
 
+    def varied(self, alpha, scale) -> Scenes:
+        """With α and the motion times factors."""
+        return self._replace(
+            podium=self.podium.replace(alpha=self.podium.alpha * alpha), motion=self.motion.scaled(scale)
+        )
 
-def scenes(podium: str, motion: str, count: int, seed: int) -> Scenes:
-    rng = np.random.default_rng([seed, *map(ord, podium + motion)])
-    draw = lambda low, high: rng.uniform(low, high, count)
-    side = lambda: rng.choice([-1.0, 1.0], count)
-    top: dict[str, Any] = {
-        "none": None,
-        "rigid": rj.Rigid(10 ** draw(-1, 2)),
-        "elastic": rj.Elastic(10 ** draw(-1, 2), 10 ** draw(-1, 0.5), draw(0.01, 0.2)),
-    }
+    def scene(self, k: int) -> Scenes:
+        """One of them, with its own record."""
+        one = lambda tree: jax.tree.map(lambda y: np.asarray(y)[k] if np.ndim(y) else y, tree)
+
+        def of(motion):
+            if isinstance(motion, rj.GroundMotion):
+                return rj.GroundMotion(of(motion.horizontal), of(motion.vertical))
+            if not isinstance(motion, rj.Records):
+                return one(motion)
+            row = int(motion.which[k])
+            return rj.Record(
+                motion.acceleration[row], SPACING, motion.scale[k], t_start=float(motion.starts[row])
+            )
+
+        return Scenes(one(self.podium), of(self.motion), one(self.initial), self.t_end[k])
+
+
+def scenes(kind: Kind, count: int, seed: int) -> Scenes:
+    """Random scenes; the same for the same arguments."""
+    rng = np.random.default_rng([seed, *map(ord, str(kind))])
+    draw = lambda low, high, *more: rng.uniform(low, high, (count, *more))
+    side = lambda *more: rng.choice([-1.0, 1.0], (count, *more))
     alpha, gamma = draw(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)
     structure = rj.Podium(
-        alpha, 10 ** draw(-0.3, 1), gamma, superstructure=top[podium], restitution=draw(0.3, 0.98)
+        alpha,
+        10 ** draw(-0.3, 1),
+        gamma,
+        superstructure=_top(kind.top, draw),
+        restitution=draw(0.3, 0.98),
+        restrainers=_devices(kind.devices, draw),
     )
     lifts, p = np.asarray(structure.uplift_ground_acceleration), np.asarray(structure.p)
     strength = lifts * np.where(draw(0, 1) < 0.4, draw(0.9, 1.5), draw(1, 6)) * side()
-    if motion in PULSES:
-        shaking: rj.AbstractExcitation = PULSES[motion](strength, 2 * math.pi / (p * draw(1, 12)))
+    size = structure.g * draw(0.01, 0.95) * side()
+    if kind.motion in PULSES:
+        period = 2 * math.pi / (p * draw(1, 12))
+        horizontal: Any = PULSES[kind.motion](strength, period)
+        vertical: Any = rj.Ricker(size, period * draw(0.1, 1))
     else:
-        table = rj.Records.of([rj.Record(row, SPACING) for row in _rows(rng, motion == "steps")])
-        shaking = table.pick(rng.integers(0, RECORDS, count)).scaled(strength)
-    theta = np.where(draw(0, 1) < 0.4, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
-    rate = np.where((theta != 0) & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
-    start, end = (np.asarray(y) for y in shaking.support)
+        of = lambda start: rj.Records.of(
+            [rj.Record(row, SPACING, t_start=start) for row in _rows(rng, kind.motion == "steps")]
+        ).pick(rng.integers(0, RECORDS, count))
+        quiet = 0.0 if kind.motion == "rest" else 1.0
+        horizontal, vertical = of(0.0).scaled(strength * quiet), of(0.1).scaled(size)
+    motion = horizontal if kind.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
+    turned = (draw(0, 1) < 0.4) | (kind.motion == "rest")
+    theta = np.where(turned, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
+    rate = np.where(turned & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
+    start, end = (np.asarray(y) for y in motion.support)
     late = np.where(draw(0, 1) < 0.4, (end - start) * draw(0.3, 2.5), (end - start) * 3 + 30 / p)
-    return Scenes(structure, shaking, rj.State(theta=theta, theta_dot=rate), start + late)
+    return Scenes(structure, motion, _initial(structure, turned, theta, rate, draw), start + late)
+
+
+def _top(name: str, draw) -> Any:
+    eta, zeta = 10 ** draw(-1, 2), draw(0.01, 0.2)
+    if name == "none":
+        return None
+    if name == "rigid":
+        return rj.Rigid(eta)
+    if name == "elastic":
+        return rj.Elastic(eta, 10 ** draw(-1.5, 0.5), zeta)
+    if name == "modes":
+        shares = draw(0.05, 1, STORIES + 1)
+        parts = eta[:, None] * shares / shares.sum(axis=1, keepdims=True)
+        return rj.Modes(parts[:, :-1], 10 ** draw(-1.6, 0.2, STORIES), draw(0.01, 0.2, STORIES), parts[:, -1])
+    kept = {"building": STORIES, "truncated": STORIES - 1, "unkept": 0}[name]
+    masses = 10 ** draw(-1, 1, STORIES)
+    stiffnesses = masses * 10 ** draw(1, 3.5, 1) * draw(0.3, 2, STORIES)
+    return rj.ShearBuilding(masses, stiffnesses, draw(0.01, 0.2, kept) if kept else 0.05, modes=kept)
+
+
+def _devices(name: str, draw) -> tuple[Any, ...]:
+    """Each of them is of no strength in some scenes."""
+    some = lambda values: np.where(draw(0, 1) < 0.75, values, 0.0)
+    if name == "free":
+        return ()
+    exponent = 1.0 if name == "linear" else draw(0.2, 1)
+    return (
+        rj.Tendon(some(10 ** draw(-1, 2)), some(10 ** draw(0, 2))),
+        rj.Damper(some(10 ** draw(-1, 1.7)), exponent),
+        rj.Inerter(some(10 ** draw(-1, 1.5))),
+    )
+
+
+def _initial(podium: rj.Podium, turned, theta, rate, draw) -> rj.State:
+    count = getattr(podium.superstructure, "count", 0)
+    if not podium.vibrates:
+        return rj.State(theta=theta, theta_dot=rate)
+    several = (count,) if isinstance(podium.superstructure, rj.Modes | rj.ShearBuilding) else ()
+    sway = np.asarray(podium.R * np.sin(podium.alpha)) * turned * (draw(0, 1) < 0.5)
+    sway = sway.reshape(-1, *[1] * len(several))
+    return rj.State(theta, rate, sway * draw(-0.3, 0.3, *several), sway * draw(-1, 1, *several))
 
 
 def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
@@ -76,42 +206,232 @@ def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
     return rows
 
 
-def differences(podium: str, motion: str, count: int, seed: int) -> list[str]:
-    """A line for each way and answer that differ, with the first of the scenes."""
-    batch, outputs = scenes(podium, motion, count, seed), OUTPUTS[podium]
-    usual = rj.Options(rtol=RTOL, atol=0.01 * RTOL, outputs=outputs, throw=False)
-    ways = {
-        "all impacts": usual.replace(outputs=(*outputs, "impacts")),
-        "one output": usual.replace(outputs=outputs[-1:]),
-        "tsit5": usual.replace(rtol=0.01 * RTOL, atol=1e-4 * RTOL, method="tsit5"),
-    }
-
-    def answers(options: rj.Options) -> rj.Peak:
+def solve(batch: Scenes, outputs: tuple[str, ...], rtol: float, method="dopri8", **more) -> rj.Peak:
+    options = rj.Options(
+        rtol=rtol, atol=0.01 * rtol, outputs=outputs, method=method, max_steps=MOST_STEPS, throw=False
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer
         return rj.peak_responses(
-            batch.podium, batch.motion, initial=batch.initial, t_end=batch.t_end, options=options
+            batch.podium, batch.motion, initial=batch.initial, t_end=batch.t_end, options=options, **more
         )
 
-    found, lines = answers(usual), []
-    for way, options in ways.items():
-        other = answers(options)
-        for name in outputs[-1:] if way == "one output" else (*outputs, *TIMES):
-            ours, theirs = (np.asarray(getattr(each, name)) for each in (found, other))
-            off = np.abs(ours - theirs) > RELATIVE * np.abs(theirs) + ABSOLUTE
-            differ = np.flatnonzero(off | (np.isnan(ours) != np.isnan(theirs)))
-            if differ.size:
-                first = differ[0]
-                words = f"scene {first}: {ours[first]:.12g} for {theirs[first]:.12g}"
-                lines.append(f"{podium}, {motion}, {way}, {name}: {differ.size} of {count}, {words}")
+
+def columns(answers: Any, names: tuple[str, ...], shape: tuple[int, ...], last: int = 0) -> np.ndarray:
+    """The named answers, (columns, *shape, …): those of modes and stories are a column each. They have `last`
+    axes behind these."""
+    rows = []
+    for name in names:
+        values = np.asarray(getattr(answers, name))
+        behind = values.shape[values.ndim - last :]
+        rows.append(np.moveaxis(values.reshape(*shape, -1, *behind), len(shape), 0))
+    return np.concatenate(rows)
+
+
+def labels(answers: Any, names: tuple[str, ...]) -> list[str]:
+    found = []
+    for name in names:
+        values = np.asarray(getattr(answers, name))
+        found += [name] if values.ndim == 1 else [f"{name}[{j}]" for j in range(values.shape[-1])]
+    return found
+
+
+class Differences(NamedTuple):
+    """Central differences over ln α and the logarithm of the scale, (columns, scenes, parameters)."""
+
+    values: np.ndarray
+    settled: np.ndarray
+    sides: tuple[np.ndarray, np.ndarray]  # one-sided ones, where they differ however small the step, else NaN
+
+
+def differentiate(batch: Scenes, outputs: tuple[str, ...], speck: float) -> Differences:
+    """By solutions at the tightest tolerance: those three steps in a row that agree best."""
+    h = np.array(STEPS)
+    ones = np.ones((len(h), 1))
+    up, down = 1 + h[:, None], 1 - h[:, None]
+    alpha = np.concatenate([ones[:1], up, down, ones, ones])
+    scale = np.concatenate([ones[:1], ones, ones, up, down])
+    shape = (len(alpha), len(batch.t_end))
+    peaks = solve(
+        batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS
+    )  # one program
+    found = columns(peaks, outputs, shape)
+    here, rest = found[:, :1], found[:, 1:]
+    each = rest.reshape(len(found), len(PARAMETERS), 2, len(h), shape[1])
+    after = (each[:, :, 0] - here[:, None]) / h[:, None]
+    before = (here[:, None] - each[:, :, 1]) / h[:, None]
+    central = (after + before) / 2
+    threes = np.stack([central[:, :, k : len(h) - 2 + k] for k in range(3)])
+    spread = np.ptp(threes, axis=0)
+    best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=2)[:, :, None]
+    of_best = lambda y: np.moveaxis(np.take_along_axis(y, best, axis=2)[:, :, 0], 1, -1)
+    value, size = of_best(np.median(threes, axis=0)), np.abs(here[:, 0, :, None])
+    within = RELATIVE * (np.abs(value) + size) + speck
+    # Of a smooth answer the two sides differ by so much less at a smaller step.
+    gap = np.abs(after - before)
+    kinked = of_best(gap[:, :, 1:-1] > 0.7 * gap[:, :, :-2]) & (of_best(gap[:, :, 1:-1]) > within)
+    after, before = (np.where(kinked, of_best(y[:, :, 2:]), np.nan) for y in (after, before))
+    return Differences(value, of_best(spread) < 0.5 * within, (after, before))
+
+
+class Difference(NamedTuple):
+    """An answer or a derivative that is off."""
+
+    kind: Kind
+    scene: int
+    answer: str  # with the parameter, where it is a derivative
+    way: str
+    ours: float
+    right: float
+    name: str
+
+    def __str__(self):
+        return (
+            f"{self.kind}, scene {self.scene}: {self.answer} at {self.way} is {self.ours:.12g} for "
+            f"{self.right:.12g} ({self.name})"
+        )
+
+
+def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Difference]:
+    """All answers and derivatives of a batch that are off."""
+    outputs, count = OUTPUTS[kind.top], (len(batch.t_end),)
+    peaks = {rtol: solve(batch, outputs, rtol, sensitivities=PARAMETERS) for rtol in TOLERANCES}
+    loose, right, tight = (columns(peak, outputs, count) for peak in peaks.values())
+    # The tightest is right, unless the others agree on something else.
+    alone = 10 * np.abs(loose - right) < np.abs(tight - right)
+    right = np.where(alone | np.isnan(tight), right, tight)
+    limit = RELATIVE * np.abs(right) + ABSOLUTE
+    differences = differentiate(batch, outputs, ABSOLUTE)
+    grazes = peaks[TOLERANCES[-1]].smallest_impact_speed < GRAZES * batch.podium.p * batch.podium.alpha
+    names = labels(peaks[TOLERANCES[0]], outputs)
+    answered = np.logical_and.reduce(
+        [results.code_of(y.result) <= results.OVERTURNED for y in peaks.values()]
+    )
+    found: list[Difference] = []
+
+    def add(off, answers, way, ours, right, named):
+        for place in zip(*np.nonzero(off), strict=True):
+            column, scene = place[:2]
+            answer = (
+                answers[column] if len(place) == 2 else f"d {answers[column]}/d ln {PARAMETERS[place[2]]}"
+            )
+            name = next((name for name, where in named.items() if where[place]), "FAULT")
+            found.append(Difference(kind, int(scene), answer, way, ours[place], right[place], name))
+
+    unsettled = ~differences.settled
+    names_of_unsettled = {
+        "grazing": unsettled & np.asarray(grazes)[:, None],
+        "unsettled": unsettled,
+    }
+
+    def judge(way, values, rtol, slopes=None):
+        off = ~(np.abs(values - right) <= limit) & answered
+        wrong = np.zeros_like(unsettled)
+        if slopes is not None:
+            within = RELATIVE * (np.abs(differences.values) + np.abs(right)[..., None]) + ABSOLUTE
+            wrong = ~(np.abs(slopes - differences.values) <= within) & answered[:, None]
+        if not (off.any() or wrong.any()):
+            return
+        flagged = flags(kind, batch, rtol, names, limit, np.abs(values - right))
+        add(
+            off,
+            names,
+            way,
+            values,
+            right,
+            {"flagged": flagged, **{k: v.any(-1) for k, v in names_of_unsettled.items()}},
+        )
+        if slopes is not None:
+            near = lambda side: np.abs(slopes - side) <= 1e-3 * (np.abs(side) + np.abs(right)[..., None])
+            tie = near(differences.sides[0]) | near(differences.sides[1])
+            named = {
+                "tie": tie,
+                "flagged": np.broadcast_to(flagged[..., None], tie.shape),
+                **names_of_unsettled,
+            }
+            add(wrong, names, way, slopes, differences.values, named)
+
+    for rtol, peak in peaks.items():
+        slopes = columns(peak.sensitivities, outputs, count, last=1)
+        judge(f"{rtol:g}", columns(peak, outputs, count), rtol, slopes)
+    if with_ways:
+        plain = solve(batch, outputs, TOLERANCES[1])
+        judge("no derivatives", columns(plain, outputs, count), TOLERANCES[1])
+        counted = solve(batch, (*outputs, "impacts"), TOLERANCES[1])
+        judge("all impacts", columns(counted, outputs, count), TOLERANCES[1])
+        other = solve(batch, outputs, TOLERANCES[2], method="tsit5")
+        judge("tsit5", columns(other, outputs, count), TOLERANCES[2])
+    return found
+
+
+def flags(kind: Kind, batch: Scenes, rtol: float, names: list[str], limit, off) -> np.ndarray:
+    """Where estimated errors allow for an answer to be off, (columns, scenes). The margin's is that of the
+    rotation."""
+    outputs = OUTPUTS[kind.top]
+    errors: Any = solve(batch, (*outputs, "errors"), rtol).errors
+    estimated = tuple("peak_rotation" if name == "margin" else name for name in outputs)
+    size = SAFETY * columns(errors, estimated, (len(batch.t_end),))
+    return np.asarray(errors.undecided) | (size > np.maximum(limit, np.where(np.isnan(off), 0, off)))
+
+
+def write(difference: Difference, one: Scenes, folder: Path) -> None:
+    """A scene with all its numbers, as `--again` reads it."""
+    leaves = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(one)]
+    told = difference._replace(
+        kind=str(difference.kind), ours=float(difference.ours), right=float(difference.right)
+    )
+    words = "-".join(
+        (str(difference.kind), str(difference.scene), *difference.answer.replace("/", " by ").split())
+    )
+    path = folder / f"{words}.json"
+    path.write_text(json.dumps(told._asdict() | {"leaves": leaves}))
+
+
+def read(path: Path) -> tuple[Kind, Scenes]:
+    """The scene of a file, as a batch of one."""
+    data = json.loads(path.read_text())
+    kind = Kind(*data["kind"].split("-"))
+    like = scenes(kind, 1, 0).scene(0)
+    leaves = [
+        np.asarray(y, np.asarray(z).dtype) for y, z in zip(data["leaves"], jax.tree.leaves(like), strict=True)
+    ]
+    one = jax.tree.unflatten(jax.tree.structure(like), leaves)
+    return kind, one._replace(motion=one.motion.scaled(np.ones(1)), t_end=np.reshape(one.t_end, 1))
+
+
+def table(kind: Kind, found: list[Difference], count: int) -> list[str]:
+    """A line for each answer of which any is off, with the first fault."""
+    counts = collections.Counter((y.answer, y.way, y.name) for y in found)
+    lines = [f"{kind}: {count} scenes, {len({y.scene for y in found if y.name == 'FAULT'})} with faults"]
+    for answer in dict.fromkeys(y.answer for y in found):
+        cells = [f"{n} {name} at {way}" for (of, way, name), n in counts.items() if of == answer]
+        lines.append(f"  {answer}: {', '.join(cells)}")
+    lines += [f"  {y}" for y in {y.answer: y for y in found if y.name == "FAULT"}.values()]
     return lines
 
 
 def main() -> None:
-    numbers = [int(y) for y in sys.argv[1:3]]
-    count, seed = (*numbers, *(2000, 1)[len(numbers) :])
-    for podium in sys.argv[3:] or OUTPUTS:
-        for motion in MOTIONS:
-            lines = differences(podium, motion, count, seed)
-            print(*(lines or [f"{podium}, {motion}: {count} scenes agree"]), sep="\n", flush=True)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("scenes", type=int, nargs="?", default=1000)
+    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser.add_argument("kinds", nargs="*")
+    parser.add_argument("--ways", action="store_true")
+    parser.add_argument("--faults", type=Path)
+    parser.add_argument("--again", type=Path)
+    given = parser.parse_args()
+    if given.again:
+        kind, batch = read(given.again)
+        print(*compare(kind, batch, given.ways), sep="\n")
+        return
+    for kind in Kind.chosen(given.kinds):
+        batch = scenes(kind, given.scenes, given.seed)
+        found = compare(kind, batch, given.ways)
+        print(*table(kind, found, given.scenes), sep="\n", flush=True)
+        if given.faults:
+            given.faults.mkdir(parents=True, exist_ok=True)
+            for each in found:
+                if each.name == "FAULT":
+                    write(each, batch.scene(each.scene), given.faults)
 
 
 if __name__ == "__main__":
