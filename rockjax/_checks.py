@@ -31,6 +31,7 @@ def as_float(x, what: str = "it") -> Array:
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
+    refuse_gaps(what, x)
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
@@ -54,7 +55,75 @@ def from_host(x, dtype=None) -> Array:
 
     A copy, as by `jnp.array`, which compiles a program for each shape in each process: 10 ms each.
     """
+    refuse_gaps("it", x)
     return jax.device_put(np.array(x, dtype))
+
+
+def refuse_gaps(what: str, x) -> None:
+    """Raise a `ValueError` that names the first gap of a masked array, or of objects (None, NA)."""
+    if isinstance(x, np.ma.MaskedArray):
+        gaps = np.ma.getmaskarray(x)
+    elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
+        gaps = np.array([not isinstance(y, float | int | np.number | Tracer | jax.Array) for y in x.ravel()])
+    elif isinstance(x, list | tuple):
+        gaps = np.array([y is None or y is np.ma.masked for y in x], bool)
+    else:
+        return
+    if gaps.any():
+        where = f"{_first_run(gaps.ravel())} of {gaps.size}"
+        raise ValueError(f"{what} has a gap: no number at {where}; {_CURE}")
+
+
+_CURE = "cut the gap out or fill it"
+# Sizes of what digitisers and libraries write in the place of missing samples: 999, 999.9, 9999 …, the ends
+# of whole numbers and of float32, and fill values of SMC and netCDF.
+_SENTINELS = (
+    *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
+    *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
+)
+
+
+def refuse_sentinels(what: str, samples: np.ndarray) -> None:
+    """Raise a `ValueError` that names the gap where samples hold a value that stands for missing ones, such
+    as -999 or 999999: at least three times as large as all others, or in runs of at least three that begin or
+    end with a jump."""
+    sizes = np.abs(samples)
+    if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
+        return
+    for size in _SENTINELS:
+        at = np.abs(sizes - size) <= 1e-7 * size
+        if not at.any() or at.all():
+            continue
+        starts, ends = np.flatnonzero(np.diff(at, prepend=False, append=False)).reshape(-1, 2).T
+        jumps = np.abs(np.diff(samples))[[*(starts[starts > 0] - 1), *(ends[ends < at.size] - 1)]]
+        in_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
+        if in_runs or 3 * sizes[~at].max() < size:
+            value = f"{samples[int(at.argmax())]:.10g}, which stands for missing samples"
+            raise ValueError(f"{what} has a gap: {value}, at {_first_run(at)} of {at.size}; {_CURE}")
+
+
+def require_finite_samples(owner: str, samples: np.ndarray) -> None:
+    """Raise a `ValueError` that names the first sample, and its gap, that is not finite or stands for a
+    missing one; of a batch the samples are along its last axis."""
+    wrong = ~np.isfinite(samples)
+    if wrong.any():
+        where = tuple(np.argwhere(wrong)[0])
+        gap = f" ({_first_run(wrong[where[:-1]])} of {samples.shape[-1]}: a gap?)" if wrong.sum() > 1 else ""
+        raise ValueError(
+            f"{owner}: acceleration must be finite, got {samples[where]} at sample {int(where[-1])}{gap}"
+        )
+    if not samples.size or np.abs(samples).max() < _SENTINELS[0] - 1:
+        return
+    for row in samples.reshape(-1, samples.shape[-1]):
+        refuse_sentinels(f"{owner}: acceleration", row)
+
+
+def _first_run(at: np.ndarray) -> str:
+    """The first run of true values, in words."""
+    first = int(at.argmax())
+    rest = at[first:]
+    last = first + (int(np.argmin(rest)) if not rest.all() else rest.size) - 1
+    return f"sample {first}" if last == first else f"samples {first} to {last}"
 
 
 def as_array(x) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rockjax._checks import as_float, single
+from rockjax._checks import as_float, require_finite_samples, single
 from rockjax._plausibility import PlausibilityWarning, doubt
 from rockjax._structures import STANDARD_GRAVITY
 
@@ -21,6 +21,8 @@ HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that 
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
 # Of a file in m/s² by the word of the user alone; numbers in g look like that.
 UNSAID_PGA = 0.05 * STANDARD_GRAVITY
+SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # s
+RAW = "raw"  # how metadata["processing"] begins for uncorrected data
 DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
 
 
@@ -45,9 +47,7 @@ class Accelerogram:
             raise ValueError(
                 f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}"
             )
-        if not np.isfinite(samples).all():
-            k = int(np.argmin(np.isfinite(samples)))
-            raise ValueError(f"Motion: acceleration must be finite, got {samples[k]} at sample {k}")
+        require_finite_samples("Motion", samples)
         single("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
         samples.flags.writeable = False
         for name, value in {
@@ -129,6 +129,28 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
             stacklevel,
             RecordWarning,
         )
+    if not SHORTEST_DT <= motion.dt <= LONGEST_DT:
+        doubt(
+            f"{where}: its sampling interval is {motion.dt:.3g} s, which no accelerograph has: "
+            "are its times in seconds?",
+            stacklevel,
+            RecordWarning,
+        )
+    if damage := motion.metadata.get("damaged"):
+        doubt(
+            f"{where}: is damaged, and {len(motion)} samples are all that can be read: {damage}",
+            stacklevel,
+            RecordWarning,
+        )
+    processing = str(motion.metadata.get("processing", ""))
+    if processing.startswith(RAW):
+        doubt(
+            f"{where}: is {processing}, not corrected: its offset and drift are in it; "
+            "Motion.baseline_corrected(1) takes an offset out",
+            stacklevel,
+            RecordWarning,
+        )
+        return
     left = abs(float(motion.velocity[-1]))
     if left > DRIFT * motion.pgv:
         doubt(

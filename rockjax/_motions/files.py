@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rockjax._checks import of_kind, shown, single
+from rockjax._checks import of_kind, refuse_sentinels, shown, single
+from rockjax._headings import unit_of
 
-from .accelerogram import Accelerogram
-from .formats import EVEN, UNITS, parse
+from .accelerogram import RAW, Accelerogram
+from .formats import ACCELERATIONS, EVEN, UNITS, parse
 
 
 def check_reading(path: Path, units, dt, component) -> None:
@@ -52,24 +53,27 @@ def read(
         raise ValueError(
             f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}"
         )
-    if own is not None and units is not None and UNITS[own] != UNITS[units]:
-        raise ValueError(
-            f"{path}: its header gives the unit as {own}, but units = {units} was given; leave units out"
-        )
+    says = found.says_units or f"{path}: its header"
+    other = unit_of(found.said)
+    if own is None and other is not None:
+        raise ValueError(f"{says} gives the unit as {found.said}, which is no unit of acceleration")
+    if own is not None and units is not None and ACCELERATIONS[own] != UNITS[units]:
+        raise ValueError(f"{says} gives the unit as {own}, but units = {units} was given; leave units out")
     values = found.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
     if found.dt is None and dt is None:
-        raise ValueError(
-            f"{path}: has one column and no times; give dt (on the command line --dt), in seconds"
-        )
+        cause = found.says_dt or f"{path}: has one column and no times"
+        raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")
     if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
         raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
     unit = units or own
     assert unit is not None
+    refuse_sentinels(str(path), values)
     with np.errstate(over="ignore"):
-        values = UNITS[unit] * values
+        values = ACCELERATIONS[unit] * values
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
     step = found.dt if found.dt is not None else float(dt or 0)
-    return Accelerogram(values, step, path.stem, path, found.metadata | {"units": unit})
+    notes = {"units": unit} | ({"processing": f"{RAW} ({found.raw})"} if found.raw else {})
+    return Accelerogram(values, step, path.stem, path, found.metadata | notes)

@@ -28,6 +28,7 @@ from .stations import paired
 if TYPE_CHECKING:
     import xarray
 
+_AT2_LEAST = 1e-99  # g; smaller samples are written as 0
 _RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
 
 
@@ -44,7 +45,8 @@ class Motion(Accelerogram):
       ([`rockjax.Motions.paired`][]); what is done to a motion is done to it as well, and measures are those
       of the horizontal motion
 
-    Raises `ValueError` for empty or non-finite samples and for dt ≤ 0.
+    Raises `ValueError` for empty or non-finite samples, for gaps (masked samples, values such as -999 or
+    999999 that stand for missing ones) and for dt ≤ 0.
     """
 
     vertical: Motion | None = None
@@ -83,8 +85,8 @@ class Motion(Accelerogram):
         What lies above the lower of the two Nyquist frequencies is filtered out, so that nothing is folded
         back; what lies below is kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it folds
         30 Hz onto 20 Hz, and towards finer samples it is no change at all, for a motion is linear between
-        samples anyway. Resampling by the Fourier transform takes the motion for a periodic one and rings at
-        both ends. The first sample stays at its time.
+        samples anyway. The straight line through the first and the last sample is not filtered, so that an
+        offset does not ring at the ends. The first sample stays at its time.
 
         Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two
         intervals are not in a ratio of whole numbers up to 1000.
@@ -102,7 +104,12 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        resampled = self._changed(resample_poly(self.acceleration, up, down)[:count], dt)
+        # The line through both ends is left out of the filter, whose gains for constants differ from
+        # sample to sample by 1e-3; padtype="line" of SciPy only extends it.
+        first, last = self.acceleration[[0, -1]]
+        line = lambda times: first + (last - first) / self.duration * times
+        filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
+        resampled = self._changed(filtered + line(np.arange(count) * dt), dt)
         return resampled._and_vertical(lambda vertical: vertical.resampled(dt))
 
     def baseline_corrected(self, order: int = 2) -> Self:
@@ -162,9 +169,9 @@ class Motion(Accelerogram):
         return dataclasses.replace(trimmed, vertical=vertical._changed(vertical.acceleration[part]))
 
     def save(self, path: str | Path) -> Path:
-        """Write the motion as PEER's `.AT2` (in g, 8 digits) or as `.csv` (time [s], acceleration [m/s²],
-        exactly), by the suffix of `path`; whole or not at all. [`rockjax.read_motion`][] reads both without
-        further arguments.
+        """Write the motion as PEER's `.AT2` (in g, 8 digits, 0 below 1e-99 g) or as `.csv` (time [s],
+        acceleration [m/s²], exactly), by the suffix of `path`; whole or not at all.
+        [`rockjax.read_motion`][] reads both without further arguments.
 
         Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
         """
@@ -187,7 +194,9 @@ class Motion(Accelerogram):
             say(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        numbers = [f"{a:15.7E}" for a in self.acceleration / STANDARD_GRAVITY]
+        # Exponents of three digits would fill the columns, so that numbers touch.
+        samples = np.where(np.abs(self.acceleration) < _AT2_LEAST * STANDARD_GRAVITY, 0.0, self.acceleration)
+        numbers = [f"{a:15.7E}" for a in samples / STANDARD_GRAVITY]
         return [
             "ROCKJAX GROUND MOTION",
             f"{event}, {date}, {station}, {component}",

@@ -26,19 +26,21 @@ def read_motion(
 
     Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet
     (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net
-    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column or two (time, acceleration), with comments (`#`,
-    `%`, `!`), one line of headings, and blanks, commas or semicolons between; NumPy's `.npy`; with ObsPy, the
-    extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, with comments
+    (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or tabs between;
+    NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed for tables and waveforms, the others
-      say it
-    - `dt`: sampling interval [s], where the file has neither it nor times
-    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
+    - `dt`: sampling interval, > 0 [s]; needed where the file has neither it nor times
+    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`; any
+      usual name of the vertical one is known
 
     Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground
-    motion, and lists the channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is
-    above 3 g or below 1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, and where more than a
-    fifth of PGV is left at the end.
+    motion, for headings that are not understood or contradict `units` or `dt`, and for gaps; it lists the
+    channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
+    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, where the sampling interval is above
+    0.1 s or below 1e-4 s, where the file is damaged or its data are raw, and where more than a fifth of PGV
+    is left at the end.
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3, unsaid=units is not None)

@@ -11,7 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from rockjax._checks import as_array, as_number, concrete, finite, positive, product, single
+from rockjax._checks import (
+    as_array,
+    as_number,
+    concrete,
+    finite,
+    positive,
+    product,
+    require_finite_samples,
+    single,
+)
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
@@ -26,7 +35,8 @@ class Record(AbstractSampled):
     - `dt`: sampling interval, > 0 [s]
     - `scale`: factor on the samples [–]; `t_start`: time of the first sample [s]
 
-    Raises `ValueError` for empty or non-finite records.
+    Raises `ValueError` for empty or non-finite records, and for gaps: masked samples, and values such as -999
+    or 999999 that stand for missing ones.
     """
 
     acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
@@ -41,11 +51,8 @@ class Record(AbstractSampled):
         if len(shape) == 0 or shape[-1] < 2:
             raise ValueError(f"Record: acceleration must hold at least two samples, got shape {shape}")
         samples = concrete(self.acceleration)
-        if samples is not None and not np.isfinite(samples).all():
-            where = np.argwhere(~np.isfinite(samples))[0]
-            raise ValueError(
-                f"Record: acceleration must be finite, got {samples[tuple(where)]} at sample {int(where[-1])}"
-            )
+        if samples is not None:
+            require_finite_samples("Record", samples)
 
     @classmethod
     def from_file(

@@ -12,7 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from rockjax._checks import array_module, as_array, as_number, concrete, product, shown
+from rockjax._checks import (
+    array_module,
+    as_array,
+    as_number,
+    concrete,
+    product,
+    refuse_gaps,
+    require_finite_samples,
+    shown,
+)
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
@@ -43,6 +52,11 @@ class Records(AbstractSampled):
     starts: Float[Array, " k"]
     which: Int[Array, "*batch"] = eqx.field(converter=as_array)
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
+
+    def __check_init__(self):
+        if isinstance(self.acceleration, np.ndarray):  # what is JAX's comes from records, which were checked
+            refuse_gaps("Records: acceleration", self.acceleration)
+            require_finite_samples("Records", self.acceleration)
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:

@@ -9,13 +9,9 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 from .accelerogram import Accelerogram
+from .components import is_vertical, points_down, split_name
 
 M = TypeVar("M", bound=Accelerogram)
-
-# What headers and names of files call the vertical component: Up, UD, UP, V, VERT, DWN, Z, HNZ, HHZ, UD1 …
-_VERTICAL = re.compile(r"^(?:u|up|ud\d?|updo|v|ver|vert|vertical|dwn|down|z|[a-z]{2}z)$", re.IGNORECASE)
-_DOWN = re.compile(r"^(?:dwn|down)$", re.IGNORECASE)
-_ENDS = re.compile(r"[-_. ]?(UD\d?|UP|DWN|DOWN|VERT|VER|V|Z|[A-Z]{2}Z)$", re.IGNORECASE)
 
 
 def paired(motions: Sequence[M]) -> tuple[M, ...]:
@@ -52,9 +48,7 @@ def _component(motion: Accelerogram) -> str:
 
 def _is_vertical(motion: Accelerogram) -> bool:
     component = _component(motion)
-    if component:
-        return _VERTICAL.match(component.split()[0]) is not None
-    return _ENDS.search(motion.name) is not None
+    return is_vertical(component) if component else split_name(motion.name)[1] != ""
 
 
 def _station(motion: Accelerogram) -> tuple[str, ...]:
@@ -67,7 +61,7 @@ def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
     """Vertical motions whose names differ from this one's in their ends only; of several the most alike."""
     if motion.metadata.get("station"):
         return []
-    stems = [(_ENDS.sub("", other.name), other) for others in vertical.values() for other in others]
+    stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
     stems = [(stem, other) for stem, other in stems if stem and motion.name.startswith(stem)]
     longest = max((len(stem) for stem, _ in stems), default=0)
     return [other for stem, other in stems if len(stem) == longest]
@@ -84,6 +78,6 @@ def _of_depth(motion: M, others: list[M]) -> list[M]:
 
 def _upwards(motion: M) -> M:
     """Upwards positive: a component that is called down is turned round."""
-    if not _DOWN.match(_component(motion).split()[0] if _component(motion) else motion.name[-3:]):
+    if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

@@ -142,6 +142,20 @@ def test_resampling_keeps_what_is_below_both_nyquist_frequencies(dt):
         assert np.abs(linear - exact).max() > 3 * np.abs(new.acceleration - exact).max()
 
 
+@pytest.mark.parametrize("dt", [0.02, 0.005, 0.0125, 0.015])
+@pytest.mark.parametrize(("offset", "slope"), [(0.79, 0.0), (-30.0, 0.0), (0.2, 0.01)])
+def test_resampling_and_baselines_agree_in_both_orders(offset, slope, dt):
+    """A record with an offset or a drift far above its motion, as raw channels have them."""
+    t = np.arange(6000) * 0.01
+    quake = 1e-3 * np.sin(9 * t) * np.exp(-(((t - 30) / 6) ** 2))
+    raw = rj.Motion(quake + offset + slope * t, 0.01)
+    order = 2 if slope else 1
+    before = raw.baseline_corrected(order).resampled(dt)
+    after = raw.resampled(dt).baseline_corrected(order)
+    assert after.pga == pytest.approx(np.abs(quake).max(), rel=0.01)
+    np.testing.assert_allclose(after.acceleration, before.acceleration, atol=0.01 * before.pga)
+
+
 def test_resampling_folds_nothing_back():
     t = np.arange(0, 8.0005, 0.005)
     fast = np.exp(-((t - 4) ** 2)) * np.sin(2 * np.pi * 70 * t)

@@ -49,6 +49,31 @@ def test_components_of_stations_by_the_names_of_files():
         )).paired()  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("N-S", "E-W", "U-D"), ("NS", "EW", "UD"), ("N", "E", "VRT"), ("HNN", "HNE", "VERT."),
+        ("BHN00", "BHE00", "BHZ00"), ("H1", "H2", "UP-DOWN"), ("000", "090", "Vertical"),
+        ("EW1", "NS1", "UD1"),
+        ("00.HNN", "00.HNE", "00.HNZ"), ("X", "Y", "Z"), ("Long", "Tran", "Dn"), ("L", "T", "V"),
+    ],
+)  # fmt: skip
+def test_vertical_components_under_the_names_of_networks(names):
+    motions = [named(name, k, station="A", component=name) for k, name in enumerate(names)]
+    pairs = rj.Motions(tuple(motions)).paired()
+    assert pairs.names == list(names[:2])
+    sign = -1 if names[2] == "Dn" else 1
+    for pair in pairs:
+        assert pair.vertical is not None
+        np.testing.assert_array_equal(pair.vertical.acceleration, sign * motions[2].acceleration)
+
+
+@pytest.mark.parametrize("end", ["-VRT", "_U-D", ".BHZ00", "_VERT", "-UD2", "_DOWN", "HNZ"])
+def test_vertical_components_by_the_ends_of_names(end):
+    pairs = rj.Motions((named("RSN1_ABC000"), named(f"RSN1_ABC{end}", 1))).paired()
+    assert [pair.vertical and pair.vertical.name for pair in pairs] == [f"RSN1_ABC{end}"]
+
+
 def test_what_is_done_to_a_motion_is_done_to_its_vertical_one():
     motion = dataclasses.replace(named("a"), vertical=named("v", 1, 0.5))
     vertical = motion.vertical

@@ -332,7 +332,8 @@ def test_esm(tmp_path):
 def test_knet(tmp_path):
     counts = [round(8388608 / 2000 * a) for a in GALS]
     path = put(tmp_path, knet(counts), "AKT0139608110312.EW")
-    motion = rj.read_motion(path)
+    with pytest.warns(rj.RecordWarning, match=r"312\.EW: is raw \(as all of K-NET\), not corrected"):
+        motion = rj.read_motion(path)
     np.testing.assert_allclose(motion.acceleration, 20 * np.array(counts) / 8388608, rtol=1e-14)
     assert motion.dt == 0.01
     assert {
@@ -341,10 +342,8 @@ def test_knet(tmp_path):
         "event": "M 5.9",
         "Lat.": "38.920",
     }.items() <= motion.metadata.items()
-    assert (
-        rj.read_motion(put(tmp_path, knet(counts, "4"), "a.NS2"), component="NS2").metadata["component"]
-        == "NS2"
-    )
+    borehole = read(put(tmp_path, knet(counts, "4"), "a.NS2"), None, None, "NS2")
+    assert borehole.metadata["component"] == "NS2"
     obspy = pytest.importorskip("obspy")
     trace = obspy.read(str(path), format="KNET")[0]
     np.testing.assert_allclose(motion.acceleration, trace.data * trace.stats.calib, rtol=1e-14)
@@ -377,7 +376,8 @@ def test_afad(tmp_path):
     new = rj.read_motion(put(tmp_path, esm(GALS, DATA_TYPE="Acceleration"), "a.asc"))
     np.testing.assert_allclose(new.acceleration, 0.01 * GALS, atol=1e-8)
     path = put(tmp_path, afad([GALS, UP, -UP]).encode("latin-1"), "a.txt")
-    motion = rj.read_motion(path, component="U-D")
+    with pytest.warns(rj.RecordWarning, match=r"is raw \(line 7\)"):
+        motion = rj.read_motion(path, component="U-D")
     np.testing.assert_allclose(motion.acceleration, -0.01 * UP, atol=1e-8)
     assert motion.dt == 0.01
     assert motion.metadata["station"] == "4304 KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU"
@@ -387,7 +387,7 @@ def test_afad(tmp_path):
     other = put(tmp_path, afad([GALS, UP, -UP], peaks=[0.27, 0.13, 0.13]), "b.txt")
     with pytest.raises(ValueError, match="does not say in what units"):
         rj.read_motion(other, component=1)
-    assert rj.read_motion(other, component=1, units="gal").pga == pytest.approx(2.6)
+    assert read(other, "gal", None, 1).pga == pytest.approx(2.6)
 
 
 def test_itaca_with_blanks_in_its_keys(tmp_path):
@@ -540,7 +540,34 @@ def test_units_in_a_heading(tmp_path):
             {"component": 1},
             [":1:", "no line 'N points"],
         ),
-        ("a.v1", "UNCORRECTED ACCELEROGRAM DATA\n1 2\n", {}, [":1:", "volume 1", ".V2"]),
+        ("a.v1", "UNCORRECTED ACCELEROGRAM DATA\n1 2\n", {}, [":1:", "volume 1", "raw", ".V2"]),
+        ("a.txt", "FILE OF UNCORRECTED ACCELEROGRAM DATA OF USC\n1 2\n", {}, [":1:", "volume 1", "raw"]),
+        ("a.v1c", "Raw counts of a station\n1 2\n", {}, [":1:", "volume 1", "raw"]),
+        ("a.v3", "Response and Fourier amplitude spectra\nCorrected\n", {}, [":1:", "volume 3", "spectra"]),
+        ("a.txt", "RESPONSE AND FOURIER AMPLITUDE SPECTRA\n1 2\n", {}, [":1:", "volume 3"]),
+        (
+            "a.v2",
+            "\n".join(["CORRECTED ACCELEROGRAM", "", *[f"{'TEXT':<72s}40" for _ in range(10)], "1 2 3"]),
+            {},
+            [":1:", "volume 2 of USC", "CSMIP or COSMOS"],
+        ),
+        ("a.v1c", cosmos(CHANNELS).replace("Corrected acc", "Uncorrected acc"), {}, [":1:", "COSMOS", "raw"]),
+        ("a.v0", cosmos(CHANNELS).replace("Corrected acc", "Raw acc"), {}, [":1:", "COSMOS", "raw"]),
+        ("a.smc", smc(GALS, "1 UNCORRECTED ACCELEROGRAM"), {}, [":1:", "SMC", "raw"]),
+        (
+            "a.VT2",
+            AT2.replace("ACCELERATION TIME", "VELOCITY TIME"),
+            {"units": "g"},
+            [":3:", "holds velocity"],
+        ),
+        (
+            "a.AT2",
+            AT2.replace("ACCELERATION TIME", "Velocity time"),
+            {"units": "g"},
+            [":3:", "holds velocity"],
+        ),
+        ("a.DT2", AT2.replace("ACCELERATION TIME SERIES", ""), {"units": "g"}, ["displacement", "not acc"]),
+        ("a.AT2", AT2.replace("OF G", "OF CM/S"), {"units": "cm/s2"}, ["CM/S", "no unit of acceleration"]),
         ("a.v2", "1 2\n3 4\n", {}, [":1:", "neither", "CSMIP", "COSMOS"]),
         ("a.v2c", cosmos(CHANNELS, interval_ms=-999.0), {"component": 1}, [":25:", "value 62", "> 0 ms"]),
         ("a.v2c", cosmos(CHANNELS).replace("acceleration  ", "velocity  "), {}, [":1:", "holds velocity"]),
@@ -774,3 +801,100 @@ def test_problems_with_a_value_of_the_wrong_kind(where, value):
         at = at[key]
     at[where[-1]] = value
     one_line_or_good("problem.toml", lambda: problem._Reader(problem.Path("problem.toml")).problem(table))
+
+
+@pytest.mark.parametrize(
+    ("rows", "values"),
+    [
+        (" -.1000000E-01-.2000000E-01 .3000000E-01", [-0.01, -0.02, 0.03]),
+        ("-0.0000000E+00-1.3561694E-305-7.1938300E-04", [0, -1.3561694e-305, -7.19383e-4]),
+        ("  .1000000-101 -.2000000-101  .3000000E-01", [1e-102, -2e-102, 0.03]),
+        ("1.5D-101-2.5D-01 1.0", [1.5e-101, -0.25, 1]),
+        ("1.2345678E-012.2345678E-02-.5", [0.12345678, 0.022345678, -0.5]),
+        ("100.123456 99.123456-99.123456", [100.123456, 99.123456, -99.123456]),
+        ("100.123456200.123456 -9.123456", [100.123456, 200.123456, -9.123456]),
+    ],
+)
+def test_columns_of_fortran_that_touch(tmp_path, rows, values):
+    head = AT2.split("  -.1234")[0].replace("NPTS=    7", "NPTS= 3")
+    motion = read(put(tmp_path, head + rows + "\n", "a.AT2"), None, None)
+    np.testing.assert_allclose(motion.acceleration, G * np.array(values), rtol=1e-14)
+    assert motion.dt == 0.005
+
+
+@pytest.mark.parametrize(
+    "pulse", [rj.Ricker(3.0, 1.0), rj.AntisymmetricRicker(-3.0, 0.7), rj.Ricker(1e-98, 2.0)]
+)
+def test_what_is_saved_as_at2_is_read(tmp_path, pulse):
+    motion = rj.Motion(np.asarray(pulse(np.arange(-20, 20, 0.01))), 0.01)
+    back = read(motion.save(tmp_path / "own.AT2"), None, None)
+    np.testing.assert_allclose(back.acceleration, motion.acceleration, rtol=1e-7, atol=1e-98)
+
+
+@pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "utf-32"])
+def test_encodings_of_editors(tmp_path, encoding):
+    motion = rj.read_motion(put(tmp_path, AT2.encode(encoding), "a.AT2"))
+    np.testing.assert_allclose(motion.acceleration, G * VALUES, rtol=1e-15)
+    problem_file = put(tmp_path, PROBLEM.encode(encoding), "a.toml")
+    assert problem.load(problem_file).targets
+    with pytest.raises(ValueError, match=r"b\.AT2:1: is not text: .* if it is UTF-16, save it as UTF-8"):
+        rj.read_motion(put(tmp_path, AT2.encode("utf-16-le"), "b.AT2"))
+
+
+def test_text_that_is_not_utf_8(tmp_path):
+    latin = "[structure]\n# Straße\n".encode("latin-1")
+    with pytest.raises(ValueError, match=r"a\.toml:2: is not UTF-8: byte 0xdf .*; save the file as UTF-8"):
+        problem.load(put(tmp_path, latin, "a.toml"))
+    text = "# Straße\nPGA [g],annual_rate\n0.1,1e-2\n1,1e-4\n".encode("latin-1")
+    assert rj.Hazard.from_file(put(tmp_path, text, "hazard.csv")).measure == "PGA"
+    put(tmp_path, "0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
+    suite = put(tmp_path, "file,name\na.csv,Gölcük\n".encode("cp1254"), "suite.csv")
+    assert rj.read_suite(suite, units="m/s2").names == ["Gölcük"]
+    pulses = put(tmp_path, "name,A,f_p,gamma,nu\nGölcük,1,1,2,0\n".encode("latin-1"), "pulses.csv")
+    assert rj.read_pulses(pulses).names == ("Gölcük",)
+
+
+@pytest.mark.parametrize("name", ["mean", "stddev"])
+def test_attributes_of_openquake_with_decimal_commas(tmp_path, name):
+    limits = {"mean": "0.1", "stddev": "0.08"} | {name: "0,1"}
+    path = put(
+        tmp_path,
+        '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m">'
+        "<limitStates>a</limitStates>"
+        '<fragilityFunction id="A" format="continuous" shape="logncdf"><imls imt="PGA" noDamageLimit="0.05"/>'
+        f'<params ls="a" mean="{limits["mean"]}" stddev="{limits["stddev"]}"/></fragilityFunction>'
+        "</fragilityModel></nrml>",
+        "a.xml",
+    )
+    with pytest.raises(ValueError, match=rf"a\.xml: A.*{name}.*'0,1'"):
+        rj.read_fragility_model(path)
+
+
+@pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
+def test_the_format_of_peer_under_another_suffix(tmp_path):
+    for name in ("a.txt", "a.csv", "RSN1.acc", "noext"):
+        motion = rj.read_motion(put(tmp_path, AT2, name))
+        np.testing.assert_allclose(motion.acceleration, G * VALUES, rtol=1e-15)
+        assert motion.metadata["format"] == "PEER"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.AT2", AT2.replace("PEER", "RAW DATA, PEER")),
+        ("HI.ARS1..HNE.D.20190728.160908.U.ACC.ASC", esm(GALS)),
+        ("a.asc", esm(GALS, BASELINE_CORRECTION="BASELINE NOT REMOVED")),
+        ("a.asc", esm(GALS, PROCESSING="none")),
+        ("a.asc", esm(GALS, DATA_TYPE="UNPROCESSED ACCELERATION")),
+        ("a.csv", "time [s],acc_raw [g]\n0,0\n0.1,0.1\n0.2,-0.1\n0.3,0\n"),
+        ("a.csv", "# uncorrected\ntime [s],acc [g]\n0,0\n0.1,0.1\n0.2,-0.1\n0.3,0\n"),
+    ],
+)
+def test_raw_data_is_said_to_be_raw(tmp_path, name, text):
+    path = put(tmp_path, text, name)
+    with pytest.warns(rj.RecordWarning) as said:
+        assert rj.read_motion(path).metadata["processing"].startswith("raw (")
+    assert any(
+        "is raw" in str(each.message) and "baseline_corrected(1)" in str(each.message) for each in said
+    )

@@ -14,16 +14,17 @@ from pathlib import Path
 from rockjax._texts import decode
 
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
-from .base import EVEN, UNITS, Component, Samples
+from .base import ACCELERATIONS, EVEN, UNITS, Component, Samples
 
 # In the order in which they are looked for.
 FORMATS = (
     peer.FORMAT,
     geonet.FORMAT,
-    *unread.FORMATS,
     smc.FORMAT,
+    *unread.FORMATS,
     csmip.FORMAT,
     cosmos.FORMAT,
+    unread.VOLUME_1,
     unread.VOLUME_2,
     knet.FORMAT,
     esm.FORMAT,
@@ -32,7 +33,7 @@ FORMATS = (
     table.FORMAT,
 )
 
-__all__ = ["EVEN", "FORMATS", "UNITS", "Samples", "parse"]
+__all__ = ["ACCELERATIONS", "EVEN", "FORMATS", "UNITS", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:

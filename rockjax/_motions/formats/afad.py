@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Component, Format, Samples, choose, interval, number, short
+from .base import Component, Format, Samples, choose, interval, number, raw, short
 
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
@@ -54,7 +54,9 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
         **{key: text for key, (_, text) in header.items() if text},
     }
     unit = _unit(own("RAW PGA VALUES (gal)"), _COMPONENTS[chosen], values)
-    return Samples(values, dt, unit, metadata, unit, f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s")
+    says_dt = f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s"
+    says_raw = next((f"line {line}" for key, (line, _) in header.items() if raw(key)), "")
+    return Samples(values, dt, unit, metadata, unit, says_dt, raw=says_raw)
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:

@@ -15,12 +15,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockjax._structures import STANDARD_GRAVITY
+from rockjax._headings import UNITS as ALL_UNITS
+from rockjax._headings import unit_of
+from rockjax._motions.components import is_vertical, points_down
 
-UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 1e-2, "gal": 1e-2, "mm/s2": 1e-3}
+# Units in m/s²: those that users may name, and all that headers may.
+UNITS = {name: ALL_UNITS[name].factor for name in ("g", "m/s2", "cm/s2", "gal", "mm/s2")}
+ACCELERATIONS = {name: each.factor for name, each in ALL_UNITS.items() if each.dimension == "acceleration"}
 EVEN = 1e-3  # times in files are rounded: so much of a step may they be off
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
+# Fortran leaves the E out of exponents of three digits, and fills columns so that numbers touch. An exponent
+# of three digits ends where a sign or a blank follows.
+_MANTISSA = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+_EXPONENT = r"(?:[ED][+-]?(?:\d{3}(?=[\s+-]|$)|\d{1,2})|[+-]\d{3}(?![\d.]))"
+_WITHOUT_E = re.compile(rf"({_MANTISSA})([+-]\d{{3}})", re.I)
+_TOUCHING = re.compile(rf"\s*({_MANTISSA}{_EXPONENT}|{_MANTISSA}(?=[\s+-]|$))", re.I)
+_GAPS = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}
+_RAW = re.compile(r"(?<![a-z])(?:un-?corrected|un-?processed|raw|volume 1|not removed)(?![a-z])", re.I)
 _FORTRAN = re.compile(r"\((\d{1,3})[FEI](\d{1,3})(?:\.\d+)?\)", re.I)
 Component = int | str | None
 
@@ -34,7 +46,9 @@ class Samples:
     units: str | None
     metadata: dict[str, Any]
     said: str | None = None  # the unit in the words of the file
-    says_dt: str = ""  # where the file says dt, and in what words
+    says_dt: str = ""  # where the file says dt, and in what words; without dt, why there is none
+    says_units: str = ""  # where the file says the unit, its header by default
+    raw: str = ""  # what says that the samples are raw, such as line 3
 
 
 class Format(NamedTuple):
@@ -52,10 +66,23 @@ class Format(NamedTuple):
 
 def alone(path: Path, component: Component, samples: Samples) -> Samples:
     own = samples.metadata.get("component")
-    if component is not None and (own is None or plain(component) != plain(own)):
+    if component is not None and (own is None or not _is_same(component, str(own))):
         known = f"it is {own!r}" if own else "leave component out"
         raise ValueError(f"{path}: holds one motion, not component {component!r}; {known}")
     return samples
+
+
+def _is_same(asked: int | str, name: str) -> bool:
+    """Whether a component is meant by a name, which for a vertical one may be any of its usual names."""
+    if plain(asked) == plain(name):
+        return True
+    both = is_vertical(str(asked)) and is_vertical(name)
+    return both and points_down(str(asked)) == points_down(name)
+
+
+def raw(text: str) -> bool:
+    """Whether a header says that the data are uncorrected."""
+    return _RAW.search(text) is not None
 
 
 def plain(name: int | str) -> str:
@@ -73,6 +100,7 @@ def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component
         found = found or [
             k for k, (_, name) in enumerate(channels) if name and plain(component) == plain(name.split()[0])
         ]
+        found = found or [k for k, (_, name) in enumerate(channels) if _is_same(component, name)]
     else:
         found = []
     if len(found) != 1:
@@ -86,21 +114,41 @@ def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component
     return found[0]
 
 
-def first_line(error: BaseException) -> str:
+def first_line(error: BaseException | str) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def number(path: Path, line: int, word: str) -> float:
-    """A number of a file; Fortran's exponent D is one as well, Python's underscore is none."""
-    try:
-        value = float(word.upper().replace("D", "E")) if "_" not in word else None
-    except ValueError:
-        value = None
+    """A number of a file; Fortran's exponents (1D-3, 1.0-101) are known, Python's underscore is not."""
+    value = _value(word)
     if value is None:
-        raise ValueError(f"{path}:{line}: {short(word)} is not a number")
+        raise ValueError(f"{path}:{line}: {short(word)} is not a number{_cause(word)}")
     if not np.isfinite(value):
-        raise ValueError(f"{path}:{line}: {short(word)} is not a finite number")
+        gap = ": a gap" if np.isnan(value) else ""
+        raise ValueError(f"{path}:{line}: {short(word)} is not a finite number{gap}")
     return value
+
+
+def _value(word: str) -> float | None:
+    if without := _WITHOUT_E.fullmatch(word):
+        word = f"{without[1]}E{without[2]}"
+    try:
+        return float(word.upper().replace("D", "E")) if "_" not in word else None
+    except ValueError:
+        return None
+
+
+def _cause(word: str) -> str:
+    """What is wrong with a word in the place of a number, as far as it shows."""
+    if word.casefold() in _GAPS:
+        return ": a gap"
+    if set(word) == {"*"}:
+        return ": it did not fit into its column when the file was written"
+    return (
+        "; write the decimal comma as a point"
+        if re.fullmatch(r"[+-]?\d*,\d+(?:E[+-]?\d+)?", word, re.I)
+        else ""
+    )
 
 
 def short(word: str) -> str:
@@ -116,8 +164,8 @@ def interval(path: Path, line: int, word: str, name: str) -> float:
 
 def unit(said: str | None) -> str | None:
     """The unit that a header means, where it is one of ours."""
-    words = re.sub(r"[\s^*.]", "", said or "").lower().replace("sec", "s").replace("/s/s", "/s2")
-    return words if words in UNITS else None
+    found = unit_of(said)
+    return found if found in ACCELERATIONS else None
 
 
 def counted(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
@@ -128,12 +176,30 @@ def counted(path: Path, line: int, name: str, count: int, values: list[float]) -
 
 
 def words(path: Path, lines: list[str], start: int) -> list[float]:
-    """All numbers from the line with the index `start` on."""
-    return [
-        number(path, i, word)
-        for i, line in enumerate(lines[start:], start=start + 1)
-        for word in line.split()
-    ]
+    """All numbers from the line with the index `start` on, in columns that blanks separate or that touch."""
+    found: list[float] = []
+    for i, line in enumerate(lines[start:], start=start + 1):
+        row = line.split()
+        if any(_value(word) is None for word in row):
+            row = _apart(line) or row
+        found += [number(path, i, word) for word in row]
+    return found
+
+
+def _apart(line: str) -> list[str] | None:
+    """The numbers of a line whose columns touch: by their signs and exponents, or else in columns of one
+    width, each with its point at the same place. None where neither holds."""
+    line, at, found = line.rstrip(), 0, []
+    while match := _TOUCHING.match(line, at):
+        found.append(match[1])
+        at = match.end()
+    if at == len(line):
+        return found
+    points = [k for k, character in enumerate(line) if character == "."]
+    width, rest = divmod(len(line), max(1, len(points)))
+    if rest or len({k % width for k in points}) != 1:
+        return None
+    return [line[k : k + width] for k in range(0, len(line), width)]
 
 
 def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str) -> np.ndarray:

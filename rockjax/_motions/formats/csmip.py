@@ -34,7 +34,8 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     found = first_match(_CSMIP_DATA, lines, start, end)
     if found is None:
         raise ValueError(
-            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data'"
+            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data', "
+            "as volume 2 of CSMIP has"
         )
     k, match = found
     said = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)

@@ -6,10 +6,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .base import Component, Format, Samples, alone, corners, counted, interval, short, unit, words
+from .base import Component, Format, Samples, alone, corners, counted, interval, raw, short, unit, words
 
 _BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
 _KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # ITACA once had blanks in its keys
+_UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.CV\.ACC\.ASC$", re.I)
 _HEADER = 80  # lines among which the sampling interval is looked for
 
 
@@ -28,7 +29,7 @@ def _esm(path: Path, lines: list[str], component: Component) -> Samples:
         if key not in header:
             raise ValueError(f"{path}: its header has no {key}")
     kind = header.get("DATA_TYPE", (1, ""))
-    if kind[1].upper() not in ("", "ACCELERATION"):
+    if re.sub(r"(?:RAW|UNCORRECTED|UNPROCESSED)\s+", "", kind[1].upper()) not in ("", "ACCELERATION"):
         raise ValueError(f"{path}:{kind[0]}: holds {short(kind[1])}, not ACCELERATION")
     line, count = header["NDATA"]
     if not re.fullmatch(r"\d{1,9}", count, re.ASCII):
@@ -50,7 +51,14 @@ def _esm(path: Path, lines: list[str], component: Component) -> Samples:
     }
     values = counted(path, line, "NDATA", int(count), words(path, lines, end))
     says_dt = f"{path}:{step_line}: SAMPLING_INTERVAL_S is {dt:g} s"
-    return alone(path, component, Samples(values, dt, unit(said), metadata, said, says_dt))
+    keys = ("PROCESSING", "BASELINE_CORRECTION", "DATA_TYPE")
+    marks = [(k, text) for k, text in (header.get(key, (0, "")) for key in keys) if _is_raw(text)]
+    says_raw = f"line {marks[0][0]}" if marks else "its name" if _UNCORRECTED_NAME.search(path.name) else ""
+    return alone(path, component, Samples(values, dt, unit(said), metadata, said, says_dt, raw=says_raw))
+
+
+def _is_raw(text: str) -> bool:
+    return raw(text) or text.strip().casefold() == "none"
 
 
 def _is_esm(path: Path, lines: list[str]) -> bool:

@@ -27,7 +27,7 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
     assert match is not None
     if match[1]:
         raise ValueError(
-            f"{path}:1: is volume 1 of GeoNet, an uncorrected accelerogram; volume 2 (.V2A) can be read"
+            f"{path}:1: is volume 1 of GeoNet, an uncorrected (raw) accelerogram; volume 2 (.V2A) can be read"
         )
     channels = []
     for n, start in enumerate(starts, start=1):

@@ -55,7 +55,11 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     with np.errstate(over="ignore"):
         values = values * np.divide(number(path, factor_line, factor[1]), counts)
     says_dt = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
-    return alone(path, component, Samples(values, 1 / frequency, "gal", metadata, "gal", says_dt))
+    return alone(
+        path,
+        component,
+        Samples(values, 1 / frequency, "gal", metadata, "gal", says_dt, raw="as all of K-NET"),
+    )
 
 
 FORMAT = Format("K-NET", lambda path, lines: lines[0].startswith("Origin Time"), _knet)

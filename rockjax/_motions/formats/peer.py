@@ -6,28 +6,46 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .base import DATE, NUMBER, Component, Format, Samples, alone, counted, interval, unit, words
+from .base import DATE, NUMBER, Component, Format, Samples, alone, counted, interval, raw, short, unit, words
 
 _AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(rf"DT\s*=?\s*({NUMBER})", re.I)
 _AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({NUMBER})\s+NPTS\s*,?\s*DT", re.I)
+_OTHER = re.compile(
+    r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
+)
+_SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
+_HEAD = 8  # lines among which NPTS and DT are looked for
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
+def _count_and_step(line: str) -> tuple[str, str] | None:
+    if line.lstrip()[:1] in tuple("#%!"):
+        return None
+    if plain := _AT2_PLAIN.match(line):
+        return plain[1], plain[2]
+    count, step = (pattern.search(line) for pattern in _AT2_COUNT)
+    return (count[1], step[1]) if count and step else None
+
+
+def _is_peer(path: Path, lines: list[str]) -> bool:
+    """By its suffix, or by a line with NPTS and DT that is no comment."""
+    return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_HEAD]))
+
+
 def _at2(path: Path, lines: list[str]) -> Samples:
-    head = lines[:8]
-    for k, line in enumerate(head):  # noqa: B007
-        plain = _AT2_PLAIN.match(line)
-        count, step = (
-            (plain[1], plain[2])
-            if plain
-            else (match and match[1] for match in (p.search(line) for p in _AT2_COUNT))
-        )
-        if count and step:
-            break
-    else:
+    found = [(k, both) for k, line in enumerate(lines[:_HEAD]) if (both := _count_and_step(line))]
+    if not found:
         raise ValueError(
-            f"{path}: has no line with NPTS and DT among its first {len(head)}: is this an .AT2 file?"
+            f"{path}: has no line with NPTS and DT among its first {min(_HEAD, len(lines))}: "
+            "is this an .AT2 file?"
         )
+    k, (count, step) = found[0]
+    for i, line in enumerate(lines[:k], start=1):
+        if other := _OTHER.match(line):
+            held = other[1].lower()
+            raise ValueError(f"{path}:{i}: holds {held} ({short(line.strip())}), not acceleration")
+    if held := _SUFFIXES.get(path.suffix.lower()):
+        raise ValueError(f"{path}: by its suffix holds {held}, not acceleration")
     dt = interval(path, k + 1, step, "DT")
     said = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}
@@ -42,11 +60,13 @@ def _at2(path: Path, lines: list[str]) -> Samples:
             "component": title[-1],
         }
     values = counted(path, k + 1, "NPTS", int(count), words(path, lines, k + 1))
-    return Samples(values, dt, unit(said), metadata, said, f"{path}:{k + 1}: DT is {dt:g} s")
+    says_raw = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if raw(line)), "")
+    says_dt = f"{path}:{k + 1}: DT is {dt:g} s"
+    return Samples(values, dt, unit(said), metadata, said, says_dt, raw=says_raw)
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:
     return alone(path, component, _at2(path, lines))
 
 
-FORMAT = Format("PEER .AT2", lambda path, lines: path.suffix.lower() == ".at2", _read)
+FORMAT = Format("PEER .AT2", _is_peer, _read)

@@ -23,7 +23,8 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
     kind = _KINDS.match(lines[0])
     if kind is None or kind[1] != "2":
         held = kind[2].strip().lower() if kind else "?"
-        raise ValueError(f"{path}:1: is SMC and holds {short(held)}; a corrected accelerogram can be read")
+        says = f"{short(held)}{', raw data' if kind and kind[1] == '1' else ''}"
+        raise ValueError(f"{path}:1: is SMC and holds {says}; a corrected accelerogram can be read")
     reals_at = _TEXTS + _INTEGERS
     start = reals_at + _REALS
     integers = fixed_width(path, lines, _TEXTS, 48, "(8I10)")

@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
+import csv
 import re
+from decimal import Decimal
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from .base import EVEN, Component, Format, Samples, alone, first_line, number, unit
+from rockjax._headings import UNITS, Heading, parse_heading, unit_of
 
-_SEPARATORS = re.compile(r"[,;\s]+")
+from .base import EVEN, Component, Format, Samples, alone, choose, first_line, number, raw, short, unit
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
+_NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
+_FLOAT32 = 1.2e-7  # relative spacing
+_COARSE = 0.25  # of a step: rounding of times that is not asked any further …
+_COARSEST = 2.0  # … and, of long records, that is accepted
+_MOST_HEADINGS = 3  # lines
+
+
+class _Table(NamedTuple):
+    """A table of numbers.
+
+    - `rows`: shape (rows, columns); `numbers`: the line of each row; `cells`: the rows as they are written
+    - `headings`: of each column, where there are some; `line`: the line of the last of them
+    - `raw`: the line that says that the data are raw
+    """
+
+    rows: np.ndarray
+    numbers: list[int] | None = None
+    cells: list[list[str]] | None = None
+    headings: list[Heading] | None = None
+    line: int = 0
+    raw: str = ""
 
 
 def _array(path: Path) -> np.ndarray:
@@ -22,69 +48,272 @@ def _array(path: Path) -> np.ndarray:
     return np.asarray(array, float).reshape(len(array), -1)
 
 
-def _rows(path: Path, lines: list[str]) -> tuple[np.ndarray, list[int], str | None]:
-    """The rows of a table of numbers, which lines they are, and the unit in brackets at the end of one row of
-    headings."""
+def _cells(text: str) -> list[str]:
+    """The cells of a row of numbers; commas are decimal where something else separates."""
+    blanks = text.split()
+    decimal = any(map(_DECIMAL_COMMA.fullmatch, blanks)) and not re.search(r",\s|\s,|\.", text)
+    if ";" in text:
+        cells = text.split(";")
+    elif "," not in text or (len(blanks) > 1 and decimal):
+        cells = blanks
+    else:
+        cells = text.split(",")
+    return [cell.strip().strip('"') for cell in cells]
+
+
+def _is_heading(cells: list[str]) -> bool:
+    """Whether a row names columns: it begins like no number, or leaves the first name out, as pandas does."""
+    if not cells[0]:
+        return all(_NUMBER_LIKE.match(cell) is None or re.fullmatch(r"\d{1,3}", cell) for cell in cells[1:])
+    return _NUMBER_LIKE.match(cells[0]) is None
+
+
+def _heading_cells(text: str, count: int) -> list[str] | None:
+    """A line of headings in `count` cells; None where it does not divide into them."""
+    text = text.strip().lstrip("#%!").strip()
+    if count == 1:
+        return [text]
+    tokens = re.findall(r"[^\s\[(]*(?:\[[^\]]*\]|\([^)]*\))|\S+", text)
+    joined: list[str] = []
+    for token in tokens:  # a unit belongs to the word before it
+        if joined and token[0] in "[(/":
+            joined[-1] += " " + token
+        else:
+            joined.append(token)
+    comma_separated = next(csv.reader([text]), [])
+    wide = re.split(r"\s{2,}", text)
+    for cells in (text.split(";"), text.split("\t"), comma_separated, wide, joined, tokens):
+        cells = [cell.strip() for cell in cells]
+        if len(cells) == count + 1 and not cells[-1]:
+            cells.pop()
+        for k in range(len(cells) - 1, 0, -1):  # a unit belongs to the quantity before it
+            if len(cells) > count and unit_of(cells[k]) and not unit_of(cells[k - 1]):
+                cells[k - 1 : k + 1] = [f"{cells[k - 1]}, {cells[k]}"]
+        if len(cells) == count:
+            return cells
+    return None
+
+
+def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Heading]:
+    """The meaning of each column, of one line of headings or of several, such as names and units."""
+    names = [""] * count
+    for i, text in lines:
+        cells = _heading_cells(text, count)
+        if cells is None or len(lines) > _MOST_HEADINGS:
+            raise ValueError(
+                f"{path}:{i}: the heading {short(text.strip())} does not name {count} columns; give each a "
+                "name and a unit, such as time [s],acceleration [g], begin other lines with #, and write "
+                "decimal points, not commas"
+            )
+        names = [
+            f"{a} [{b.strip('[]()')}]" if a and unit_of(b) else f"{a} {b}".strip()
+            for a, b in zip(names, cells, strict=True)
+        ]
+    where = f"{path}:{lines[-1][0]}"
+    return [parse_heading(where, name) for name in names]
+
+
+def _commented(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
+    """Headings in the comment above the numbers, as NumPy writes them; None where it is another comment."""
+    cells = _heading_cells(text, count)
+    if cells is None or len(text.split()) > 4 * count:
+        return None
+    try:
+        found = [parse_heading(f"{path}:{line}", cell) for cell in cells]
+    except ValueError:
+        return None
+    named = all(each.kind for each in found) if count > 1 else found[0].unit is not None
+    return found if named else None
+
+
+def _table(path: Path, lines: list[str]) -> _Table:
+    """The numbers of a table, with its headings."""
     rows: list[list[float]] = []
     numbers: list[int] = []
-    heading: str | None = None
+    written: list[list[str]] = []
+    headings: list[tuple[int, str]] = []
+    comment: tuple[int, str] | None = None
+    says_raw, marks = "", set()
     for i, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text[0] in "#%!":
+            if text and not rows:
+                comment = i, text
+                says_raw = says_raw or (f"line {i}" if raw(text) else "")
             continue
-        words = [word for word in _SEPARATORS.split(text) if word]
-        try:
-            row = [number(path, i, word) for word in words]
-        except ValueError:
-            if rows or heading is not None or any(character.isdigit() for character in words[0] if words):
-                raise
-            heading = text
+        cells = _cells(text)
+        while len(cells) > (len(rows[0]) if rows else 1) and not cells[-1]:
+            cells.pop()  # behind a separator at the end of the line
+        if not rows and _is_heading(cells):
+            headings.append((i, line))
+            says_raw = says_raw or (f"line {i}" if raw(text) else "")
             continue
-        if not row:
+        if not any(cells):
             raise ValueError(f"{path}:{i}: holds no number")
+        marks |= {mark for mark in ".," for cell in cells if mark in cell}
+        if len(marks) == 2:
+            raise ValueError(
+                f"{path}:{i}: commas and points both stand within the numbers of the file; write decimal "
+                "points, and nothing between thousands"
+            )
+        cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
+        row = [number(path, i, cell) for cell in cells]
         if rows and len(row) != len(rows[0]):
             raise ValueError(f"{path}:{i}: has {len(row)} columns where the lines before have {len(rows[0])}")
         rows.append(row)
         numbers.append(i)
+        written.append(cells)
     if not rows:
         raise ValueError(f"{path}: holds no numbers")
-    unit = re.search(r"\[([^\[\]]*)\]$", heading or "")
-    return np.array(rows), numbers, unit[1] if unit else None
+    found, count = None, len(rows[0])
+    if headings:
+        found = _headings(path, headings, count)
+    elif comment:
+        headings, found = [comment], _commented(path, comment[1], comment[0], count)
+    return _Table(np.array(rows), numbers, written, found, headings[-1][0] if headings else 0, says_raw)
 
 
-def columns(path: Path, rows: np.ndarray, numbers: list[int] | None, said: str | None = None) -> Samples:
-    if rows.shape[1] > 2:
+def _samples(path: Path, table: _Table, component: Component) -> Samples:
+    """The acceleration in a table, and its interval where it has times."""
+    rows, headings = table.rows, table.headings
+    columns = range(rows.shape[1])
+    kinds = [each.kind for each in headings] if headings else _guessed(path, rows, component)
+    where = f"{path}:{table.line}" if table.line else f"{path}"
+    clock = next((k for k in columns if kinds[k] == "time"), None)
+    chosen = [k for k in columns if kinds[k] in ("acceleration", "counts")]
+    chosen = chosen or [k for k in columns if not kinds[k] or (kinds[k] == "index" and len(columns) == 1)]
+    if headings and not chosen:
+        held = ", ".join(repr(each.text.strip()) for each in headings)
+        raise ValueError(f"{where}: holds no acceleration; its headings are {held}")
+    if headings and clock is None and len(columns) > 1 and not kinds[0] and _rises(rows[:, 0]):
         raise ValueError(
-            f"{path}: has {rows.shape[1]} columns; one (acceleration) or two (time, acceleration) can be read"
+            f"{where}: the heading {headings[0].text.strip()!r} is not known, and its column rises evenly; "
+            "call it time [s] if it holds times"
         )
-    metadata = {"format": "table"}
-    if rows.shape[1] == 1:
-        return Samples(rows[:, 0], None, unit(said), metadata, said)
-    times, values = rows.T
-    if len(times) < 2:
-        return Samples(values, None, unit(said), metadata, said)
-    step = (times[-1] - times[0]) / (len(times) - 1)
-    off = np.flatnonzero(~(np.abs(np.diff(times) - step) <= max(EVEN * step, 4e-16 * np.abs(times).max())))
-    if not step > 0 or len(off):
-        k = int(off[0]) + 1 if len(off) else 1
-        where = f"{path}:{numbers[k]}" if numbers else f"{path}: row {k + 1}"
+    names = [_channel(headings[k].quantity) if headings else f"column {k + 1}" for k in chosen]
+    if headings and isinstance(component, str):  # by the whole heading too
+        component = next((n for n, k in enumerate(chosen, 1) if component == headings[k].quantity), component)
+    n = choose(path, list(enumerate(names, start=1)), component) if len(chosen) > 1 else 0
+    own, metadata = chosen[n], {"format": "table"}
+    if len(chosen) > 1 or (headings and component is not None):
+        metadata["component"] = names[n]
+    if len(chosen) == 1 and not (headings and component == 1):
+        alone(path, component, Samples(rows, None, None, metadata))
+    heading = headings[own] if headings else None
+    said = heading.unit if heading else None
+    samples = Samples(rows[:, own], None, unit(said), metadata, said, raw=table.raw)
+    if heading and said:
+        samples.says_units = f"{where}: its heading {heading.text.strip()!r}"
+        if unit(said) is None:
+            raise ValueError(
+                f"{samples.says_units} gives raw {said}, which must be converted to acceleration"
+            )
+    if clock is not None:
+        factor = UNITS[headings[clock].unit or "s"].factor if headings else 1.0
+        samples.dt = _interval(path, table, factor, clock)
+        samples.says_dt = f"{path}: the times in it are {samples.dt:g} s apart" if samples.dt else ""
+    elif len(columns) > 1:
+        samples.says_dt = f"{where}: has no column of times" + (
+            " (one that counts samples, or has no name, is none)" if "index" in kinds else ""
+        )
+    return samples
+
+
+def _channel(quantity: str) -> str:
+    """The direction in a heading such as Acc N-S, or all of it."""
+    return re.sub(r"^acc[a-z]*[\s_.:-]+", "", quantity, flags=re.I).strip("() ") or quantity
+
+
+def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
+    """Kinds of the columns of a table without headings: acceleration, with times or a count before it."""
+    count = rows.shape[1]
+    if count == 1:
+        return ["acceleration"]
+    first = rows[:, 0]
+    if count > 2 and component is None:
         raise ValueError(
-            f"{where}: times must rise in equal steps, got "
-            f"{times[k - 1]:.9g} s and then {times[k]:.9g} s where the mean "
-            f"step is {step:.6g} s; resample the record"
+            f"{path}: has {count} columns and no headings; one (acceleration) or two (time, acceleration) "
+            "can be read, and of more the one that component gives (on the command line --component), 1 for "
+            "the first beside the times"
         )
-    return Samples(
-        values, float(step), unit(said), metadata, said, f"{path}: the times in it are {step:g} s apart"
-    )
+    counts = np.array_equal(first, first[0] + np.arange(len(first))) and first[0] in (0, 1) and len(first) > 2
+    if counts:
+        return ["index", *["acceleration"] * (count - 1)]
+    return ["time" if count == 2 or _rises(first) else "acceleration", *["acceleration"] * (count - 1)]
+
+
+def _rises(values: np.ndarray) -> bool:
+    """Whether a column rises in about equal steps, as times do."""
+    steps = np.diff(values)
+    return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
+
+
+def _rounding(times: list[str], values: np.ndarray) -> float:
+    """One unit of the last digit of the times: of their decimals, or of their significant digits."""
+    largest = float(np.abs(values).max())
+    if not largest:
+        return 0.0
+    decimals = significant = 0
+    for word in times:
+        try:
+            digits, exponent = Decimal(word.upper().replace("D", "E")).as_tuple()[1:]
+        except ArithmeticError:  # an exponent without E
+            continue
+        assert isinstance(exponent, int)
+        decimals = max(decimals, -exponent)
+        significant = max(significant, len(digits) if any(digits) else 0)
+    return max(10.0**-decimals, 10.0 ** (np.floor(np.log10(largest)) + 1 - significant))
+
+
+def _interval(path: Path, table: _Table, factor: float, column: int) -> float | None:
+    """The interval of times that lie on a line as exactly as they are written [s]; `factor` is their unit."""
+    values = table.rows[:, column]
+    count = len(values)
+    if count < 2:
+        return None
+    step = (values[-1] - values[0]) / (count - 1)
+    off = np.abs(values - values[0] - step * np.arange(count))
+    written = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
+    digit = max(written, _FLOAT32 * float(np.abs(values).max()))
+    allowed = max(EVEN * step, min(digit, _COARSE * step))
+    if digit <= _COARSEST * step and digit < EVEN * (values[-1] - values[0]) and np.diff(values).min() >= 0:
+        allowed = max(allowed, digit)
+    if not step > 0 or off.max() > allowed:
+        usual = float(np.median(np.diff(values)))
+        uneven = np.flatnonzero(~(np.abs(np.diff(values) - usual) <= max(0.5 * usual, 2 * digit)))
+        k = int(uneven[0]) + 1 if len(uneven) else max(1, int(off.argmax()))
+        where = f"{path}:{table.numbers[k]}" if table.numbers else f"{path}: row {k + 1}"
+        missing = (values[k] - values[k - 1]) / usual - 1 if usual > 0 else 0.0
+        gap = missing > 0.5 and abs(missing - round(missing)) < 0.1 and count > 3
+        whole = table.rows[:, 0] == np.round(table.rows[:, 0])
+        raise ValueError(
+            f"{where}: times must rise in equal steps, got {factor * values[k - 1]:.9g} s and then "
+            f"{factor * values[k]:.9g} s where the mean step is {factor * step:.6g} s; "
+            + (f"{round(missing)} samples are missing (a gap)" if gap else "resample the record")
+            + (
+                "; or are its commas decimal?"
+                if whole.all() and table.rows.shape[1] == 2 and not step > 0
+                else ""
+            )
+        )
+    return factor * _simplest(values, step, digit if table.cells else 0.0, factor)
+
+
+def _simplest(values: np.ndarray, step: float, digit: float, factor: float) -> float:
+    """The step whose inverse has the fewest digits among those that explain rounded times about as well as
+    `step`, which is returned where none does."""
+    k, rate = np.arange(len(values)), 1 / (factor * step)
+    allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())
+    candidates = (1 / (factor * round(rate, digits)) for digits in range(5) if round(rate, digits) > 0)
+    return next((each for each in candidates if np.ptp(values - each * k) <= allowed), float(step))
 
 
 def read_array(path: Path, component: Component) -> Samples:
-    return alone(path, component, columns(path, _array(path), None))
+    return _samples(path, _Table(_array(path)), component)
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:
-    rows, numbers, units = _rows(path, lines)
-    return alone(path, component, columns(path, rows, numbers, units))
+    return _samples(path, _table(path, lines), component)
 
 
 FORMAT = Format("table", lambda path, lines: True, _read)

@@ -16,13 +16,41 @@ def _refused(why: str) -> Callable[[Path, list[str], Component], Samples]:
     return read
 
 
+def _is_raw(path: Path, lines: list[str]) -> bool:
+    return re.match(r"(?!\s*[#%!]).*\b(?:UNCORRECTED|RAW) ACCELEROGRAM", lines[0], re.I) is not None
+
+
+def _is_spectra(path: Path, lines: list[str]) -> bool:
+    said = any(
+        re.match(r"(?!\s*[#%!]).*\b(?:RESPONSE|FOURIER)\b.*\bSPECTRA\b", line, re.I) for line in lines[:2]
+    )
+    return said or path.suffix.lower() in (".v3", ".v3c")
+
+
+def _is_usc(path: Path, lines: list[str]) -> bool:
+    """Whether a file is laid out as USC's: the lengths of its lines of text stand in columns 73 and 74."""
+    header = lines[2:12]
+    lengths = len(header) == 10 and all(re.fullmatch(r"\s?\d{1,2}", line[72:74]) for line in header)
+    of_usc = lengths or re.search(r"\bUSC\s*#", " ".join(lines[:12]), re.I) is not None
+    of_csmip = any("POINTS OF ACCEL" in line.upper() for line in lines)
+    return bool(re.search(r"\bCORRECTED ACCELEROGRAM", lines[0], re.I)) and of_usc and not of_csmip
+
+
+_RAW = _refused("is volume 1, uncorrected (raw) data; volume 2 (.V2) can be read")
 FORMATS = (
+    Format("volume 1", _is_raw, _RAW),
     Format(
-        "CSMIP volume 1",
-        lambda path, lines: bool(re.match(r"\s*UNCORRECTED ACCELEROGRAM", lines[0], re.I)),
-        _refused("is volume 1, an uncorrected accelerogram; volume 2 (.V2) can be read"),
+        "volume 3",
+        _is_spectra,
+        _refused("is volume 3, response or Fourier spectra, not a motion; volume 2 (.V2) can be read"),
+    ),
+    Format(
+        "USC volume 2",
+        _is_usc,
+        _refused("is volume 2 of USC, which is not read; volume 2 of CSMIP or COSMOS (.V2) can be read"),
     ),
 )
+VOLUME_1 = Format("volume 1", lambda path, lines: path.suffix.lower() in (".v0", ".v1", ".v0c", ".v1c"), _RAW)
 VOLUME_2 = Format(
     "volume 2",
     lambda path, lines: path.suffix.lower() in (".v2", ".v2c", ".v2a"),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .base import Component, Samples, choose, first_line
 
+_ABOUT_CODE = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning, ResourceWarning)
 WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "GSE2"}
 
 
@@ -24,23 +26,53 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             f"{path}: {path.suffix} is read by ObsPy; install it with: pip install 'rockjax[records]'"
         ) from None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            traces = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # of whatever kind its plug-ins raise
-        raise ValueError(f"{path}: ObsPy cannot read it: {first_line(error)}") from None
+        cause = "it is of another format, or cut short" if "BytesIO" in str(error) else first_line(error)
+        raise ValueError(f"{path}: ObsPy cannot read it: {cause}") from None
     if not traces:
         raise ValueError(f"{path}: holds no trace")
-    chosen = choose(path, [(k, trace.stats.channel) for k, trace in enumerate(traces, start=1)], component)
-    trace = traces[chosen]
-    if isinstance(trace.data, np.ma.MaskedArray):
-        raise ValueError(f"{path}: {trace.id} has gaps")
+    pieces: dict[str, list[Any]] = {}  # of each channel
+    for trace in traces:
+        pieces.setdefault(trace.id, []).append(trace)
+    channels = [(k, of[0].stats.channel) for k, of in enumerate(pieces.values(), start=1)]
+    trace = _joined(path, list(pieces.values())[choose(path, channels, component)])
+    is_counts = trace.data.dtype.kind in "iu" and trace.stats.calib == 1
     metadata = {
         "format": str(trace.stats.get("_format", "")),
         "date": str(trace.stats.starttime),
         "station": f"{trace.stats.network}.{trace.stats.station}".strip("."),
         "component": trace.stats.channel,
     }
+    about_data = [each for each in said if not issubclass(each.category, _ABOUT_CODE)]
+    beyond = len(content) % trace.stats.mseed.record_length if "mseed" in trace.stats else 0
+    if about_data:
+        metadata["damaged"] = f"ObsPy warns {len(about_data)} times: {first_line(about_data[0].message)}"
+    elif beyond:
+        metadata["damaged"] = f"its last {beyond} bytes are no whole record; it was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
-    return Samples(values, dt, None, metadata, None, f"{path}: the sampling interval is {dt:g} s")
+    says_dt = f"{path}: the sampling interval is {dt:g} s"
+    return Samples(values, dt, None, metadata, None, says_dt, raw="whole numbers" if is_counts else "")
+
+
+def _joined(path: Path, pieces: list[Any]) -> Any:
+    """The pieces of a channel as one trace. Raises `ValueError` that names the first gap."""
+    import obspy
+
+    stream = obspy.Stream(pieces)
+    if len({piece.stats.delta for piece in pieces}) > 1:
+        raise ValueError(f"{path}: {pieces[0].id} changes its sampling interval")
+    if gaps := stream.get_gaps():
+        start, end, missing = gaps[0][4], gaps[0][5], int(gaps[0][7])
+        found = f"{len(gaps)} gaps" if missing > 0 else f"{len(gaps)} overlaps"
+        raise ValueError(
+            f"{path}: {pieces[0].id} has {found}, the first of {abs(missing)} samples from {start} to {end}; "
+            "cut out the part that holds the motion"
+        )
+    trace: Any = next(iter(stream.merge()))
+    if isinstance(trace.data, np.ma.MaskedArray):
+        raise ValueError(f"{path}: {trace.id} has gaps; cut out the part that holds the motion")
+    return trace

@@ -1,0 +1,41 @@
+"""Names of the vertical component in headers and in names of files."""
+
+from __future__ import annotations
+
+import re
+
+_UP = re.compile(
+    r"(?:u|up|ud|upd|updo|updown|upwards?|v|ver|vert|vertical|verticale|vrtc?|vt|vtl|vertup|z|zdir|zaxis"
+    r"|accz|az|compz|düşey)\d*"
+)
+_DOWN = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
+# Codes of channels: band, instrument, orientation (HNZ, BHZ), perhaps with a location before or behind.
+_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
+# Of the ends of names, those that words rarely have; longer ones first.
+_END = re.compile(
+    r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
+)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]", "", name.casefold())
+
+
+def is_vertical(name: str) -> bool:
+    """Whether a component is the vertical one: `Up`, `U-D`, `UD1`, `VERT.`, `VRT`, `DWN`, `HNZ`, `BHZ00` …"""
+    return any(_is_vertical(_plain(part)) for part in (name, (name.split() or [""])[0], name.split(".")[-1]))
+
+
+def _is_vertical(plain: str) -> bool:
+    return any(pattern.fullmatch(plain) for pattern in (_UP, _DOWN, _CODE))
+
+
+def points_down(name: str) -> bool:
+    """Whether a vertical component is positive downwards."""
+    return any(_DOWN.fullmatch(_plain(part)) for part in (name, (name.split() or [""])[0]))
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """The name of a motion without its vertical component, and that component; empty where it has none."""
+    found = _END.search(name)
+    return (name[: found.start()], found[1]) if found else (name, "")

@@ -1,0 +1,69 @@
+"""Headings of columns: quantity, unit and investigation time."""
+
+import pytest
+
+from rockjax._headings import parse_heading, unit_of
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "kind", "unit", "years"),
+    [
+        ("PGA [g]", "PGA", "acceleration", "g", None),
+        ("pga (CM/S^2)", "PGA", "acceleration", "cm/s2", None),
+        ("Acc, cm/sec/sec", "Acc", "acceleration", "cm/s2", None),
+        ("a / g", "a", "acceleration", "g", None),
+        ("accel_mg", "accel", "acceleration", "mg", None),
+        ("Acceleration m s-2", "Acceleration", "acceleration", "m/s2", None),
+        ("N-S [gal]", "N-S", "acceleration", "gal", None),
+        ("UD (m/s²)", "UD", "acceleration", "m/s2", None),
+        ("Acc (N-S) [g]", "Acc (N-S)", "acceleration", "g", None),
+        ("a_g", "a_g", "acceleration", None, None),  # the ground acceleration of Eurocode 8, not in g
+        ("N S", "N S", "", None, None),  # no seconds
+        ("TIME [MS]", "TIME", "time", "ms", None),
+        ("Time (msec)", "Time", "time", "ms", None),
+        ("t / µs", "t", "time", "us", None),
+        ("time in s", "time", "time", "s", None),
+        ("", "", "index", None, None),
+        ("Unnamed: 0", "Unnamed: 0", "index", None, None),
+        ("[s]", "", "time", "s", None),
+        ("vel, cm/s", "vel", "velocity", "cm/s", None),
+        ("Sa(0.30) (g)", "Sa(0.3 s)", "acceleration", "g", None),
+        ("SA(T1=1.0 s), g", "Sa(1 s)", "acceleration", "g", None),
+        ("probability of exceedance in 50 years", "probability of exceedance", "probability", None, 50),
+        ("PoE (50 yr)", "PoE", "probability", None, 50),
+        ("poe_475y [%]", "poe", "probability", "%", 475),
+        ("annual probability of exceedance", "annual probability of exceedance", "probability", None, 1),
+        ("probability of exceedance", "probability of exceedance", "probability", None, None),
+        ("annual_rate", "annual_rate", "rate", None, None),
+        ("Mean annual frequency (1/yr)", "Mean annual frequency", "rate", "1/year", None),
+        ("return period [years]", "return period", "return period", "year", None),
+    ],
+)
+def test_headings_say_quantity_unit_and_years(text, quantity, kind, unit, years):
+    found = parse_heading("file.csv:1", text)
+    assert (found.quantity, found.kind, found.unit, found.years) == (quantity, kind, unit, years)
+    assert found.text == text
+
+
+@pytest.mark.parametrize(
+    "text", ["acc [furlongs]", "Time (UTC)", "Acc (cm/s)", "time [g]", "PGV [m/s2]", "rate [g]"]
+)
+def test_headings_that_are_not_understood_are_quoted(text):
+    with pytest.raises(ValueError, match=r"^file\.csv:1: ") as error:
+        parse_heading("file.csv:1", text)
+    assert repr(text) in str(error.value)
+
+
+def test_units_in_many_spellings():
+    for text in ("m/s/s", "M/S^2", "m s-2", "ms-2", "m/sec2", "m/s**2", "m·s⁻²", "[m/s²]"):
+        assert unit_of(text) == "m/s2"
+    spellings = {
+        "G": "g",
+        "g's": "g",
+        "Gals": "gal",
+        "CM/SEC/SEC": "cm/s2",
+        "mG": "mg",
+        "furlong": None,
+        "": None,
+    }
+    assert {text: unit_of(text) for text in spellings} == spellings
