@@ -137,7 +137,7 @@ def parse_heading(where: str, text: str) -> Heading:
     if match := _PERIOD.search(words):
         spelled = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
         words = words.replace(match[0], match[1])
-    quantity, unit = _split(where, text, words.strip(" ,;:"))
+    quantity, unit = _split(where, text, words.strip(" ,;:/"))
     kind = _kind(quantity) if quantity else ""
     if kind in ("", "index") and unit:
         kind = UNITS[unit].dimension

@@ -13,6 +13,10 @@ from scipy.stats import norm
 
 import optimise
 import rockjax as rj
+from optimise._answer import Effort, Found, answer_of
+from optimise._answer import Sampled as SampledAnswer
+from optimise._descent import End, Evaluation
+from optimise._failure import Sampled
 from optimise._sampling import SampledTargets
 from optimise._variables import variables
 from rockjax._risk.limit_state import OfFunction
@@ -79,6 +83,42 @@ def test_a_structure_that_is_far_too_strong_has_the_last_factor(rays):
     cut = factor_of(Bowl(2000.0), rays, 1e-3, ("b",), 1.0)
     assert cut.factor == 100
     assert not cut.sensitivities.any()
+
+
+def test_rays_of_a_sample_that_has_not_converged_are_refused(monkeypatch):
+    monkeypatch.setattr("rockjax._risk.rays.MAX_SCENES", 1000)
+    with pytest.raises(ValueError, match=r"of a probability near 0.001, 0.02 was asked for; raise cov"):
+        rays_at(Bowl(2.0), 1e-3, 64, 0.02, 0)
+
+
+def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
+    """It is known to the answer, and moves no margin."""
+    target = optimise.FailureProbability(1e-2, MOTION, cov=0.5, rays=16)
+    monkeypatch.setattr("optimise._failure.rays_at", lambda *_: None)
+    sampled = Sampled(target, BLOCK)
+    monkeypatch.setattr("rockjax._risk.structure.OfStructure._values", lambda self, u: 1.0 + u[:, 0] ** 2)
+    assert sampled.check(BLOCK) == 0
+    assert sampled._ratio(BLOCK) == 1
+    found: Any = sampled.checked(BLOCK)
+    assert not found.converged
+
+
+def test_a_design_whose_check_has_not_converged_is_unverified():
+    here = Evaluation(np.zeros(1), np.array([0.1, 0.2]), np.zeros((1, 1)), np.zeros((2, 1)))
+    ends = [End(np.array([0.5]), np.zeros(2), 0, 3, here)]
+    found = Found(ends, [here], {"rotation": 1, "failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))
+    with pytest.warns(RuntimeWarning, match="has not converged"):
+        chance = rj.reliability(lambda u: 1.0 + u[0] ** 2, 2)
+    box = variables(BLOCK, {"alpha": (0.1, 0.4)})
+    answer = answer_of(BLOCK, box, None, found, lambda _: SampledAnswer({1: chance}))
+    assert not answer.satisfied
+    assert not answer.starts[0].satisfied
+    assert answer.result == optimise.RESULTS.unverified
+    assert answer.margins["rotation"] == 0.1
+    assert np.isnan(answer.margins["failure"]).all()
+    assert list(answer.failing) == ["failure"]
+    assert "not verified: failure" in repr(answer)
+    assert "(no interval), not converged in" in repr(answer)
 
 
 @pytest.mark.parametrize(
