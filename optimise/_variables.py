@@ -313,5 +313,5 @@ def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
             changes[name] = value
         else:
             before = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = before.at[number - 1].set(value)
+            changes[row.place] = jnp.asarray(before).at[number - 1].set(value)
     return base.replace(**changes)

@@ -99,6 +99,6 @@ def test_equivalent_block():
 def test_structures_are_pytrees_of_arrays():
     leaves = jax.tree.leaves(PODIUMS["elastic"])
     assert len(leaves) == 8
-    assert all(isinstance(y, jax.Array) and y.dtype == jnp.float64 for y in leaves)
+    assert all(isinstance(y, jax.Array | np.ndarray) and y.dtype == jnp.float64 for y in leaves)
     doubled = jax.tree.map(lambda y: 2 * y, PODIUMS["elastic"])
     assert float(doubled.alpha) == 2 * float(PODIUMS["elastic"].alpha)
