@@ -39,7 +39,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
     return {
         "restitution_factor": podium.restitution_factor,
         "p_rad_s": podium.p,
-        "uplift_acceleration_m_s2": podium.uplift_acceleration,
+        "uplift_demand_m_s2": podium.uplift_demand,
         "uplift_ground_acceleration_m_s2": podium.uplift_ground_acceleration,
         "g_tan_alpha_m_s2": g_tan_alpha(podium.alpha, podium.g),
     }
