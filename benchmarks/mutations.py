@@ -93,7 +93,7 @@ FUNCTIONS = {
         "p",
         "width",
         "height",
-        "uplift_acceleration",
+        "uplift_demand",
         "restitution_factor",
         "uplift_ground_acceleration",
         "critical_stiffness",

@@ -161,7 +161,7 @@ def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
 
 def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -> rj.AbstractExcitation:
     """From just under what lifts the columns to fifty times that; periods around the columns' own."""
-    lifts = np.where(rng.random(n) < 0.5, podium.uplift_acceleration, podium.g * np.tan(podium.alpha))
+    lifts = np.where(rng.random(n) < 0.5, podium.uplift_demand, podium.g * np.tan(podium.alpha))
     factor = some(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
     a = np.asarray(lifts) * factor * rng.choice([-1.0, 1.0], n)
     T = 2 * math.pi / (np.asarray(podium.p) * log_uniform(rng, 0.2, 40.0, n))

@@ -106,7 +106,7 @@ as_printed = (1 + 2 * gamma + 1) / (1 + 2 * gamma)
 with_building = (1 + 2 * gamma + 2 * eta) / (1 + 2 * gamma)
 print(f"Eq. (6) as printed   {as_printed:8.4f} g tan α")
 print(f"with the building    {with_building:8.4f} g tan α")
-print(f"rockjax, Eq. (9)     {podium.uplift_acceleration / unit:8.4f} g tan α")
+print(f"rockjax, Eq. (9)     {podium.uplift_demand / unit:8.4f} g tan α")
 
 # %% [markdown]
 # ## Second contradiction: Eqs. (26) and (27) at an impact

@@ -33,7 +33,7 @@ bare = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
 held = bare.replace(restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=15.0)))
 pulse = rj.OneSine(3.0, 0.8)
 for name, podium in (("bare", bare), ("held", held)):
-    lifts, stable = float(podium.uplift_acceleration), float(podium.stability_angle)
+    lifts, stable = float(podium.uplift_ground_acceleration), float(podium.stability_angle)
     print(f"{name}: columns lift at {lifts:.3f} m/s², static stability ends at {stable:.3f} rad")
 
 # %% [markdown]

@@ -14,7 +14,7 @@ from rockjax.internal import Module, of_kind
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
-from ._targets import AbstractResponses, check_limit, of_building, severity
+from ._targets import AbstractResponses, check_limit, of_building, overturning_of, severity
 
 
 class AbstractObjective(Module):
@@ -68,7 +68,11 @@ class WorstRotation(AbstractWorst):
 
 
 class AbstractWorstPeak(AbstractWorst):
-    """The largest of a peak of the superstructure, where it has several of all of them."""
+    """The largest of a peak of the superstructure, where it has several of all of them.
+
+    Where the columns overturn, the peak until then is too small: it counts (1 − M) times, by the overturning
+    margin M < 0. Only a target such as [`optimise.NoOverturning`][] keeps such designs out.
+    """
 
     suite: Suite
     words: ClassVar[str]
@@ -77,7 +81,9 @@ class AbstractWorstPeak(AbstractWorst):
         self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return of_building(self, peaks)
+        values = of_building(self, peaks)
+        overturned, depth = overturning_of(peaks, len(values))
+        return jnp.where(overturned, (1 + depth) * values, values)
 
     def describe(self) -> str:
         return self.words
@@ -86,7 +92,7 @@ class AbstractWorstPeak(AbstractWorst):
 class WorstShear(AbstractWorstPeak):
     """The largest shear of the superstructure over its weight under a motion or a list of them [–]."""
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_shear", "margin")
     words: ClassVar[str] = "worst peak shear / m_t g"
 
 
@@ -94,7 +100,7 @@ class WorstDeformation(AbstractWorstPeak):
     """The largest deformation of the superstructure, of any of its modes, under a motion or a list of them
     [m]."""
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation", "margin")
     words: ClassVar[str] = "worst peak deformation [m]"
 
 
@@ -104,7 +110,7 @@ class WorstDrift(AbstractWorstPeak):
     Raises `ValueError` where it is evaluated for a podium without stories.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_drift",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
     words: ClassVar[str] = "worst peak drift [m]"
 
 
@@ -115,7 +121,7 @@ class WorstFloorAcceleration(AbstractWorstPeak):
     Raises `ValueError` where it is evaluated for a podium without stories.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
     words: ClassVar[str] = "worst peak floor acceleration [m/s²]"
 
 

@@ -113,7 +113,11 @@ class PeakRotation(AbstractResponseTarget):
 
 class AbstractPeakLimit(AbstractResponseTarget):
     """A peak of the superstructure stays at most `limit` under every motion; where it has several, of modes,
-    stories or floors, each of them, with a margin of its own: (limit − peak)/limit."""
+    stories or floors, each of them, with a margin of its own: (limit − peak)/limit.
+
+    Where the columns overturn, the peak until then says nothing: the margin is then at most the overturning
+    margin, which is negative.
+    """
 
     limit: Any
     suite: Suite
@@ -126,15 +130,17 @@ class AbstractPeakLimit(AbstractResponseTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        return (self.limit - of_building(self, peaks)) / self.limit
+        margins = (self.limit - of_building(self, peaks)) / self.limit
+        overturned, depth = overturning_of(peaks, len(margins))
+        return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
     def describe(self) -> str:
         return self.words.format(f"{self.limit:g}")
 
 
 def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
-    """The one output that is wanted, of all motions and of all modes, stories or floors in a row."""
-    (output,) = wanted.outputs
+    """The first output that is wanted, of all motions and of all modes, stories or floors in a row."""
+    output = wanted.outputs[0]
     values = getattr(peaks, output)
     if values is None:
         raise ValueError(
@@ -144,13 +150,21 @@ def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]
     return values.ravel()
 
 
+def overturning_of(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
+    """Whether the scene of each of `count` values, as of `of_building`, overturned; and how far beyond the
+    boundary, the negative of its margin."""
+    depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
+    each = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
+    return each(peaks.overturned), each(depth)
+
+
 class PeakShear(AbstractPeakLimit):
     """The shear of the superstructure over its weight stays at most `limit`: max|V_s|/(m_t g) ≤ limit.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_shear",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_shear", "margin")
     words: ClassVar[str] = "peak shear ≤ {} m_t g"
 
 
@@ -160,7 +174,7 @@ class PeakDeformation(AbstractPeakLimit):
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation", "margin")
     words: ClassVar[str] = "peak deformation ≤ {} m"
 
 
@@ -172,7 +186,7 @@ class PeakDrift(AbstractPeakLimit):
     Raises `ValueError` where it is evaluated for a podium without stories.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_drift",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
     words: ClassVar[str] = "peak drift ≤ {} m"
 
 
@@ -184,7 +198,7 @@ class PeakFloorAcceleration(AbstractPeakLimit):
     Raises `ValueError` where it is evaluated for a podium without stories.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration",)
+    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
     words: ClassVar[str] = "peak floor acceleration ≤ {} m/s²"
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -112,7 +114,16 @@ Structure = rj.Podium | Dimensions
 
 def as_podium(structure: Structure) -> rj.Podium:
     """The podium of a structure in either form."""
-    return structure if isinstance(structure, rj.Podium) else structure.podium()
+    with _not_typed():
+        return structure if isinstance(structure, rj.Podium) else structure.podium()
+
+
+@contextlib.contextmanager
+def _not_typed() -> Iterator[None]:
+    """Without doubts about units, which are for numbers that a user has typed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.PlausibilityWarning)
+        yield
 
 
 class Variables(Module):
@@ -313,5 +324,6 @@ def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
             changes[name] = value
         else:
             before = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = before.at[number - 1].set(value)
-    return base.replace(**changes)
+            changes[row.place] = jnp.asarray(before).at[number - 1].set(value)
+    with _not_typed():
+        return base.replace(**changes)

@@ -27,17 +27,23 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 def as_float(x, what: str = "it") -> Array:
     """`x` as an array of the default floating-point type (float64 unless the user switched it off).
 
-    Raises `ValueError` that begins with `what` for anything but numbers.
+    Numbers of Python and arrays of NumPy become read-only arrays of NumPy: JAX starts its threads with its
+    first array, and a process that has them cannot be forked. Raises `ValueError` that begins with `what` for
+    anything but numbers.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
+    if type(x) is np.ndarray and x.dtype == float_type() and not x.flags.writeable:
+        return x  # pyright: ignore[reportReturnType]
     refuse_gaps(what, x)
     try:
         if x is None or isinstance(x, str | bytes) or _holds_text(x):
             raise TypeError
         here = isinstance(x, float | int | np.ndarray | np.generic) or _all_of_python(x)
         if here and np.asarray(x).dtype.kind in "fiub":
-            return from_host(x, float_type())
+            found = np.array(x, float_type())
+            found.flags.writeable = False
+            return found  # pyright: ignore[reportReturnType]
         return jnp.asarray(x, dtype=float_type())
     except (TypeError, ValueError):
         raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
@@ -150,7 +156,7 @@ def check_dtype(owner: str, name: str, tree) -> None:
     expected = float_type()
     for leaf in jax.tree.leaves(tree):
         if (
-            isinstance(leaf, jax.Array)
+            isinstance(leaf, jax.Array | np.ndarray)
             and leaf.dtype != expected
             and jnp.issubdtype(leaf.dtype, jnp.floating)
         ):

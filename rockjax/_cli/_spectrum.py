@@ -118,7 +118,10 @@ def spectrum(
     _partial.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
-    report.say(f"{total} scenes: {overturned:.1%} overturned, {failed} without an answer")
+    from rockjax._responses.peak import UNTIL_OVERTURNING
+
+    until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
+    report.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:

@@ -143,7 +143,10 @@ def sweep(
     report.wrote(store)
     overturned = float(data["overturned"].mean())
     failed = int((data["result"] > 2).sum())
-    report.say(f"{scenes.size} scenes: {overturned:.1%} overturned, {failed} without an answer")
+    from rockjax._responses.peak import UNTIL_OVERTURNING
+
+    until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
+    report.say(f"{scenes.size} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
     report.facts |= {"scenes": scenes.size, "overturned": overturned, "without_answer": failed}
     if failed:
         report.error(f"{failed} of {scenes.size} scenes ended without an answer")

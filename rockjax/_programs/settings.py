@@ -62,7 +62,7 @@ _AS_IT_IS = contextlib.nullcontext()
 
 
 def nans_allowed() -> contextlib.AbstractContextManager[None]:
-    """A context without JAX's search for NaN and inf, which stand for "none" and "not wanted" in results."""
+    """A context without JAX's search for NaN and inf: in answers they stand for "none" and "not wanted"."""
     settings: Any = jax.config
     if not (settings.jax_debug_nans or settings.jax_debug_infs):
         return _AS_IT_IS

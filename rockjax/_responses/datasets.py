@@ -19,6 +19,7 @@ from rockjax._options import Options
 from rockjax._parameters import variants
 from rockjax._parameters.table import attribute, of_motion
 from rockjax._programs.program import KeptProgram
+from rockjax._programs.settings import ARRAYS
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._structures import (
@@ -38,7 +39,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
     return {
         "restitution_factor": podium.restitution_factor,
         "p_rad_s": podium.p,
-        "uplift_acceleration_m_s2": podium.uplift_acceleration,
+        "uplift_demand_m_s2": podium.uplift_demand,
         "uplift_ground_acceleration_m_s2": podium.uplift_ground_acceleration,
         "g_tan_alpha_m_s2": g_tan_alpha(podium.alpha, podium.g),
     }
@@ -140,7 +141,7 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
         return describe_excitation(excitation.horizontal) | vertical
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     return {"pulse": type(excitation).__name__} | {
-        _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, jax.Array) and y.ndim == 0
+        _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, ARRAYS) and y.ndim == 0
     }
 
 

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 MODES, STORIES = "vibration_mode", "story"
 OWN_AXES = {"peak_deformation": MODES} | dict.fromkeys(OF_STORIES, STORIES)
 
+# What the peaks of a scene that overturned are: no answers for a structure that falls.
+UNTIL_OVERTURNING = "until overturning"
+
 # field of `Peak`: (unit, description, output it belongs to)
 VARIABLES = {
     "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
@@ -70,7 +73,8 @@ class AbstractPeak(Module):
       along a last axis
     - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none
     - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
-      horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories
+      horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories.
+      All peaks of a scene that overturned are those until then, and no answers for a structure that falls
     - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the
       well, 1 where the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
@@ -207,7 +211,7 @@ def peak_variables(
     for name, (unit, description, output) in VARIABLES.items():
         values = getattr(peaks, name)
         if values is not None and (output is None or output in outputs):
-            yield name, np.asarray(values), {"units": unit, "long_name": description}
+            yield name, np.asarray(values), {"units": unit, "long_name": description, **_until(name)}
     if peaks.errors is not None:
         for name in PEAKS:
             unit, description, output = VARIABLES[name]
@@ -232,6 +236,13 @@ def peak_variables(
         np.asarray(peaks.stats.steps + peaks.stats.rejected),
         {"units": "1", "long_name": "trial steps"},
     )
+
+
+def _until(name: str) -> dict[str, str]:
+    """Attributes of a peak that refer to the flag `overturned` beside it."""
+    if name not in PEAKS:
+        return {}
+    return {"ancillary_variables": "overturned", "comment": f"where overturned, {UNTIL_OVERTURNING}"}
 
 
 def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
@@ -287,7 +298,8 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
         return f"{kind}(traced)", []
     if codes.ndim:
         overturned = int(np.sum(np.asarray(peak.overturned)))
-        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned)", []
+        until = f": their peaks are {UNTIL_OVERTURNING}" if overturned else ""
+        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned{until})", []
     doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
     rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
     rows = [("peak rotation", rotation)]
@@ -306,11 +318,12 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     )
     uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
     rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
-    rows.append(("deformation", f"{_numbers(peak.peak_deformation)} m"))
-    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}"))
+    until = f" {UNTIL_OVERTURNING}" if peak.overturned else ""
+    rows.append(("deformation", f"{_numbers(peak.peak_deformation)} m{until}"))
+    rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}{until}"))
     if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
-        rows.append(("drifts", f"{_numbers(peak.peak_drift)} m"))
-        rows.append(("floors", f"{_numbers(peak.peak_floor_acceleration)} m/s²"))
+        rows.append(("drifts", f"{_numbers(peak.peak_drift)} m{until}"))
+        rows.append(("floors", f"{_numbers(peak.peak_floor_acceleration)} m/s²{until}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
     at = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
     return f"{kind}: {results.NAMES[int(codes)]}{at}", rows

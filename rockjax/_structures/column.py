@@ -11,10 +11,12 @@ from rockjax._types import Number
 
 STANDARD_GRAVITY = 9.80665
 LARGEST_R = 100.0  # m: no column of that size was ever left free to rock
+DENSITIES = 300.0, 8000.0  # kg/m³: from light timber or a hollow section to steel
 
 
-def doubt_size(width, height) -> None:
-    sides = concrete(width), concrete(height)
+def doubt_column(width, height, mass) -> None:
+    """Doubt a size in mm, or a mass in tonnes. The depth of a column is not known: it is taken as square."""
+    sides, mass = (concrete(width), concrete(height)), concrete(mass)
     if sides[0] is None or sides[1] is None:
         return
     R = float(np.max(0.5 * np.hypot(*sides)))
@@ -22,6 +24,22 @@ def doubt_size(width, height) -> None:
         size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
         doubt(
             f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3
+        )
+    elif mass is not None:
+        _doubt_density(*np.broadcast_arrays(*sides, mass))
+
+
+def _doubt_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> None:
+    density = mass / (width**2 * height)
+    low, high = DENSITIES
+    odd = (density < low) | (density > high)
+    if odd.any():
+        b, h, m, found = (float(y[odd].flat[0]) for y in (width, height, mass, density))
+        column = f"a square column of {b:g} m by {b:g} m by {h:g} m"
+        doubt(
+            f"Podium.from_dimensions: column_mass = {m:g} kg makes {column} {found:.3g} kg/m³ dense, outside "
+            f"{low:g} to {high:g}; masses are in kg, were they meant in t?",
+            stacklevel=4,
         )
 
 

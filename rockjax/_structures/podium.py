@@ -39,7 +39,7 @@ from rockjax._restrainers.together import (
 from rockjax._types import Number
 
 from .building import ShearBuilding
-from .column import STANDARD_GRAVITY, column_of, doubt_size, g_tan_alpha
+from .column import STANDARD_GRAVITY, column_of, doubt_column, g_tan_alpha
 from .restitution import Restitution, as_restitution
 from .superstructures import (
     AbstractSuperstructure,
@@ -128,6 +128,9 @@ class Podium(Module):
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
           of a column; `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`:
           b of its inerter [kg]. They act between the ground and the beam; a plain 0 is no such device
+
+        Warns ([`rockjax.PlausibilityWarning`][]) of sizes and masses that suggest mm or tonnes: a square
+        column of this width lighter than 300 kg/m³ or heavier than 8000 kg/m³.
         """
         owner = "Podium.from_dimensions"
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
@@ -135,7 +138,7 @@ class Podium(Module):
         positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = map(known_or_traced, (width, height, column_mass))
-        doubt_size(width, height)
+        doubt_column(width, height, column_mass)
         columns_mass = columns * column_mass
         eta = known_or_traced(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
@@ -209,7 +212,7 @@ class Podium(Module):
         With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do
         when it is exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must
         go that makes the top mass swing depends on the motion: a swing lifts the columns at less than g tan
-        α, a jump, which the spring has not answered yet, at once only above `uplift_acceleration`.
+        α, a jump, which the spring has not answered yet, at once only above `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
         if any(each.stores for each in self.restrainers):
@@ -219,8 +222,9 @@ class Podium(Module):
         return threshold
 
     @property
-    def uplift_acceleration(self) -> Number:
-        """The demand |q| at which the columns uplift [m/s²], Eq. (9): the spring's part of q included.
+    def uplift_demand(self) -> Number:
+        """The demand |q| at which the columns uplift [m/s²], Eq. (9): no ground acceleration, for q includes
+        the spring's part.
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
         g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where γ includes a
@@ -231,6 +235,12 @@ class Podium(Module):
             gamma, eta = self.apart
             threshold = threshold * (1 + 2 * gamma + 2 * eta) / (1 + 2 * gamma)
         return threshold
+
+    @property
+    def uplift_acceleration(self) -> Number:
+        """Alias of `uplift_demand`. The ground acceleration that lifts the columns is
+        `uplift_ground_acceleration`."""
+        return self.uplift_demand
 
     @property
     def restitution_factor(self) -> Number:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rockjax._responses.datasets import podium_of
+from rockjax._responses.peak import UNTIL_OVERTURNING
 from rockjax._responses.response import Response
 
 from ._histories import as_history
@@ -31,7 +32,8 @@ def stories(
     """A building over its height: largest drifts of the stories, over their heights where these are known,
     and largest accelerations of the floors.
 
-    - `label`: of the response; `beside`: others of the same building, by label
+    - `label`: of the response; `beside`: others of the same building, by label. Peaks of a response that
+      overturned are marked "until overturning"
 
     Raises `ValueError` for a response without stories.
     """
@@ -40,7 +42,7 @@ def stories(
     all_of_them = [(label, response), *(beside or {}).items()]
     for k, (name, each) in enumerate(all_of_them):
         _over_height(as_history(each), name, look(k), left, right)
-    if label or beside:
+    if left.get_legend_handles_labels()[0]:
         left.legend(loc="best", fontsize="small")
     for ax in (left, right):
         ax.set_xlim(0, 1.06 * ax.dataLim.x1)
@@ -51,6 +53,8 @@ def stories(
 def _over_height(
     data: xarray.Dataset, label: str | None, style: dict[str, Any], left: Axes, right: Axes
 ) -> None:
+    if bool(data["overturned"]):
+        label = f"{label}, {UNTIL_OVERTURNING}" if label else UNTIL_OVERTURNING
     if "peak_drift" not in data or "peak_floor_acceleration" not in data:
         raise ValueError("plots.stories: expected the response of a building, a rockjax.ShearBuilding")
     building: Any = podium_of(data.attrs).superstructure

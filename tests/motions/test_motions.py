@@ -642,6 +642,12 @@ def test_what_readers_return_goes_into_everything(suite):
             lambda: rj.Podium.from_dimensions(450, 3000, 1500.0),
             "450 m by 3000 m has R = 1517 m; .* meant in mm",
         ),
+        (
+            lambda: rj.Podium.from_dimensions(0.45, 3.0, 1.5, 30.0),
+            r"1.5 kg makes a square column of 0.45 m by 0.45 m by 3 m 2.47 kg/m³ .* meant in t\?",
+        ),
+        (lambda: rj.Podium.from_dimensions(0.45, [3.0, 4.0], [1500.0, 1e4]), "by 4 m 1.23e[+]04 kg/m³"),
+        (lambda: rj.Podium.from_dimensions(0.3, 3.0, 80.0), "296 kg/m³ dense, outside 300 to 8000"),
         (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; .* meant in gal"),
         (
             lambda: rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(0.4, 1.0)),
@@ -656,6 +662,20 @@ def test_numbers_of_another_system_are_doubted(make, words):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
         make()
+
+
+def test_masses_in_tonnes_are_doubted_in_dimensions_and_problem_files(tmp_path):
+    words = "2.5 kg/m³ dense, outside 300 to 8000"
+    with pytest.warns(rj.PlausibilityWarning, match=words):
+        optimise.Dimensions(width=0.6, height=3.0, column_mass=2.7)
+    (tmp_path / "a.toml").write_text(
+        "[structure]\nwidth = 0.6\nheight = 3.0\ncolumn_mass = 2.7\n[vary]\nwidth = [0.3, 1.0]\n"
+        "[minimise]\nquantity = 'width'\n"
+        "[motions]\na = { kind = 'ricker', a_p = 3.0, T_p = 1.0 }\n"
+        "[[targets]]\nkind = 'peak-rotation'\nlimit = 0.5\nmotions = 'a'\n"
+    )
+    with pytest.warns(rj.PlausibilityWarning, match=words):
+        optimise.load(tmp_path / "a.toml")
 
 
 def test_the_environment_silences_doubts(monkeypatch, tmp_path):
@@ -683,8 +703,8 @@ def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
 def test_what_engineers_ask_for_is_not_doubted():
     """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced
     size."""
-    for width, height in ((6.0, 60.0), (0.05, 0.2)):
-        rj.Podium.from_dimensions(width, height, 100.0)
+    for width, height, mass in ((6.0, 60.0, 5e6), (0.05, 0.2, 1.3), (0.4, 4.0, 250.0), (0.1, 2.0, 157.0)):
+        rj.Podium.from_dimensions(width, height, mass)
     for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):
         rj.Ricker(a_p, 1.0)
     jax.jit(lambda height: rj.Podium.from_dimensions(450.0, height, 1.0).R)(3000.0)

@@ -43,6 +43,40 @@ def test_every_story_has_a_margin(peaks):
     assert np.allclose(shear, 1 - np.asarray(peaks.peak_shear) / 0.3)
 
 
+@pytest.mark.parametrize(
+    ("target", "objective", "output"),
+    [
+        (optimise.PeakShear, optimise.WorstShear, "peak_shear"),
+        (optimise.PeakDeformation, optimise.WorstDeformation, "peak_deformation"),
+        (optimise.PeakDrift, optimise.WorstDrift, "peak_drift"),
+        (optimise.PeakFloorAcceleration, optimise.WorstFloorAcceleration, "peak_floor_acceleration"),
+    ],
+)
+def test_a_scene_that_overturned_holds_no_target(peaks, target, objective, output):
+    """Its peaks stop at the fall, here far below the limit."""
+    fell = dataclasses.replace(peaks, overturned=jnp.array([True, False]), margin=jnp.array([-0.3, 0.5]))
+    values = np.asarray(getattr(peaks, output)).reshape(2, -1)
+    margins = np.reshape(target(10 * values.max(), MOTIONS).read(fell, OPTIONS), values.shape)
+    assert (margins[0] == -0.3).all()
+    assert (margins[1] > 0.89).all()
+    worst = np.reshape(objective(MOTIONS).read(fell, OPTIONS), values.shape)
+    np.testing.assert_allclose(worst, values * [[1.3], [1.0]])
+    tight = np.reshape(target(0.1 * values.min(), MOTIONS).read(fell, OPTIONS), values.shape)
+    assert (tight <= -9 * (1 - 1e-12)).all()  # no better than by its peaks either
+
+
+def test_a_design_under_a_motion_that_overturns_is_not_satisfied():
+    found = optimise.design(
+        PODIUM,
+        {"gamma": (9.0, 11.0)},
+        lambda podium: podium.gamma,
+        optimise.PeakShear(50.0, rj.OneSine(9.0, 1.0), name="shear"),
+        max_iterations=2,
+    )
+    assert not found.satisfied
+    assert found.failing["shear"] < 0
+
+
 def test_scenes_without_an_answer_are_nan_in_all_their_stories(peaks, monkeypatch):
     """As many motions as stories: which of both axes is marked cannot be told by its length."""
     one = jax.tree.map(lambda y: jnp.asarray(y)[0], peaks)
