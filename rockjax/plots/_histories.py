@@ -6,6 +6,7 @@ Each function takes a [`rockjax.Response`][], or the dataset of one, such as `ro
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     import xarray
 
 TIME = "time [s]"
+FEW = 6  # curves that differ by unordered colours
+MOST_ROWS = 10  # of a legend
 # σ: name, colour; light to dark, so that they differ in grey as well.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
@@ -41,6 +44,19 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
             "plots: expected a rockjax.Response or its dataset, with the attribute kind = 'response'"
         )
     return response
+
+
+def time_limits(data: xarray.Dataset) -> tuple[float, float]:
+    """Return the limits of the time axis [s]: from the start to 1.2 times the time until the last impact.
+
+    Peaks and overturning after that are shown too, and without impacts the whole history.
+    """
+    t, impacts = data["time"].values, data["impact_times"].values
+    if not impacts.size:
+        return t[0], t[-1]
+    events = [float(data[name]) for name in map(str, data.data_vars) if name.endswith("_time")]
+    last = max(time for time in events if np.isfinite(time))
+    return t[0], min(t[-1], max(last, t[0] + 1.2 * (impacts.max() - t[0])))
 
 
 def vibrates(attributes: Mapping[str, Any]) -> bool:
@@ -59,19 +75,23 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     ax.plot(t, ratio, color=COLOURS[2], ls="-", lw=1.2)
     impacts = data["impact_times"].values
     if impacts.size:
-        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=f"{impacts.size} impacts")
+        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_count(impacts))
     if bool(data["uplifted"]):
         at = float(data["uplift_time"])
         ax.plot(at, np.interp(at, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {at:.3g} s")
     _mark_peak(data, ax)
     _strip(t, data["mode"].values, ax)
-    ax.set(xlabel=TIME, ylabel=ROTATION, xlim=(t[0], t[-1]))
+    ax.set(xlabel=TIME, ylabel=ROTATION, xlim=time_limits(data))
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.08 * (high - low), high + 0.32 * (high - low))  # room for the strip and the legend
     if bool(data["overturned"]):
         ax.set_title(f"overturns at t = {float(data['overturn_time']):.3f} s")
     ax.legend(loc="upper right", ncols=3, fontsize="small")
     return ax
+
+
+def _count(impacts: np.ndarray) -> str:
+    return "1 impact" if impacts.size == 1 else f"{impacts.size} impacts"
 
 
 def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
@@ -130,20 +150,28 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
 
 
 def _several(data: xarray.Dataset, values: np.ndarray, what: str, label: str, ax: Axes) -> None:
-    """One line for each mode or story."""
+    """One line for each mode or story. Of more than six the colours go from dark at the lowest to light."""
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
+    count = values.shape[1]
     for k, each in enumerate(values.T):
-        ax.plot(data["time"].values, each, label=f"{what} {k + 1}", lw=1.0, **look(k))
-    ax.set(xlabel=TIME, ylabel=label, xlim=tuple(data["time"].values[[0, -1]]))
-    if values.shape[1] <= 6:
-        ax.legend(loc="upper right", ncols=values.shape[1], fontsize="small")
+        style = look(k) if count <= FEW else look(k) | {"color": plt.get_cmap("viridis")(0.9 * k / count)}
+        ax.plot(data["time"].values, each, label=f"{k + 1}", lw=1.0, **style)
+    ax.set(xlabel=TIME, ylabel=label, xlim=time_limits(data))
+    ax.legend(
+        title=what,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        ncols=math.ceil(count / MOST_ROWS),
+        fontsize="small",
+        handlelength=1.6,
+    )
 
 
 def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
     t = data["time"].values
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(t, values, color=colour, ls="-", lw=1.2)
-    ax.set(xlabel=TIME, ylabel=label, xlim=(t[0], t[-1]))
+    ax.set(xlabel=TIME, ylabel=label, xlim=time_limits(data))
     return ax
 
 
@@ -188,7 +216,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
     if times.size:
         jumps = np.stack([before, after, gap]).T.ravel() / unit
-        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=f"{times.size} impacts")
+        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=_count(times))
     ax.set(xlabel=ROTATION, ylabel=r"$\dot\theta\,/\,(p\alpha)$", xlim=(-reach, reach))
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.16 * (high - low))  # room for the legend
@@ -283,7 +311,7 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
         ls="-",
         label=f"residual, at most {most:.0e}" if most else "residual, 0",
     )
-    ax.set(xlabel=TIME, ylabel=r"energy / $P(\alpha)$", xlim=(t[0], t[-1]))
+    ax.set(xlabel=TIME, ylabel=r"energy / $P(\alpha)$", xlim=time_limits(data))
     ax.grid(True, alpha=0.3)
     ax.legend(loc="best")
     return ax

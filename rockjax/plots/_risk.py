@@ -11,7 +11,7 @@ from rockjax._responses.simulate import simulate
 from rockjax._tables import units as written
 
 from ._histories import response
-from ._style import COLOURS, plt, styled
+from ._style import COLOURS, label_log_x, plt, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -49,10 +49,10 @@ def risk(dataset: xarray.Dataset) -> Figure:
     axes[2].semilogx(x, density, color=COLOURS[1])
     axes[2].set(ylabel="contribution per unit\nof ln(intensity) [–]", ylim=(0, None))
     frequency = dataset.attrs["frequency_per_year"]
-    axes[2].set_title(
-        rf"$\lambda_f$ = {frequency:.3g} per year, once in {1 / frequency:.3g} years", loc="left"
-    )
+    years = float(f"{1 / frequency:.3g}")
+    axes[2].set_title(rf"$\lambda_f$ = {frequency:.3g} per year, once in {years:g} years", loc="left")
     axes[2].set(xlabel=f"{dataset.attrs['measure']} [{_written(unit)}]", xlim=(0.5 * low, 2 * high))
+    label_log_x(axes[2])
     for ax in axes:
         ax.grid(alpha=0.3, which="both")
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import re
 import unicodedata
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 import matplotlib.pyplot as plt
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 from rockjax._parameters.table import entry_of
 
@@ -93,3 +95,15 @@ def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
 def look(k: int) -> dict[str, Any]:
     """Colour and line of the k-th curve."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
+
+
+def label_log_x(ax: Axes) -> None:
+    """Label a logarithmic x axis with plain numbers, 1, 2, 5, 10, …, that do not overlap: at the decades
+    only where it spans many. Call it after the limits are set."""
+    low, high = ax.get_xlim()
+    decades = math.log10(high / low)
+    if decades > 2.5:
+        return
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if decades < 1 else (1, 2, 5)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter("")

@@ -1,5 +1,6 @@
 """Pictures and data of histories: that they are drawn, and that what they show is right."""
 
+import itertools
 import math
 import sys
 
@@ -137,6 +138,66 @@ def test_symbols_of_formulas_are_those_of_the_table():
     for name in (*STRUCTURE, *MOTION):
         figure.text(0.5, 0.5, f"${symbol_of(name)}$")
     figure.canvas.draw()  # matplotlib reads each of them
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_time_axes_end_soon_after_the_last_impact(responses, histories, kind):
+    response, data = responses[kind], histories[kind]
+    start, end = data["time"].values[[0, -1]]
+    if int(response.impacts):
+        last = float(response.impact_times[-1])
+        end = min(end, start + 1.2 * (last - start))
+        assert last <= end
+    for name in ("rotation_history", "deformation_history", "ground_motion", "energy_balance"):
+        assert getattr(plots, name)(data).get_xlim() == pytest.approx((start, end))
+    assert plots.response(response).axes[-1].get_xlim() == pytest.approx((start, end))
+
+
+def test_time_axes_show_peaks_after_the_last_impact(histories):
+    data = histories["elastic"].copy()
+    data["impact_times"] = ("impact", data["impact_times"].values[:1])
+    assert data["impact_times"].values[0] < float(data["peak_rotation_time"])
+    assert plots.rotation_history(data).get_xlim()[1] >= float(data["peak_rotation_time"])
+    data["overturn_time"] = float(data["time"][-1])
+    assert plots.rotation_history(data).get_xlim()[1] == float(data["time"][-1])
+
+
+@pytest.mark.parametrize("count", [2, 6, 8, 14, 30])
+def test_every_story_is_in_the_legend(histories, count):
+    """With a curve that looks like no other, beside the axes and inside the figure."""
+    data = histories["elastic"]
+    drift = np.outer(data["deformation"], np.linspace(1.0, 0.5, count))
+    ax = plots.deformation_history(data.assign(drift=(("time", "story"), drift)))
+    legend = ax.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [str(k + 1) for k in range(count)]
+    assert legend.get_title().get_text() == "story"
+    looks = {(line.get_color(), line.get_linestyle()) for line in ax.lines[1:]}
+    assert len(looks) == count
+    ax.figure.canvas.draw()
+    box = legend.get_window_extent()
+    assert ax.get_window_extent().x1 <= box.x0
+    assert box.x1 <= ax.figure.bbox.x1
+    assert ax.figure.bbox.y0 <= box.y0
+    assert box.y1 <= ax.figure.bbox.y1
+
+
+@pytest.mark.parametrize(
+    ("median", "dispersion", "scale"),
+    [(3.5, 0.05, 1.0), (0.003, 0.2, 1e-3), (4.0, 0.45, 1.0), (0.7, 0.02, 0.2), (350.0, 0.1, 100.0)],
+)
+def test_tick_labels_of_the_risk_picture_do_not_overlap(median, dispersion, scale):
+    hazard = rj.Hazard(scale * np.geomspace(0.2, 16.0, 7), np.geomspace(0.11, 1e-5, 7))
+    figure = plots.risk(rj.disaggregation(rj.Lognormal(median, dispersion), hazard))
+    figure.canvas.draw()
+    axis = figure.axes[-1].xaxis
+    labels = [label for label in axis.get_ticklabels(which="both") if label.get_text()]
+    low, high = axis.get_view_interval()
+    boxes = sorted(
+        (label.get_window_extent() for label in labels if low <= label.get_position()[0] <= high),
+        key=lambda box: box.x0,
+    )
+    assert len(boxes) >= 2
+    assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_the_picture_of_a_design_point():
