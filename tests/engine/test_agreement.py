@@ -2,7 +2,6 @@
 
 import itertools
 
-import numpy as np
 import pytest
 
 from benchmarks import agreement
@@ -10,7 +9,12 @@ from benchmarks.agreement import DEVICES, DIRECTIONS, SAMPLED, TOPS, Kind
 
 COUNT = 60
 GROUPS = ["-".join(parts) for parts in itertools.product(TOPS, DEVICES, DIRECTIONS)]
-PULSES = ["none-free-horizontal", "rigid-power-horizontal", "elastic-free-horizontal", "truncated-free-vertical"]
+PULSES = [
+    "none-free-horizontal",
+    "rigid-power-horizontal",
+    "elastic-free-horizontal",
+    "truncated-free-vertical",
+]
 
 
 def faults(group, motion):
