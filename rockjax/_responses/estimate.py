@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._checks import concrete, float_type
+from rockjax._checks import float_type
 from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
@@ -64,9 +64,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
 
     `options` are those of the first one; `xp` is NumPy for batches on the host, else jax.numpy.
     """
-    rtol, overturn_ratio = (
-        concrete(y) if xp is np else jnp.asarray(y) for y in (options.rtol, options.overturn_ratio)
-    )
+    rtol, overturn_ratio = (xp.asarray(y) for y in (options.rtol, options.overturn_ratio))
     if xp is jnp:
         first, second = jax.lax.stop_gradient((first, second))
     (a, flags), (b, others) = first, second

@@ -109,7 +109,8 @@ def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> di
     x, exceeded = found[intensity[0]], found[often[0]]
     factor, units = _si(path, x)
     values = np.array([[row.number(path, k) for k in (intensity[0], often[0])] for row in rows[first:]])
-    levels, rates = _rates(path, exceeded, *values.reshape(-1, 2).T, _years(comments))
+    levels, often = values.reshape(-1, 2).T
+    levels, rates = _rates(path, exceeded, levels, often, _years(comments))
     return {"intensity": levels * factor, "annual_rate": rates, "measure": x.quantity, "units": units}
 
 
