@@ -138,7 +138,7 @@ def _limited_probability(
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
     if limits.constant_below is not None:
-        return np.where(x < min(first, low), 0.0, share)
+        return np.where(x < np.minimum(first, low), 0.0, share)
     return np.where(x <= (limits.zero_below or 0.0), 0.0, share)
 
 
