@@ -109,8 +109,7 @@ def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> di
     x, exceeded = found[intensity[0]], found[often[0]]
     factor, units = _si(path, x)
     values = np.array([[row.number(path, k) for k in (intensity[0], often[0])] for row in rows[first:]])
-    levels, often = values.reshape(-1, 2).T
-    levels, rates = _rates(path, exceeded, levels, often, _years(comments))
+    levels, rates = _rates(path, exceeded, values.reshape(-1, 2), _years(comments))
     return {"intensity": levels * factor, "annual_rate": rates, "measure": x.quantity, "units": units}
 
 
@@ -153,11 +152,11 @@ def _years(comments: list[_Row]) -> float | None:
 
 
 def _rates(
-    path: str | Path, heading: Heading, x: np.ndarray, values: np.ndarray, years: float | None
+    path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Intensities with annual rates, from what a heading says of the values."""
+    """Intensities with annual rates, from a table (n, 2) and what the heading of its second column says."""
     quoted = f"{path}: heading {heading.text.strip()!r}"
-    values = values * (1e-2 if heading.unit == "%" else 1.0)
+    x, values = table[:, 0], table[:, 1] * (1e-2 if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
         if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
             raise ValueError(f"{quoted}: rates must be annual; 'annual_rate' says so")
