@@ -27,13 +27,13 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 def as_float(x, what: str = "it") -> Array:
     """`x` as an array of the default floating-point type (float64 unless the user switched it off).
 
-    Numbers of Python and arrays of NumPy become read-only arrays of NumPy: JAX starts its threads with its
-    first array, and a process that has them cannot be forked. Raises `ValueError` that begins with `what` for
+    A single number becomes a read-only array of NumPy: JAX starts its threads with its first array, and a
+    process that has them cannot be forked. Raises `ValueError` that begins with `what` for
     anything but numbers.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
-    if type(x) is np.ndarray and x.dtype == float_type() and not x.flags.writeable:
+    if type(x) is np.ndarray and x.ndim == 0 and x.dtype == float_type() and not x.flags.writeable:
         return x  # pyright: ignore[reportReturnType]
     refuse_gaps(what, x)
     try:
@@ -42,6 +42,8 @@ def as_float(x, what: str = "it") -> Array:
         here = isinstance(x, float | int | np.ndarray | np.generic) or _all_of_python(x)
         if here and np.asarray(x).dtype.kind in "fiub":
             found = np.array(x, float_type())
+            if found.ndim:
+                return from_host(found)
             found.flags.writeable = False
             return found  # pyright: ignore[reportReturnType]
         return jnp.asarray(x, dtype=float_type())

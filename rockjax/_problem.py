@@ -315,13 +315,15 @@ class Reader:
         return value
 
     def motion_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation]:
-        found: list[AbstractExcitation] = []
+        """What is simulated of a set of motions."""
+        found = self.named_set(entries, key, podium)
+        return [motion.record() if isinstance(motion, Motion) else motion for motion in found]
+
+    def named_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation | Motion]:
+        """A set of pulses and records, the latter with their names and sources."""
+        found: list[AbstractExcitation | Motion] = []
         for entry, at, source in self._entries(entries, key):
-            found += (
-                self.pulses(entry, at, podium)
-                if source == "kind"
-                else self.recorded(entry, at, source).records()
-            )
+            found += self.pulses(entry, at, podium) if source == "kind" else self.recorded(entry, at, source)
         if not found:
             self.fail(key, "is empty")
         return found

@@ -14,7 +14,7 @@ import typer
 from rockjax._parameters.table import BUILDING, DIMENSIONS, MOTION, SIDES, STRUCTURE
 
 from ._options import EXAMPLES, Accuracy, Column, Motion, Panels
-from ._run import Flags, flag
+from ._run import MASSES, Flags, flag
 
 if TYPE_CHECKING:
     import rockjax as rj
@@ -153,7 +153,9 @@ class Given:
         return _over_ratios(table, explicit, explicit)
 
     def podium(self, flags: Column) -> rj.Podium:
-        return self.reader.structure(self.structure_table(flags))
+        table = self.structure_table(flags)
+        MASSES.set(_masses(table))
+        return self.reader.structure(table)
 
     def panels(self, flags: Panels) -> PanelsOf:
         """Podiums for each mass ratio η/γ and each period T_s, 0 for a rigid superstructure, the longest of a
@@ -192,14 +194,25 @@ class Given:
         """The one motion that is meant."""
         import rockjax as rj
 
-        found = self._excitation(flags, podium)
+        found = self.motion(flags, podium)
+        return found.record() if isinstance(found, rj.Motion) else found
+
+    def motion(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation | rj.Motion:
+        """The one motion that is meant, a record with its name and source."""
+        import rockjax as rj
+
+        found = self._motion(flags, podium)
         if flags.vertical_ratio is None:
             return found
+        if isinstance(found, rj.Motion):
+            if found.vertical is not None:
+                raise ValueError("--vertical-ratio: the motion has a vertical component already")
+            return dataclasses.replace(found, vertical=found.scaled(flags.vertical_ratio))
         if isinstance(found, rj.GroundMotion):
             raise ValueError("--vertical-ratio: the motion has a vertical component already")
         return rj.GroundMotion(found, found.scaled(flags.vertical_ratio))
 
-    def _excitation(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation:
+    def _motion(self, flags: Motion, podium: rj.Podium) -> rj.AbstractExcitation | rj.Motion:
         explicit = flags.explicit()
         pulse, record = (
             [name for name in group if name in explicit] for group in (_PULSE, ("record", *_RECORD))
@@ -209,7 +222,7 @@ class Given:
         sets = self.reader.sets(self.table.get("motions", {}))
         if "record" in explicit:
             entry = {"file": str(flags.record and flags.record.absolute())} | _taken(explicit, _RECORD)
-            return self.reader.motion_set(entry, "record", podium)[0]
+            return self.reader.named_set(entry, "record", podium)[0]
         if not sets:
             if record:
                 raise ValueError(f"{flag(record[0])}: is of a record; give --record FILE")
@@ -243,7 +256,7 @@ class Given:
                 kind = "a pulse" if "kind" in entry else "records"
                 self.reader.fail(key, f"holds {kind}; {flag((pulse + record)[0])} has no meaning for it")
             entries = _over(entry, explicit, explicit, _PULSE if pulse else _RECORD)
-        found = self.reader.motion_set(entries, key, podium)
+        found = self.reader.named_set(entries, key, podium)
         number = swept.number
         if number is None and len(found) > 1:
             self.reader.fail(
@@ -335,6 +348,19 @@ def _over_ratios(
         top = {}
     merged.pop("superstructure", None)
     return merged | ({"superstructure": top} if top else {})
+
+
+def _masses(table: Any) -> dict[str, Any]:
+    """Number of columns and masses of a structure by dimensions, for the attributes of a file."""
+    if not isinstance(table, dict) or "column_mass" not in table:
+        return {}
+    given = {"columns": 2} | table
+    found = {
+        f"{name}_kg": given[name]
+        for name in ("column_mass", "beam_mass", "top_mass", "story_masses")
+        if name in given
+    }
+    return {"columns": given["columns"]} | found
 
 
 def _over_dimensions(table: Mapping[str, Any], explicit: Mapping[str, Any]) -> dict[str, Any]:

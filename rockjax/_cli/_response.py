@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from ._given import Given, problem_file
 from ._options import GRID, Accuracy, Example, Motion, Output, ProblemFile, Structure
 from ._outputs import outputs
-from ._run import Flags, Report, option, prepare
+from ._run import MASSES, Flags, Report, option, prepare
 
 
 @dataclass
@@ -51,11 +52,13 @@ def response(
     to = outputs(output, "rockjax-response").check(("",))
     given = Given("response", problem_file(problem, example), structure, motion, span, accuracy)
     podium = given.podium(structure)
-    excitation = given.excitation(motion, podium)
+    excitation = given.motion(motion, podium)
     options = given.options(accuracy)
     history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
+    for line in _inputs(data.attrs | MASSES.get({})):
+        report.say(f"  {line}")
     report.write(to.data(), data)
     report.draw(to.picture(), "response", data)
     from rockjax import _results as results
@@ -63,6 +66,40 @@ def response(
 
     code = int(results.code_of(history.result))
     wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}
-    report.facts |= {"result": results.NAMES[code], **wanted}
+    report.facts |= {"result": results.NAMES[code], **wanted, "inputs": dict(data.attrs)}
     if code > results.OVERTURNED:
         report.error(f"the scene ended without an answer: {results.NAMES[code]}")
+
+
+def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
+    """What was simulated, in lines: the record, the law of the impact, masses that are known."""
+    g = attrs["g_m_s2"]
+    for part in ("", "vertical_"):
+        about = {
+            name.removeprefix(f"{part}record_"): y
+            for name, y in attrs.items()
+            if name.startswith(f"{part}record_")
+        }
+        if not about:
+            continue
+        words = [str(about[name]) for name in ("name", "source") if name in about]
+        words += [f"dt = {about['dt_s']:g} s, PGA = {about['pga_m_s2'] / g:.4g} g"]
+        words += [f"{name} {about[name]:g}" for name in ("scale", "seed") if name in about]
+        yield f"{'vertical' if part else 'record':<16} {', '.join(words)}, SHA-256 {about['sha256']}"
+    law = attrs["restitution"]
+    law = law if isinstance(law, str) else "given"
+    yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
+    lifts, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
+    yield f"{'lifts at':<16} {lifts:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"
+    if "columns" in attrs:
+        masses = [
+            f"{name.removesuffix('_kg').replace('_', ' ')} {_kilograms(attrs[name])}"
+            for name in ("column_mass_kg", "beam_mass_kg", "top_mass_kg", "story_masses_kg")
+            if name in attrs
+        ]
+        yield f"{'masses':<16} N = {attrs['columns']} columns, {', '.join(masses)}"
+
+
+def _kilograms(value: Any) -> str:
+    values = value if isinstance(value, list | tuple) else [value]
+    return " + ".join(f"{float(y):g}" for y in values) + " kg"

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 COMMAND: ContextVar[str] = ContextVar("command")
+MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")  # of a structure by dimensions, for files
 
 
 def flag(name: str) -> str:
@@ -105,7 +106,7 @@ class Report(Flags):
         """Write a dataset, and others as groups of its file, with the command that made them."""
         from rockjax._files import write_dataset
 
-        data.attrs["command"] = COMMAND.get()
+        data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
         self.wrote(write_dataset(path, data, groups))
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:

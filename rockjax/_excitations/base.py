@@ -20,6 +20,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._module import Module
+from rockjax._programs.settings import nans_allowed
 from rockjax._repr import card, readable
 from rockjax._types import Index, Number, Value
 
@@ -184,7 +185,8 @@ class AbstractExcitation(Module):
             last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
             return self.piece(piece - last.astype(piece.dtype))(s)
 
-        return jax.vmap(at)(t.ravel()).reshape(t.shape)
+        with nans_allowed():  # after the last breakpoint comes inf
+            return jax.vmap(at)(t.ravel()).reshape(t.shape)
 
     def __repr__(self):
         return readable(self)

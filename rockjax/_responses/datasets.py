@@ -15,6 +15,8 @@ from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._files import CONVENTIONS
+from rockjax._motions.provenance import describe_record
+from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
 from rockjax._parameters.table import attribute, of_motion
@@ -140,7 +142,8 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
-    return {"pulse": type(excitation).__name__} | {
+    samples = describe_record(excitation) if isinstance(excitation, Record) else {}
+    return {"pulse": type(excitation).__name__, **samples} | {
         _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, ARRAYS) and y.ndim == 0
     }
 

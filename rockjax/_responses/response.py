@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -65,6 +66,7 @@ class Response(AbstractPeak):
 
     - `impact_times`: when the columns struck the ground, ascending, padded with NaN under `jit` [s]
     - `times`: nodes of the history, padded with inf under `jit` [s]
+    - `origin`: name, source, factor and seed of the motion, where it was given as a [`rockjax.Motion`][]
     """
 
     impact_times: Float[Array, " impacts"]
@@ -72,6 +74,7 @@ class Response(AbstractPeak):
     excitation: AbstractExcitation
     nodes: Nodes
     options: Options
+    origin: tuple[tuple[str, str | float], ...] = eqx.field(static=True, default=(), kw_only=True)
 
     @property
     def times(self) -> Float[Array, " nodes"]:
@@ -259,6 +262,7 @@ def _dataset(
     for axis in {MODES, STORIES} & set(map(str, data.dims)):
         data.coords[axis] = np.arange(1, data.sizes[axis] + 1)
     data.attrs = {"title": "Response history", "kind": "response", **describe_excitation(response.excitation)}
+    data.attrs |= dict(response.origin)
     data.attrs |= describe_podium(response.podium) | describe_options(response.options)
     return data
 

@@ -14,6 +14,8 @@ from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
 from rockjax._excitations.ground import check_weight
 from rockjax._motions.convert import AnyMotion, as_excitation
+from rockjax._motions.motion import Motions
+from rockjax._motions.provenance import origin
 from rockjax._options import Options
 from rockjax._programs.settings import nans_allowed
 from rockjax._results import REST, Errors, State
@@ -69,6 +71,7 @@ def simulate(
     as it needs.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
+    (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
     capacity = options.history
     while True:
         floats, integers, nodes = _solved(*arguments, capacity)
@@ -86,6 +89,7 @@ def simulate(
         excitation=arguments[1],
         nodes=nodes,
         options=options,
+        origin=origin(motion),
     )
 
 

@@ -21,6 +21,7 @@ from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
 from rockjax._memory import FEWER_LINES, require_memory
 from rockjax._motions.convert import AnyMotions, as_records
+from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import check_parameters, varied
@@ -176,6 +177,7 @@ def incremental_dynamic_analysis(
         | _of_records(places, impacts, found.certain, unit, of),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
+            **record_coords(records),
             "intensity": ("intensity", levels, of),
             "boundary": (
                 "boundary",

@@ -14,6 +14,7 @@ from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, require
 from rockjax._motions.convert import AnyMotions, as_records
+from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
@@ -101,6 +102,7 @@ def record_spectrum(
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
+            **record_coords(records),
             "p": ("p", sizes, {"units": "rad s-1", "long_name": "frequency parameter p"}),
             "R": ("p", R, {"units": "m", "long_name": "half diagonal of a column R"}),
         },
