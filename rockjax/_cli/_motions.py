@@ -169,11 +169,11 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
         name, dt, duration, pga = member.name, member.dt, member.duration, member.pga
         vertical = None if member.vertical is None else member.vertical.pga
     else:
-        paired = isinstance(member, GroundMotion)
-        name, source, dt = repr(member.horizontal if paired else member), "pulse", None
+        horizontal = member.horizontal if isinstance(member, GroundMotion) else member
+        name, source, dt = repr(horizontal), "pulse", None
         start, end = map(float, member.support)
-        duration, pga = end - start, float(member.strength())
-        vertical = float(member.vertical.strength()) if paired else None
+        duration, pga = end - start, _largest(horizontal)
+        vertical = _largest(member.vertical) if isinstance(member, GroundMotion) else None
     in_g = lambda value: None if value is None else value / STANDARD_GRAVITY
     return {
         "name": name,
@@ -183,6 +183,13 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
         "PGA [g]": in_g(pga),
         "vertical PGA [g]": in_g(vertical),
     }
+
+
+def _largest(pulse: AbstractExcitation) -> float:
+    """PGA of a pulse [m/s²]."""
+    strength = pulse.strength()
+    assert strength is not None
+    return float(strength)
 
 
 def _cell(value: Any) -> str:

@@ -114,7 +114,11 @@ class Record(AbstractSampled):
         samples = self.acceleration
         count = samples.shape[-1]
         return PaddedRecord(
-            filled_up(samples, common_size(count, *OF_RECORDS)), self.dt, self.scale, self.t_start, np.int32(count)
+            filled_up(samples, common_size(count, *OF_RECORDS)),
+            self.dt,
+            self.scale,
+            self.t_start,
+            np.int32(count),
         )
 
 

@@ -155,7 +155,9 @@ class Records(AbstractSampled):
         rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
-            acceleration=filled_up(self.acceleration, rows, common_size(self.acceleration.shape[-1], *OF_TABLES)),
+            acceleration=filled_up(
+                self.acceleration, rows, common_size(self.acceleration.shape[-1], *OF_TABLES)
+            ),
             counts=_more(self.counts, rows, 2),
             intervals=_more(self.intervals, rows, 1.0),
             starts=_more(self.starts, rows, 0.0),

@@ -131,8 +131,8 @@ def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector)
     }
 
 
-# Few sizes, so that histories of many lengths share their programs: of a few times, of those of a dataset with
-# its impacts, and of nodes.
+# Few sizes, so that histories of many lengths share their programs: of a few times, of those of a dataset
+# with its impacts, and of nodes.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
