@@ -315,6 +315,7 @@ class Reader:
         return value
 
     def motion_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation]:
+<<<<<<< HEAD
         """What is simulated of a set of motions."""
         found = self.named_set(entries, key, podium)
         return [motion.record() if isinstance(motion, Motion) else motion for motion in found]
@@ -324,6 +325,23 @@ class Reader:
         found: list[AbstractExcitation | Motion] = []
         for entry, at, source in self._entries(entries, key):
             found += self.pulses(entry, at, podium) if source == "kind" else self.recorded(entry, at, source)
+=======
+        """The motions of a set, to simulate with."""
+        members = self.members(entries, key, podium)
+        return [member.record() if isinstance(member, Motion) else member for member in members]
+
+    def members(self, entries, key: str, podium: Podium | None) -> list[Motion | AbstractExcitation]:
+        """The motions of a set: pulses, and records with their names and sources.
+
+        `podium`: which ratios of pulses refer to, None where there is none
+        """
+        found: list[Motion | AbstractExcitation] = []
+        for entry, at, source in self._entries(entries, key):
+            if source == "kind":
+                found += self.pulses(entry, at, podium)
+            else:
+                found += self.recorded(entry, at, source)
+>>>>>>> cli2
         if not found:
             self.fail(key, "is empty")
         return found
@@ -364,20 +382,26 @@ class Reader:
             self.fail(key, f"needs {plain} or {ratio}")
         return self.numbers(entry[given[0]], f"{key}.{given[0]}"), given[0] == ratio
 
-    def periods(self, entry: dict, key: str, podium: Podium) -> np.ndarray:
+    def periods(self, entry: dict, key: str, podium: Podium | None) -> np.ndarray:
         numbers, ratio = self.either(entry, key, "T_p", "frequency_ratio")
         if not (numbers > 0).all():
             name = "frequency_ratio" if ratio else "T_p"
             self.fail(f"{key}.{name}", f"must be > 0, got {entry[name]!r}")
-        return pulse_period(float(podium.p), numbers) if ratio else numbers
+        return pulse_period(float(self.needed(podium, key).p), numbers) if ratio else numbers
 
-    def pulses(self, entry: dict, key: str, podium: Podium) -> list[AbstractExcitation]:
+    def needed(self, podium: Podium | None, key: str) -> Podium:
+        """The podium that ratios refer to."""
+        if podium is None:
+            self.fail(key, "is given by ratios, which need a table [structure]")
+        return podium
+
+    def pulses(self, entry: dict, key: str, podium: Podium | None) -> list[AbstractExcitation]:
         keys = ("a_p", "acceleration_ratio", "T_p", "frequency_ratio", "vertical_ratio")
         self.table(entry, key, ("kind",), keys)
         vertical = self.entries(entry, key, {"vertical_ratio": NUMBER}).get("vertical_ratio")
         kind = self.pulse(entry["kind"], f"{key}.kind")
         a_p, ratio = self.either(entry, key, "a_p", "acceleration_ratio")
-        a_p = np.asarray(pulse_acceleration(podium, a_p)) if ratio else a_p
+        a_p = np.asarray(pulse_acceleration(self.needed(podium, key), a_p)) if ratio else a_p
         T_p = self.periods(entry, key, podium)
         if a_p.size > 1 and T_p.size > 1 and a_p.size != T_p.size:
             self.fail(key, f"has {len(a_p)} amplitudes and {len(T_p)} periods; give as many of both, or one")

@@ -9,6 +9,8 @@ from typing import Any
 
 from tqdm.auto import tqdm  # a widget in notebooks
 
+from ._programs.compiling import present_compilation
+
 TICK = 1.0  # s: so long a bar may stand without its clock being moved on
 
 
@@ -42,6 +44,12 @@ class Bar(tqdm):
         if hasattr(self, "_ended"):
             self._ended.set()
         super().close()
+
+    def display(self, *arguments: Any, **named: Any) -> Any:
+        """Instead of a count of nothing, say what is being compiled and for how long the bar has waited."""
+        what = None if self.n else present_compilation()
+        self.bar_format = what and f"compiling {what} [{{elapsed}}]"
+        return super().display(*arguments, **named)
 
     def update(self, n: float | None = 1) -> bool | None:
         if not self.disable and self.desc:

@@ -8,7 +8,10 @@ import time
 
 import pytest
 
+import rockjax as rj
 from rockjax import _progress
+from rockjax._programs.compiling import compiling, present_compilation
+from rockjax._programs.program import anew
 from rockjax._progress import bar
 
 
@@ -81,6 +84,43 @@ def test_the_clock_goes_on_while_nothing_is_through(monkeypatch):
     ended = shown.tell()
     time.sleep(0.2)
     assert shown.tell() == ended
+
+
+@pytest.mark.parametrize("total", [10, None])
+def test_a_bar_says_what_is_being_compiled(monkeypatch, total):
+    monkeypatch.setattr(_progress, "TICK", 0.05)
+    shown = io.StringIO()
+    with bar(total, "scenes", True, file=shown, unit_scale=True, mininterval=0) as made:
+        with compiling("the program of a history"):
+            before = shown.tell()
+            time.sleep(0.4)
+            meanwhile = shown.getvalue()[before:]
+            assert meanwhile.count("compiling the program of a history [00:00]") >= 3
+            assert "scenes" not in meanwhile
+            assert "0.00" not in meanwhile
+        before = shown.tell()
+        time.sleep(0.2)
+        assert "compiling" not in shown.getvalue()[before + 1 :].split("\r", 2)[-1]
+        made.update(4)
+        with compiling("something else"):  # beside scenes that are solved
+            before = shown.tell()
+            time.sleep(0.2)
+            assert "4.00" in shown.getvalue()[before:]
+            assert "compiling" not in shown.getvalue()[before:]
+    assert present_compilation() is None
+
+
+def test_batches_say_that_they_compile(monkeypatch):
+    """In a bar of their own, while lanes of a kind that no other test has are compiled."""
+    monkeypatch.setattr(_progress, "TICK", 0.05)
+    shown = io.StringIO()
+    scenes = rj.Podium(0.15, [1.5, 2.0]), rj.OneSine(4.0, 1.0)
+    with anew(), contextlib.redirect_stderr(shown):
+        rj.peak_responses(*scenes, progress=True)
+    assert "compiling the program for batches of this kind of scene [" in shown.getvalue()
+    last = shown.getvalue().split("\r")[-1]
+    assert "100%" in last
+    assert "compiling" not in last
 
 
 def test_a_bar_that_is_not_wanted_is_silent(capsys):

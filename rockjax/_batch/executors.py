@@ -130,7 +130,12 @@ def _advance_packed(
     return packed(lanes), packed(done)
 
 
-_on_one = KeptProgram(_advance_packed, donate=[0], compiler_options=_COMPILER["cpu"])
+_on_one = KeptProgram(
+    _advance_packed,
+    donate=[0],
+    compiler_options=_COMPILER["cpu"],
+    words="the program for batches of this kind of scene",
+)
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,7 +14,8 @@ from ._outputs import outputs, require_writable
 from ._run import Report, argument, option
 
 if TYPE_CHECKING:
-    from rockjax._motions.motion import Motions
+    from rockjax._excitations.base import AbstractExcitation
+    from rockjax._motions.motion import Motion, Motions
 
 Pattern = Annotated[
     str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")
@@ -22,7 +23,9 @@ Pattern = Annotated[
 
 
 def motions(
-    paths: Annotated[list[Path], argument("Files, folders, tables of files (suite.csv).")],
+    paths: Annotated[
+        list[Path], argument("Files, folders, tables of files (suite.csv), or one problem file (.toml).")
+    ],
     report: Report,
     units: Units = None,
     dt: SamplingInterval = None,
@@ -48,15 +51,23 @@ def motions(
     """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
     With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc where OUTPUT is given.
+    Of a problem file it lists all sets of motions: the number of each motion, its name, source, sampling
+    interval, duration and PGA.
 
     \b
     Examples:
       rockjax motions suite/ more/RSN1.AT2
+      rockjax motions problem.toml
       rockjax motions record.txt --units g --dt 0.01 --tan-alpha 0.15 \\
         --R 1.5 -o measures
     """
     import math
 
+    if any(path.suffix.lower() == ".toml" for path in paths):
+        others = {"--units": units, "--dt": dt, "--component": component, "--pattern": pattern}
+        others |= {"--tan-alpha": tan_alpha, "--R": R, "--output": output}
+        list_problem(paths, [name for name, value in others.items() if value is not None], report)
+        return
     to = None if output is None else outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
     from rockjax._structures import STANDARD_GRAVITY, Podium
@@ -114,6 +125,77 @@ def read(
         else:
             found.append(read_motion(path, units=units, dt=dt, component=which))
     return Motions(tuple(found))
+
+
+def list_problem(paths: list[Path], options: list[str], report: Report) -> None:
+    """List the motions of a problem file, with the numbers that `--number` chooses them by."""
+    if len(paths) > 1:
+        raise ValueError(
+            f"rockjax motions: a problem file is listed by itself, got {len(paths)} paths: "
+            f"{', '.join(map(str, paths))}"
+        )
+    (path,) = paths
+    if options:
+        raise ValueError(f"{options[0]}: is of motion files; {path} is a problem file, which holds all of it")
+    from rockjax._problem import Reader, load_table
+    from rockjax._tables import lines
+
+    reader, table = Reader(path), load_table(path)
+    reader.whole(table)
+    sets = reader.sets(table.get("motions", {}))
+    if not sets:
+        reader.fail("motions", "holds no set of motions")
+    podium = reader.structure(table["structure"]) if "structure" in table else None
+    facts = [
+        {"set": name, "number": number} | _listed(member, reader.folder)
+        for name, entries in sets.items()
+        for number, member in enumerate(reader.members(entries, f"motions.{name}", podium), 1)
+    ]
+    for line in lines([tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)]):
+        report.say(line)
+    report.facts["motions"] = facts
+
+
+def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
+    """What a list says of a motion."""
+    from rockjax._excitations.ground import GroundMotion
+    from rockjax._motions.motion import Motion
+    from rockjax._structures import STANDARD_GRAVITY
+
+    if isinstance(member, Motion):
+        source: Any = member.metadata.get("format") if member.source is None else member.source
+        if isinstance(source, Path) and source.is_relative_to(folder):
+            source = source.relative_to(folder)
+        name, dt, duration, pga = member.name, member.dt, member.duration, member.pga
+        vertical = None if member.vertical is None else member.vertical.pga
+    else:
+        horizontal = member.horizontal if isinstance(member, GroundMotion) else member
+        name, source, dt = repr(horizontal), "pulse", None
+        start, end = map(float, member.support)
+        duration, pga = end - start, _largest(horizontal)
+        vertical = _largest(member.vertical) if isinstance(member, GroundMotion) else None
+    in_g = lambda value: None if value is None else value / STANDARD_GRAVITY
+    return {
+        "name": name,
+        "source": None if source is None else str(source),
+        "dt [s]": dt,
+        "duration [s]": duration,
+        "PGA [g]": in_g(pga),
+        "vertical PGA [g]": in_g(vertical),
+    }
+
+
+def _largest(pulse: AbstractExcitation) -> float:
+    """PGA of a pulse [m/s²]."""
+    strength = pulse.strength()
+    assert strength is not None
+    return float(strength)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def synthetic(

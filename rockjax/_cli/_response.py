@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+<<<<<<< HEAD
 from typing import Annotated, Any
+=======
+from typing import TYPE_CHECKING, Annotated
+>>>>>>> cli2
 
 from ._given import Given, problem_file
 from ._options import GRID, Accuracy, Example, Motion, Output, ProblemFile, Structure
 from ._outputs import outputs
 from ._run import MASSES, Flags, Report, option, prepare
+
+if TYPE_CHECKING:
+    import rockjax as rj
+
+
+def share_in_no_mode(podium: rj.Podium) -> float:
+    """Return which part of the mass of several modes or of a building moves with the beam [–]."""
+    top = podium.superstructure
+    if top is None or not top.rows:
+        return 0.0
+    carried = top.carried if top.elastic else top.mass_ratio
+    return 0.0 if carried is None else float(carried) / float(top.mass_ratio)
 
 
 @dataclass
@@ -57,8 +73,17 @@ def response(
     history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
+<<<<<<< HEAD
     for line in _inputs(data.attrs | MASSES.get({})):
         report.say(f"  {line}")
+=======
+    share = share_in_no_mode(podium)
+    if share > 0:
+        report.say(
+            f"  {share:.0%} of the mass of the superstructure is in no mode: shear and floor accelerations "
+            "leave out its impulses at impacts"
+        )
+>>>>>>> cli2
     report.write(to.data(), data)
     report.draw(to.picture(), "response", data)
     from rockjax import _results as results

@@ -24,6 +24,7 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
+MOST_PIECES = 2**31  # numbered by one integer of both components
 TOUCH = 1e-9  # of the time scale of the motion: excursions above a level that are shorter are below rounding
 CAUTION = 1 - 1e-6  # of the level from which on the horizontal motion is looked at closely
 
@@ -55,7 +56,7 @@ class GroundMotion(AbstractExcitation):
     vertical: AbstractExcitation = eqx.field(converter=_component("vertical"))
 
     def __check_init__(self):
-        if self.horizontal.most_pieces * self.vertical.most_pieces >= 2**31:
+        if self.horizontal.most_pieces * self.vertical.most_pieces >= MOST_PIECES:
             raise ValueError(
                 "GroundMotion: horizontal and vertical have too many samples together, "
                 f"{self.horizontal.most_pieces} and {self.vertical.most_pieces}; resample one of them"
@@ -120,8 +121,10 @@ class GroundMotion(AbstractExcitation):
         return self.horizontal.strength()
 
     def common_form(self) -> Self:
-        both = self.horizontal.common_form(), self.vertical.common_form()
-        return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
+        horizontal, vertical = self.horizontal.common_form(), self.vertical.common_form()
+        if horizontal.most_pieces * vertical.most_pieces >= MOST_PIECES:
+            return self  # very long ones: as they are
+        return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
     def _together(self, i: Any, j: Any) -> Any:
         return i * self.vertical.most_pieces + j

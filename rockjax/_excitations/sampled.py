@@ -19,13 +19,20 @@ from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-LEAST_SIZE = 2048  # samples
+# Least size, and the ratio of one size to the next: of single records few sizes, as each is a program to
+# compile, of tables of records closer ones, as each row is filled up.
+OF_RECORDS, OF_TABLES = (8192, 4), (2048, 2)
 
 
-def common_size(count: int) -> int:
-    """What a number of samples is filled up to: 2048, 4096, 8192, … Each size is a program of its own, and
-    what fills up costs a scene little."""
-    return max(LEAST_SIZE, 1 << (count - 1).bit_length())
+def common_size(count: int, least: int, ratio: int) -> int:
+    """Return the size that `count` numbers are filled up to: `least`, or `least` times a power of `ratio`.
+
+    Each size is a program of its own, and what fills up costs a scene little.
+    """
+    size = least
+    while size < count:
+        size *= ratio
+    return size
 
 
 def filled_up(samples, *sizes: int):

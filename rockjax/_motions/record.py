@@ -21,7 +21,7 @@ from rockjax._checks import (
     require_finite_samples,
     single,
 )
-from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
+from rockjax._excitations.sampled import OF_RECORDS, AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .accelerogram import check
@@ -114,7 +114,11 @@ class Record(AbstractSampled):
         samples = self.acceleration
         count = samples.shape[-1]
         return PaddedRecord(
-            filled_up(samples, common_size(count)), self.dt, self.scale, self.t_start, np.int32(count)
+            filled_up(samples, common_size(count, *OF_RECORDS)),
+            self.dt,
+            self.scale,
+            self.t_start,
+            np.int32(count),
         )
 
 

@@ -23,7 +23,7 @@ from rockjax._checks import (
     shown,
 )
 from rockjax._excitations.ground import PARTS, GroundMotion
-from rockjax._excitations.sampled import AbstractSampled, Sampling, common_size, filled_up
+from rockjax._excitations.sampled import OF_TABLES, AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .motion import Motion
@@ -155,7 +155,9 @@ class Records(AbstractSampled):
         rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
-            acceleration=filled_up(self.acceleration, rows, common_size(self.acceleration.shape[-1])),
+            acceleration=filled_up(
+                self.acceleration, rows, common_size(self.acceleration.shape[-1], *OF_TABLES)
+            ),
             counts=_more(self.counts, rows, 2),
             intervals=_more(self.intervals, rows, 1.0),
             starts=_more(self.starts, rows, 0.0),

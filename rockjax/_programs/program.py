@@ -17,6 +17,7 @@ import numpy as np
 from rockjax._threads import meanwhile
 
 from . import folder, kind
+from .compiling import compiling
 from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
 from .settings import ARRAYS, nans_allowed, present_settings, types_here, usual
 from .turns import is_mine, turn
@@ -53,9 +54,11 @@ class KeptProgram:
         arrays_only: bool = False,
         compiler_options: dict[str, Any] | None = None,
         name: str | None = None,
+        words: str = "the program for this kind of scene",
     ):
         functools.update_wrapper(self, function)
         self.name = name or f"{function.__module__}.{function.__qualname__}"
+        self._words = words  # what a progress bar calls it
         self._function, self._donate, self._options = function, tuple(donate), compiler_options or {}
         self._kept_options = QUICK | self._options
         self._how = f"donated {self._donate}, compiler options {self._kept_options}"
@@ -163,7 +166,7 @@ class KeptProgram:
         found = load(place, text) if place and text else None
         if found is not None:
             return found
-        with _said(place):
+        with _said(place), compiling(self._words):
             with turn():
                 lowered = self._jitted(fixed).lower(*passed)
             if place and not text:

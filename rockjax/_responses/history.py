@@ -19,6 +19,7 @@ from rockjax._engine.runge_kutta import step
 from rockjax._engine.tableaus import tableau_for
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.sampled import common_size
 from rockjax._module import Module
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
@@ -130,23 +131,23 @@ def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector)
     }
 
 
-def _room(size: int, least: int) -> int:
-    """What is missing to a power of two: so that histories of many lengths share their programs."""
-    return (1 << max(least, (size - 1).bit_length())) - size if size else 0
+# Few sizes, so that histories of many lengths share their programs: of a few times, of those of a dataset
+# with its impacts, and of nodes.
+FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def filled(t, left):
     """Times (n,) and flags (n,), with the last repeated."""
-    more = _room(t.size, 4)
-    if concrete(t) is None or not more:
+    if concrete(t) is None or not t.size:
         return t, left
+    more = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
     return np.pad(np.asarray(t), (0, more), mode="edge"), np.pad(np.asarray(left), (0, more), mode="edge")
 
 
 def padded(nodes: Nodes) -> Nodes:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
-    more = _room(nodes.t.size, 10)
+    more = common_size(nodes.t.size, *NODES) - nodes.t.size
     longer = lambda y: np.pad(np.asarray(y), [(0, more), *[(0, 0)] * (y.ndim - 1)], mode="edge")
     filled = jax.tree.map(lambda y: longer(y) if jnp.ndim(y) else y, nodes)
     return filled._replace(
@@ -185,6 +186,11 @@ def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
 def _coefficients(podium: Podium, excitation: AbstractExcitation, rtol: Value | None) -> Coefficients:
     vertical = isinstance(excitation, GroundMotion)
     return coefficients(podium, SLIP if rtol is None else rtol, vertical)
+
+
+@KeptProgram
+def ground_acceleration(excitation: AbstractExcitation, t):
+    return excitation(t)
 
 
 @KeptProgram

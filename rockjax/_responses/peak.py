@@ -71,7 +71,9 @@ class AbstractPeak(Module):
       columns that end at rest are counted by restitution alone, unless it is wanted
     - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; of several modes each,
       along a last axis
-    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none
+    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none. Mass that
+      is in no mode is struck at impacts; its impulses have no acceleration and are left out, here and in
+      `peak_floor_acceleration`
     - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories.
       All peaks of a scene that overturned are those until then, and no answers for a structure that falls

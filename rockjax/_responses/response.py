@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from rockjax._checks import as_float
+from rockjax._checks import as_float, concrete, from_host
 from rockjax._engine.energy import restoring_moment
 from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
@@ -84,7 +84,7 @@ class Response(AbstractPeak):
     def span(self) -> tuple[float, float]:
         """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene
         rests before."""
-        start, end = float(self.times[0]), float(self.stats.end_time)
+        start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
@@ -159,7 +159,7 @@ class Response(AbstractPeak):
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
         """The balance of energy at times t [s], integrated over every step of the history."""
         t = as_float(t)
-        _, energies = self._history(t.ravel(), jnp.zeros(t.size, bool))
+        _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
@@ -182,8 +182,8 @@ class Response(AbstractPeak):
         # The states before the impacts in the same go.
         times, left = np.append(t, struck), np.arange(t.size + struck.size) >= t.size
         samples, energies = self._history(times, left)
-        before = samples["theta_dot"][t.size :]
-        after = self.nodes.v[0][np.isfinite(self.nodes.impact_time)]
+        before = np.asarray(samples["theta_dot"])[t.size :]
+        after = np.asarray(self.nodes.v[0])[np.isfinite(self.nodes.impact_time)]
         samples, energies = jax.tree.map(
             lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies)
         )
@@ -192,10 +192,10 @@ class Response(AbstractPeak):
 
     def _map(self, t: Float[ArrayLike, "*times"], quantity: Callable, left: bool = False) -> Any:
         t = as_float(t)
-        times, flags = history.filled(t.ravel(), jnp.full(t.size, left))
+        times, flags = history.filled(t.ravel(), np.full(t.size, left))
         values = history.along(self._scene(), times, flags, quantity)
         with nans_allowed():
-            return jax.tree.map(lambda y: y[: t.size].reshape(*t.shape, *y.shape[1:]), values)
+            return jax.tree.map(lambda y: _first(y, t.size).reshape(*t.shape, *y.shape[1:]), values)
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """All samples and energies at times t (n,), or before them where `left` (n,)."""
@@ -203,10 +203,10 @@ class Response(AbstractPeak):
         times, flags = history.filled(t, left)
         samples, *parts, initial = history.balance(self._scene(), times, flags)
         with nans_allowed():
-            samples, parts = jax.tree.map(lambda y: y[:size], (samples, parts))
-            samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
             if not self.podium.restrainers:
                 parts.append(0.0 * parts[-1])  # NaN where there is no state
+            samples, parts = jax.tree.map(lambda y: _first(y, size), (samples, parts))
+            samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
         return samples, Energies(*parts, initial=initial)
 
     def _scene(self) -> history.Solved:
@@ -217,6 +217,18 @@ class Response(AbstractPeak):
         rtol = self.options.rtol if self.podium.restrainers else None
         podium = self.podium.split()
         return podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
+
+
+def _first(values: Array, count: int) -> Array:
+    """The first of an array; of NumPy where it is known, as JAX would compile this for every number."""
+    known = concrete(values)
+    return values[:count] if known is None else from_host(known[:count])
+
+
+def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
+    """Ground acceleration at times t (n,) [m/s²]."""
+    times, _ = history.filled(t, np.zeros(t.size, bool))
+    return np.asarray(history.ground_acceleration(excitation.common_form(), times))[: t.size]
 
 
 def _dataset(
@@ -230,7 +242,7 @@ def _dataset(
     import xarray
 
     values = dict(samples) | {
-        "ground_acceleration": response.excitation(t),
+        "ground_acceleration": _motion(response.excitation, t),
         "mechanical_energy": energies.mechanical,
         "input_energy": energies.input,
         "impact_energy": energies.impacts,
@@ -240,7 +252,7 @@ def _dataset(
     if not response.podium.restrainers:
         del values["damper_energy"]
     if isinstance(response.excitation, GroundMotion):
-        values["vertical_acceleration"] = response.excitation.vertical(t)
+        values["vertical_acceleration"] = _motion(response.excitation.vertical, t)
     data = xarray.Dataset(
         {
             name: (_dims(name, np.ndim(values[name])), np.asarray(values[name]), _about(unit, description))

@@ -51,7 +51,8 @@ class ShearBuilding(AbstractSuperstructure):
     - `stiffnesses`: of the stories below them k_j/(N m_c), > 0 [1/s²]
     - `damping`: damping ratios of the modes, ≥ 0 [–]; one number is that of all modes
     - `modes`: how many modes are kept, the lowest first; what the others have of the mass moves with the
-      beam. By default all
+      beam. By default all. With fewer, `peak_shear` and `peak_floor_acceleration` leave out the share that
+      the other modes have of the impulses at impacts
     - `heights`: of the stories [m], > 0, for drifts over height and for pictures; None where they are not
       known
 

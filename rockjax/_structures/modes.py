@@ -70,7 +70,8 @@ class Modes(AbstractSuperstructure):
       act back
     - `T`: fixed-base periods T_i, > 0 [s]; equal ones are allowed
     - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one number is that of all modes
-    - `residual`: mass ratio η_r of what is not in the modes and moves with the beam, ≥ 0 [–]
+    - `residual`: mass ratio η_r of what is not in the modes and moves with the beam, ≥ 0 [–]; `peak_shear`
+      leaves out its impulses at impacts
 
     One mode is [`rockjax.Elastic`][], none is `Rigid(residual)`. Displacements and deformations have a last
     axis of modes: of a [`rockjax.State`][], of `peak_deformation`. Raises `ValueError` for lengths that are

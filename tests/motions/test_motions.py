@@ -1,6 +1,7 @@
 """Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic
 motions, commands."""
 
+import json
 import math
 import re
 import warnings
@@ -533,6 +534,84 @@ def test_motions_on_the_command_line(folder):
     failed = RUN.invoke(app, ["motions", str(drifting)])
     assert isinstance(failed.exception, ValueError)
     assert "give units" in str(failed.exception)
+
+
+LISTED = """
+[structure]
+tan_alpha = 0.2
+R = 1.0
+[motions.pulses]
+kind = "one-sine"
+acceleration_ratio = [2.0, 3.0]
+T_p = 0.8
+vertical_ratio = 0.5
+[[motions.records]]
+file = "b.AT2"
+scale = 2.0
+vertical_ratio = 0.25
+[[motions.records]]
+suite = "."
+pattern = "*.AT2"
+[[motions.records]]
+synthetic = 1
+seed = 3
+dt = 0.02
+duration = 10.0
+pga = 1.5
+"""
+
+
+def test_motions_of_a_problem_file_on_the_command_line(folder):
+    """All sets with their numbers, in the order in which `--number` chooses them."""
+    path = folder / "problem.toml"
+    path.write_text(LISTED)
+    result = RUN.invoke(app, ["motions", str(path), "--json"])
+    assert result.exit_code == 0, result.output
+    rows = json.loads(result.stdout)["motions"]
+    assert [(row["set"], row["number"]) for row in rows] == [
+        *(("pulses", k) for k in (1, 2)),
+        *(("records", k) for k in (1, 2, 3)),
+    ]
+    pulse, _, scaled, suite, noise = rows
+    assert "OneSine" in pulse["name"]
+    assert pulse["dt [s]"] is None
+    assert pulse["duration [s]"] == pytest.approx(0.8)
+    assert pulse["PGA [g]"] == pytest.approx(0.4)
+    assert pulse["vertical PGA [g]"] == pytest.approx(0.2)
+    alone = rj.read_motion(folder / "b.AT2")
+    assert (scaled["name"], scaled["source"]) == ("b", "b.AT2")
+    assert scaled["dt [s]"] == alone.dt
+    assert scaled["duration [s]"] == pytest.approx(alone.duration)
+    assert scaled["PGA [g]"] == pytest.approx(2 * alone.pga / G)
+    assert scaled["vertical PGA [g]"] == pytest.approx(0.5 * alone.pga / G)
+    assert suite["source"] == "b.AT2"
+    assert suite["PGA [g]"] == pytest.approx(alone.pga / G)
+    assert suite["vertical PGA [g]"] is None
+    assert (noise["source"], noise["dt [s]"]) == ("synthetic", 0.02)
+    assert noise["PGA [g]"] == pytest.approx(1.5 / G)
+    text = RUN.invoke(app, ["motions", str(path)]).output.splitlines()
+    assert len(text) == 1 + len(rows)
+    assert text[0].split()[:4] == ["set", "number", "name", "source"]
+
+
+@pytest.mark.parametrize(
+    ("change", "flags", "words"),
+    [
+        (lambda text: text, ["--dt", "0.01"], "--dt: "),
+        (lambda text: text, ["--output", "out"], "--output: "),
+        (lambda text: text, ["problem.toml"], "2 paths"),
+        (lambda text: text.split("[motions")[0], [], "problem.toml: motions: "),
+        (lambda text: text.replace("b.AT2", "none.AT2"), [], "motions.records[0]: "),
+        (lambda text: text[text.index("[motions") :], [], "motions.pulses: is given by ratios"),
+        (lambda text: text + "[motion]", [], "motion: is not known"),
+    ],
+)
+def test_motions_of_a_problem_file_that_cannot_be_listed(folder, change, flags, words):
+    path = folder / "problem.toml"
+    path.write_text(change(LISTED))
+    result = RUN.invoke(app, ["motions", str(path), *flags])
+    assert isinstance(result.exception, ValueError)
+    assert words in str(result.exception)
 
 
 def test_synthetic_motions_on_the_command_line(tmp_path):

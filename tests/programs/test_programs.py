@@ -1,5 +1,6 @@
 """Programs kept between processes: they never change an answer and never stop a call."""
 
+import dataclasses
 import errno
 import logging
 import os
@@ -445,6 +446,49 @@ def test_records_of_other_lengths_share_programs():
     traced = jax.jit(lambda dt: peak(rj.Record(samples[:290], dt)))(0.01)
     assert float(traced.peak_rotation) == pytest.approx(float(short.peak_rotation), rel=1e-12)
     assert int(traced.impacts) == int(short.impacts)
+
+
+def _noise(count: int, seed: int) -> np.ndarray:
+    return 8 * np.convolve(np.random.default_rng(seed).normal(size=count), np.hanning(12) / 6, "same")
+
+
+def _in_pair(count: int, dt: float, factor: float):
+    horizontal = rj.Motion(factor * _noise(count, 2), dt)
+    return dataclasses.replace(horizontal, vertical=rj.Motion(0.2 * _noise(count // 2, 3), dt))
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [lambda count, dt, factor: rj.Motion(factor * _noise(count, 1), dt, name=f"{count}"), _in_pair],
+    ids=["horizontal", "with a vertical motion"],
+)
+def test_further_motions_of_a_set_compile_nothing(motion, caplog):
+    """Of other lengths, sampling intervals, strengths and names, which lead to other numbers of steps and
+    impacts: a peak, a history and its dataset."""
+    podium = rj.Podium(0.25, 3.0, 10.0, rj.Elastic(30.0, 0.3, 0.05))
+
+    def solve(each):
+        peak = rj.peak_response(podium, each)
+        response = rj.simulate(podium, each)
+        data = response.dataset()
+        assert float(data["peak_rotation"]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
+        return response.times.size, data.sizes["impact"]
+
+    first = solve(motion(600, 0.01, 0.5))
+    caplog.clear()
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        others = [
+            solve(motion(count, dt, factor))
+            for count, dt, factor in (
+                (2500, 0.01, 0.5),
+                (5000, 0.005, 0.5),
+                (300, 0.02, 0.6),
+                (800, 0.01, 0.05),
+            )
+        ]
+    assert not [record.message for record in caplog.records if "Finished XLA compilation" in record.message]
+    assert len({first, *others}) == 5  # no two are alike
+    assert max(steps for steps, _ in others) > 4096
 
 
 def test_suites_of_other_sizes_share_programs():
