@@ -315,17 +315,6 @@ class Reader:
         return value
 
     def motion_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation]:
-<<<<<<< HEAD
-        """What is simulated of a set of motions."""
-        found = self.named_set(entries, key, podium)
-        return [motion.record() if isinstance(motion, Motion) else motion for motion in found]
-
-    def named_set(self, entries, key: str, podium: Podium) -> list[AbstractExcitation | Motion]:
-        """A set of pulses and records, the latter with their names and sources."""
-        found: list[AbstractExcitation | Motion] = []
-        for entry, at, source in self._entries(entries, key):
-            found += self.pulses(entry, at, podium) if source == "kind" else self.recorded(entry, at, source)
-=======
         """The motions of a set, to simulate with."""
         members = self.members(entries, key, podium)
         return [member.record() if isinstance(member, Motion) else member for member in members]
@@ -341,7 +330,6 @@ class Reader:
                 found += self.pulses(entry, at, podium)
             else:
                 found += self.recorded(entry, at, source)
->>>>>>> cli2
         if not found:
             self.fail(key, "is empty")
         return found

@@ -222,7 +222,7 @@ class Given:
         sets = self.reader.sets(self.table.get("motions", {}))
         if "record" in explicit:
             entry = {"file": str(flags.record and flags.record.absolute())} | _taken(explicit, _RECORD)
-            return self.reader.named_set(entry, "record", podium)[0]
+            return self.reader.members(entry, "record", podium)[0]
         if not sets:
             if record:
                 raise ValueError(f"{flag(record[0])}: is of a record; give --record FILE")
@@ -256,7 +256,7 @@ class Given:
                 kind = "a pulse" if "kind" in entry else "records"
                 self.reader.fail(key, f"holds {kind}; {flag((pulse + record)[0])} has no meaning for it")
             entries = _over(entry, explicit, explicit, _PULSE if pulse else _RECORD)
-        found = self.reader.named_set(entries, key, podium)
+        found = self.reader.members(entries, key, podium)
         number = swept.number
         if number is None and len(found) > 1:
             self.reader.fail(

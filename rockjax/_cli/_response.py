@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-<<<<<<< HEAD
-from typing import Annotated, Any
-=======
-from typing import TYPE_CHECKING, Annotated
->>>>>>> cli2
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ._given import Given, problem_file
 from ._options import GRID, Accuracy, Example, Motion, Output, ProblemFile, Structure
@@ -73,17 +69,14 @@ def response(
     history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
-<<<<<<< HEAD
     for line in _inputs(data.attrs | MASSES.get({})):
         report.say(f"  {line}")
-=======
     share = share_in_no_mode(podium)
     if share > 0:
         report.say(
             f"  {share:.0%} of the mass of the superstructure is in no mode: shear and floor accelerations "
             "leave out its impulses at impacts"
         )
->>>>>>> cli2
     report.write(to.data(), data)
     report.draw(to.picture(), "response", data)
     from rockjax import _results as results

@@ -73,14 +73,10 @@ def simulate(
     as it needs.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
-<<<<<<< HEAD
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    capacity = options.history
-=======
     # A size that hardly any scene exceeds: each is a program of its own.
     is_known = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), options.max_steps + 1) if is_known else options.history
->>>>>>> cli2
     while True:
         floats, integers, nodes = _solved(*arguments, capacity)
         full = concrete(integers["code"]) == results.HISTORY_FULL
