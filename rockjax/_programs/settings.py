@@ -61,7 +61,7 @@ def usual() -> bool:
 _AS_IT_IS = contextlib.nullcontext()
 
 
-def nans_allowed() -> contextlib.AbstractContextManager[None]:
+def nans_allowed() -> contextlib.AbstractContextManager[Any]:
     """A context without JAX's search for NaN and inf: in answers they stand for "none" and "not wanted"."""
     settings: Any = jax.config
     if not (settings.jax_debug_nans or settings.jax_debug_infs):
