@@ -347,7 +347,7 @@ def test_structures_and_motions_are_readable():
     assert "shape (400,)" in repr(shaking())
     seen = []
     jax.jit(lambda a: seen.append(repr(rj.Ricker(a, 1.0))) or a)(2.0)
-    assert seen == ["Ricker(a_p=traced, T_p=traced)"]
+    assert seen == ["Ricker(a_p=traced, T_p=1)"]
 
 
 def test_film_has_its_frames_and_moves_as_the_podium(responses, histories, tmp_path):
