@@ -326,7 +326,8 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
     """Raise `ValueError` unless g + v̈_g is positive at all times, where numbers are concrete and single."""
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
-    low, when = (concrete(y) for y in motion.vertical.lowest())
+    # In the common form: JAX compiles what it does here for every number of samples.
+    low, when = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
     if low is None or when is None or gravity is None or low.ndim or gravity + low > 0:
         return

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app, main
+from rockjax._cli._response import share_in_no_mode
 from tests.scenes import Stops
 
 PROBLEMS = Path(__file__).parents[2] / "rockjax" / "examples"
@@ -783,3 +784,35 @@ def test_charts_say_what_they_cannot_draw():
     ):
         with pytest.raises(ValueError, match=words):
             ask(**change)
+
+
+@pytest.mark.parametrize(
+    ("top", "share"),
+    [
+        (None, 0.0),
+        (rj.Rigid(3.0), 0.0),
+        (rj.Elastic(3.0, 0.5, 0.05), 0.0),
+        (rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0]), 0.0),
+        (rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=1), 0.12276447943),
+        (rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=0), 1.0),
+        (rj.Modes([3.0, 1.0], [0.5, 0.2]), 0.0),
+        (rj.Modes([3.0, 1.0], [0.5, 0.2], residual=1.0), 0.2),
+    ],
+)
+def test_responses_know_the_mass_that_is_in_no_mode(top, share):
+    """Its impulses at impacts are in no shear and no floor acceleration, which the summary says."""
+    assert share_in_no_mode(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
+
+
+def test_response_says_what_truncated_buildings_leave_out(tmp_path):
+    building = "masses = [3.0, 3.0, 2.0], stiffnesses = [900.0, 700.0, 500.0]"
+    for modes, says in ((1, True), (3, False)):
+        path = tmp_path / f"{modes}.toml"
+        path.write_text(
+            "[structure]\ntan_alpha = 0.15\nR = 1.5\ngamma = 10.0\n"
+            f"superstructure = {{ {building}, modes = {modes} }}\n"
+            '[motions.pulse]\nkind = "one-sine"\na_p = 2.0\nT_p = 0.6\n'
+        )
+        result = RUN.invoke(app, ["response", str(path), "-o", str(tmp_path / "out")])
+        assert result.exit_code == 0, result.output
+        assert ("12% of the mass of the superstructure is in no mode" in result.output) is says
