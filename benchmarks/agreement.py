@@ -99,9 +99,9 @@ class Scenes(NamedTuple):
 
     def varied(self, alpha, scale) -> Scenes:
         """With α and the motion times factors."""
-        return self._replace(
-            podium=self.podium.replace(alpha=self.podium.alpha * alpha), motion=self.motion.scaled(scale)
-        )
+        alphas = np.asarray(self.podium.alpha) * alpha
+        scales = np.broadcast_to(scale, np.broadcast_shapes(np.shape(scale), alphas.shape))
+        return self._replace(podium=self.podium.replace(alpha=alphas), motion=self.motion.scaled(scales))
 
     def scene(self, k: int) -> Scenes:
         """One of them, with its own record."""
