@@ -11,7 +11,15 @@ import jax.numpy as jnp
 from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
-from .hermite import Quintic, crossing, quintic, third_at_end, turning_point_or_dip, turns_more_than_once
+from .hermite import (
+    Quintic,
+    crossing,
+    is_long,
+    quintic,
+    third_at_end,
+    turning_point_or_dip,
+    turns_more_than_once,
+)
 from .model import acceleration, demand_jet
 from .ratio import safe_ratio
 from .runge_kutta import Step
@@ -80,7 +88,7 @@ def watch(
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
-    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips) & busy
+    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips & is_long(h, scene.longest)) & busy
     ending, inside, time_past_end, converges, turns_twice = once(
         (ending, inside, time_past_end, converges, turns_twice)
     )

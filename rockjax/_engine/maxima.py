@@ -77,7 +77,7 @@ def largest(
     stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))
     near = record * (1 - NEAR_RECORD)
     raises = lands & turned & stands_out & (value > near)
-    raises |= dips & (jnp.maximum(of_ends, at_z + jnp.abs(path.slope(z))) > near)
+    raises |= long & dips & (jnp.maximum(of_ends, at_z + jnp.abs(path.slope(z))) > near)
     raises &= (z > inside) & (z < 1 - inside)
     return Maximum(value, jnp.where(raises, z, jnp.inf))
 
