@@ -18,6 +18,8 @@ from .ratio import safe_ratio
 # polynomial is as good as the step itself.
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
+# … of what vibrates, whose derivatives grow with every swing.
+WELL_INSIDE_QUINTIC = 2e-3
 WELL_INSIDE_CUBIC = 1e-4
 ROUNDING = 64  # times the resolution of numbers
 
@@ -45,7 +47,7 @@ def largest(
     long: Flag,
     record: Values,
     ends: tuple[End, End],
-    inside: float = WELL_INSIDE,
+    inside: float = WELL_INSIDE_QUINTIC,
     lands: bool = True,
 ) -> Maximum:
     """Return max|f| over a step of length h, and where to shorten the step to land on it.

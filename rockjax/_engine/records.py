@@ -18,7 +18,7 @@ from .attempt import Attempt, Largest, StepOutcome
 from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .guard import Guard
 from .hermite import Quintic, is_long, quintic
-from .maxima import WELL_INSIDE, WELL_INSIDE_CUBIC, End, Maximum, cubic, largest, spring
+from .maxima import WELL_INSIDE_CUBIC, WELL_INSIDE_QUINTIC, End, Maximum, cubic, largest, spring
 from .model import acceleration, beam, beam_absolute, beam_acceleration, drift_weights, shear
 from .ratio import safe_ratio
 from .state import Energetic, LoopState, Plan, Scene, Turn
@@ -132,7 +132,7 @@ class _Course(NamedTuple):
     first: tuple[Values, Values]
     last: tuple[Values, Values]
 
-    def largest(self, span: _Span, record: Values, inside=WELL_INSIDE, lands=True) -> Maximum:
+    def largest(self, span: _Span, record: Values, inside=WELL_INSIDE_QUINTIC, lands=True) -> Maximum:
         """Its largest size over a step."""
         ends = End(*self.first, span.before), End(*self.last, span.after)
         return largest(self.path, span.h, span.long, record, ends, inside, lands)
@@ -217,7 +217,7 @@ def _forces(
 ) -> Maxima:
     """With the largest shear and accelerations of floors: forces of springs, less what moves with the
     beam."""
-    several, base, inside = modes.several, None, WELL_INSIDE
+    several, base, inside = modes.several, None, WELL_INSIDE_QUINTIC
     if several is not None and several.residual is not None:
         base, inside = _by_slopes(beam_absolute, c, state, ground_at, trial), WELL_INSIDE_CUBIC
 

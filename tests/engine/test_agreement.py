@@ -29,7 +29,7 @@ def test_under_records_and_from_rest(group):
     assert not [fault for motion in SAMPLED for fault in faults(group, motion)]
 
 
-@pytest.mark.slow(but=["none-free-horizontal"])
+@pytest.mark.slow(but=["OneSine-none-free-horizontal"])
 @pytest.mark.parametrize("group", PULSES)
 @pytest.mark.parametrize("pulse", ["OneSine", "OneCosine"])
 def test_under_pulses(group, pulse):
