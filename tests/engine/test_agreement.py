@@ -18,7 +18,7 @@ PULSES = [
 
 
 def faults(group, motion):
-    kind = Kind(*group.split("-"), motion)
+    kind = Kind(*f"{group}-{motion}".split("-"))
     found = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1))
     return [str(each) for each in found if each.name == "FAULT"]
 
