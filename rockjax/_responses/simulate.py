@@ -68,9 +68,9 @@ def simulate(
 ) -> Response:
     """Response history of one scene, to `t_end`, overturning, or (rigid) rest for good.
 
-    Arguments and errors are those of [`rockjax.peak_response`][]; the peaks are the same numbers. Impacts are
-    counted to the end of the history. Under `jit` the history holds `options.history` steps, outside as many
-    as it needs.
+    Arguments and errors are those of [`rockjax.peak_response`][]; the peaks are the same to the tolerance.
+    (Where rocking is chaotic neither is settled: ask for `"errors"`.) Impacts are counted to the end of the
+    history. Under `jit` the history holds `options.history` steps, outside as many as it needs.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
