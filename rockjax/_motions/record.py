@@ -21,7 +21,7 @@ from rockjax._checks import (
     require_finite_samples,
     single,
 )
-from rockjax._excitations.sampled import OF_RECORDS, AbstractSampled, Sampling, common_size, filled_up
+from rockjax._excitations.sampled import OF_RECORDS, OF_TABLES, AbstractSampled, Sampling, common_size, filled_up
 from rockjax._types import Index, Value
 
 from .accelerogram import check
@@ -110,11 +110,11 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """The record filled up to one of few sizes."""
+        """The record filled up to one of few sizes; a batch of them to closer ones, as each fills memory."""
         samples = self.acceleration
-        count = samples.shape[-1]
+        count, sizes = samples.shape[-1], OF_RECORDS if samples.ndim == 1 else OF_TABLES
         return PaddedRecord(
-            filled_up(samples, common_size(count, *OF_RECORDS)),
+            filled_up(samples, common_size(count, *sizes)),
             self.dt,
             self.scale,
             self.t_start,

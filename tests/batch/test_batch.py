@@ -268,7 +268,7 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
         "", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None
     )
     assert shape == (3, 400)
-    filled_up = 8192
+    filled_up = 2048
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * filled_up + 400 + 50
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
     own = scenes.part(Numbers(395, 1, 10), 64)
