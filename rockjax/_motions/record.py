@@ -21,7 +21,14 @@ from rockjax._checks import (
     require_finite_samples,
     single,
 )
-from rockjax._excitations.sampled import OF_RECORDS, OF_TABLES, AbstractSampled, Sampling, common_size, filled_up
+from rockjax._excitations.sampled import (
+    OF_RECORDS,
+    OF_TABLES,
+    AbstractSampled,
+    Sampling,
+    common_size,
+    filled_up,
+)
 from rockjax._types import Index, Value
 
 from .accelerogram import check
