@@ -74,15 +74,16 @@ def simulate(
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # A size that hardly any scene exceeds: each is a program of its own.
+    # A size that hardly any scene exceeds: each is a program of its own. None has more nodes than `most`.
+    most = options.max_steps + 2
     is_known = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
-    capacity = min(max(options.history, CAPACITY), options.max_steps + 1) if is_known else options.history
+    capacity = min(max(options.history, CAPACITY), most) if is_known else options.history
     while True:
         floats, integers, nodes = _solved(*arguments, capacity)
         full = concrete(integers["code"]) == results.HISTORY_FULL
-        if not full or capacity >= options.max_steps + 1:
+        if not full or capacity >= most:
             break
-        capacity = min(4 * capacity, options.max_steps + 1)
+        capacity = min(4 * capacity, most)
     assert nodes is not None
     nodes, impact_times = _used(nodes, integers["impacts"])
     return Response(
