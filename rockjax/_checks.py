@@ -28,8 +28,8 @@ def as_float(x, what: str = "it") -> Array:
     """`x` as an array of the default floating-point type (float64 unless the user switched it off).
 
     A single number becomes a read-only array of NumPy: JAX starts its threads with its first array, and a
-    process that has them cannot be forked. Raises `ValueError` that begins with `what` for
-    anything but numbers.
+    process that has them cannot be forked. Raises `ValueError` that begins with `what` for anything but
+    numbers, and for gaps.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x

@@ -169,8 +169,8 @@ def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
-    """Natural units of positions and velocities: α and pα, and for the superstructure the sway of the beam's
-    corner."""
+    """Natural units of positions and velocities: α and pα, and for the superstructure its deformation at
+    uplift, g tan α/ω², or the sway of the beam's corner where that is less."""
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:
         omega2 = c.vibration.omega2
