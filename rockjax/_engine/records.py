@@ -51,16 +51,15 @@ def _time_to_turn(scene: Scene, state: LoopState, trial: Attempt, guard: Guard, 
     """Time from the start of a step to its turning point of θ near `z`, which moves with the parameters [s].
 
     Over a short step the slopes of the quintic are differences of nearly equal numbers: the turning point
-    moves as the speed and acceleration at the nearer end say.
+    moves as the speeds and accelerations at both ends say.
     """
-    path, early = guard.path, z < 0.5
+    path, end = guard.path, trial.end
     off = jnp.clip(safe_ratio(path.slope(z), path.curvature(z), path.curvature(z) != 0), -1.0, 1.0) * trial.h
-    speed, change = (
-        jnp.where(early, *y) for y in ((state.v[0], trial.end.v[0]), (trial.a0[0], trial.end.a[0]))
-    )
-    of_end = safe_ratio(speed, change, change != 0)
-    of_end -= jax.lax.stop_gradient(of_end)
-    return z * trial.h - jnp.where(is_long(trial.h, scene.longest), off, of_end)
+    speed = cubic(state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h).value(z)
+    change = trial.a0[0] + z * (end.a[0] - trial.a0[0])
+    of_ends = safe_ratio(speed, change, change != 0)
+    of_ends -= jax.lax.stop_gradient(of_ends)
+    return z * trial.h - jnp.where(is_long(trial.h, scene.longest), off, of_ends)
 
 
 def turn_at_peak(
