@@ -54,10 +54,11 @@ def _time_to_turn(scene: Scene, state: LoopState, trial: Attempt, guard: Guard, 
     moves as the speeds and accelerations at both ends say.
     """
     path, end = guard.path, trial.end
-    off = jnp.clip(safe_ratio(path.slope(z), path.curvature(z), path.curvature(z) != 0), -1.0, 1.0) * trial.h
-    speed = cubic(state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h).value(z)
-    change = trial.a0[0] + z * (end.a[0] - trial.a0[0])
-    of_ends = safe_ratio(speed, change, change != 0)
+    speed = cubic(state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
+    off, of_ends = (
+        jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0) * trial.h
+        for value, slope in ((path.slope(z), path.curvature(z)), (speed.value(z), speed.slope(z)))
+    )
     of_ends -= jax.lax.stop_gradient(of_ends)
     return z * trial.h - jnp.where(is_long(trial.h, scene.longest), off, of_ends)
 
