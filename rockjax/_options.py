@@ -10,7 +10,7 @@ import equinox as eqx
 from rockjax._module import Module
 
 from ._checks import require, texts
-from ._repr import card
+from ._text.cards import card
 
 if TYPE_CHECKING:
     import diffrax

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 
-from ._environment import switched_off
+from ._machine.environment import switched_off
 
 
 class PlausibilityWarning(UserWarning):

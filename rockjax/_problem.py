@@ -131,7 +131,7 @@ from ._problem_keys import (
 from ._restrainers import KINDS
 from ._restrainers.base import AbstractRestrainer
 from ._structures import AbstractSuperstructure, Modes, Podium, ShearBuilding, superstructure_of
-from ._texts import read_text
+from ._text.reading import read_text
 
 
 class Reported(ValueError):

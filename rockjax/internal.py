@@ -27,7 +27,6 @@ from ._problem_keys import whole as whole_number
 from ._programs.kind import TracedFunction
 from ._programs.program import KeptProgram
 from ._progress import bar
-from ._repr import card, readable
 from ._responses.datasets import describe_options
 from ._responses.peak import AbstractPeak
 from ._restrainers.damper import as_exponent
@@ -35,7 +34,8 @@ from ._risk.rays import Rays, factor_of, probability_at, rays_at
 from ._risk.rocking import limit_state
 from ._risk.structure import limit_of, records_of
 from ._studies.lognormal import fit_capacities
-from ._tables import html, lines, written
+from ._text.cards import card, readable
+from ._text.tables import html, lines, written
 
 __all__ = [
     "BOUNDARY",

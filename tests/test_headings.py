@@ -2,7 +2,7 @@
 
 import pytest
 
-from rockjax._headings import parse_heading, unit_of
+from rockjax._motions.headings import parse_heading, unit_of
 
 
 @pytest.mark.parametrize(

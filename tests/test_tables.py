@@ -9,8 +9,8 @@ import pytest
 
 import optimise
 import rockjax as rj
-from rockjax import _tables
-from rockjax._repr import card
+from rockjax._text import tables
+from rockjax._text.cards import card
 
 SHOWN = (
     rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
@@ -74,11 +74,11 @@ def test_batches_and_traced_numbers_are_shown_as_such():
 
 def test_text_is_escaped_and_aligned():
     rows = [("name", "value"), ("a < b", "1.25"), ("c", "10")]
-    assert _tables.lines(rows) == ["name   value", "a < b  1.25", "c      10"]
-    assert _tables.lines(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
-    made = _tables.html(rows, caption="<x>", heads="row")
+    assert tables.lines(rows) == ["name   value", "a < b  1.25", "c      10"]
+    assert tables.lines(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
+    made = tables.html(rows, caption="<x>", heads="row")
     assert "<caption>&lt;x&gt;</caption>" in made
     assert "a &lt; b" in made
     assert made.count("<th") == 2
     assert made.count("<td") == 4
-    assert 'colspan="2">only</td>' in _tables.html([("only", "")])
+    assert 'colspan="2">only</td>' in tables.html([("only", "")])

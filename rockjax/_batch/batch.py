@@ -21,7 +21,8 @@ from rockjax import _results as results
 from rockjax._checks import float_type
 from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.threads import borrowed_pool
 from rockjax._module import filled
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
@@ -32,7 +33,6 @@ from rockjax._responses.peak import Peak, peak_fields
 from rockjax._responses.sensitivities import of_scenes, sensitivities_of
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
-from rockjax._threads import borrowed_pool
 
 from .chunk import LaneLayout
 from .exchange import Done

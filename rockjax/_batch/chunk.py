@@ -20,10 +20,10 @@ from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.derivatives import pushed, which_move
 from rockjax._engine.flat import runs
 from rockjax._engine.hops import chatters
+from rockjax._engine.once import once
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import MOVING, MOVING_TURNS, LoopState, Plan, Scene, moving
 from rockjax._engine.step import trial
-from rockjax._once import once
 from rockjax._options import Options
 from rockjax._responses.sensitivities import moved
 from rockjax._types import Flag

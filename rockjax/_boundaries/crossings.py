@@ -14,10 +14,10 @@ from rockjax import _results as results
 from rockjax._batch.batch import LANES, bare_responses
 from rockjax._batch.executors import workers
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._machine.threads import meanwhile
 from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
-from rockjax._threads import meanwhile
 
 from .first import CLOSE
 from .looked import Known, Look, around_dips, dip

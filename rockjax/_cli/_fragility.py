@@ -218,7 +218,7 @@ def fragility(
 def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: Statistics) -> None:
     import numpy as np
 
-    from rockjax._tables import units
+    from rockjax._text.tables import units
 
     name, of = analysis.attrs["measure"], units(analysis["intensity"].attrs["units"])
     in_units = f" {of}" if of else ""

@@ -71,7 +71,7 @@ def motions(
     to = None if output is None else outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
     from rockjax._structures import STANDARD_GRAVITY, Podium
-    from rockjax._tables import lines
+    from rockjax._text.tables import lines
 
     if (tan_alpha is None) != (R is None):
         raise typer.BadParameter("--tan-alpha and --R go together")
@@ -138,7 +138,7 @@ def list_problem(paths: list[Path], options: list[str], report: Report) -> None:
     if options:
         raise ValueError(f"{options[0]}: is of motion files; {path} is a problem file, which holds all of it")
     from rockjax._problem import Reader, load_table
-    from rockjax._tables import lines
+    from rockjax._text.tables import lines
 
     reader, table = Reader(path), load_table(path)
     reader.whole(table)

@@ -79,7 +79,7 @@ def overturning(
     import numpy as np
 
     import rockjax as rj
-    from rockjax import _partial
+    from rockjax._cli import partial
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
     given = Given("overturning", problem_file(problem, example), structure, search, accuracy)
@@ -95,9 +95,7 @@ def overturning(
     if not (end > 0 and math.isfinite(end)):
         raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")
     options = given.options(accuracy)
-    found: list = (
-        _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
-    )
+    found: list = partial.load(partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
@@ -126,7 +124,7 @@ def overturning(
         raise interrupted(to.prefix, found) from None
     for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
         report.draw(to.picture(suffix), draw, panels)
-    _partial.path_of(to.prefix).unlink(missing_ok=True)
+    partial.path_of(to.prefix).unlink(missing_ok=True)
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in found))

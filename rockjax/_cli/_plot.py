@@ -45,7 +45,7 @@ def plot(
       rockjax plot study.nc --kind phase-portrait,energy -o pictures/study
     """
     prepare(report)
-    from rockjax._redraw import redraw
+    from rockjax.plots._from_file import redraw
 
     to = Outputs(file.with_suffix("")) if output is None else outputs(output, file.stem)
     require_writable(to.picture())

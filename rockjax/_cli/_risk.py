@@ -145,7 +145,7 @@ def _fragility(given: Given, curve: Curve) -> Any:
     path = _path(given, curve.fragility)
     if path.suffix.lower() == ".xml":
         return _of_model(path, rj.read_fragility_model(path), curve.structure)
-    from rockjax._redraw import load
+    from rockjax.plots._from_file import load
 
     data = load(path)
     if data.attrs["kind"] != "fragility":

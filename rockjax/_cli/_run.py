@@ -278,10 +278,10 @@ def _programs() -> str:
 
 def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:
     """Keep what is there, and say how to go on."""
-    from rockjax import _partial
+    from rockjax._cli import partial
 
     if any(data is not None for data in datasets):
-        kept = _partial.save(_partial.path_of(output), datasets)
+        kept = partial.save(partial.path_of(output), datasets)
         typer.echo(
             f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there",
             err=True,

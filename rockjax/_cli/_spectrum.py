@@ -77,8 +77,8 @@ def spectrum(
     import numpy as np
 
     import rockjax as rj
-    from rockjax import _partial
-    from rockjax._memory import require_memory
+    from rockjax._cli import partial
+    from rockjax._machine.memory import require_memory
     from rockjax._studies.grid_boundaries import with_boundaries
 
     given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
@@ -98,7 +98,7 @@ def spectrum(
     report.note(
         f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
     )
-    known = _partial.load(_partial.path_of(to.prefix), len(podiums)) if resume else None
+    known = partial.load(partial.path_of(to.prefix), len(podiums)) if resume else None
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
@@ -115,7 +115,7 @@ def spectrum(
     report.draw(to.picture("overturning"), "overturning_curves", panels)
     if parameters:
         report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)
-    _partial.path_of(to.prefix).unlink(missing_ok=True)
+    partial.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
     from rockjax._responses.peak import UNTIL_OVERTURNING

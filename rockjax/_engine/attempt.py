@@ -8,8 +8,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.once import once
 from rockjax._excitations.sampled import AbstractSampled
-from rockjax._once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from .bits import inverse_eighth_root

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.once import once
 from rockjax._excitations.base import Shaking
-from rockjax._once import once
 from rockjax._types import Flag, Index, Value
 
 from . import margin

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from rockjax._once import once
+from rockjax._engine.once import once
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.together import apparent_mass, stiffness
 from rockjax._structures import Podium

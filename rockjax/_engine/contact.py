@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
+from rockjax._engine.once import once
 from rockjax._excitations.base import Shaking
-from rockjax._once import once
 from rockjax._types import Flag, Index, Value, Values
 
 from .coefficients import Coefficients, Vibration, present, summed, weighted

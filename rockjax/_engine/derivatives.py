@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 
-from rockjax._once import once
+from rockjax._engine.once import once
 from rockjax._programs.program import KeptProgram
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._once import once
+from rockjax._engine.once import once
 from rockjax._types import Flags, Value, Values
 
 # Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._once import once
+from rockjax._engine.once import once
 from rockjax._types import Flag, Value, Values
 
 from .hermite import Quintic, derivative, turning_point_or_dip

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._once import once
+from rockjax._engine.once import once
 from rockjax._types import Flag, Value, Values, Vector
 
 from . import margin

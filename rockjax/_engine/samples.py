@@ -14,8 +14,8 @@ import functools
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.once import once
 from rockjax._excitations.sampled import AbstractSampled
-from rockjax._once import once
 from rockjax._types import Flag, Value, Vector
 
 from .attempt import over_tolerance

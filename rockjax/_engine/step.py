@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._once import once
+from rockjax._engine.once import once
 
 from .attempt import (
     AT_ONCE,

@@ -21,7 +21,7 @@ from jaxtyping import Array, ArrayLike, Float
 from rockjax._checks import as_float
 from rockjax._module import Module
 from rockjax._programs.settings import nans_allowed
-from rockjax._repr import card, readable
+from rockjax._text.cards import card, readable
 from rockjax._types import Index, Number, Value
 
 SAMPLES = 4097  # of a motion of which only its formula is known, to find where it is lowest

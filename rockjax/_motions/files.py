@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rockjax._checks import of_kind, refuse_sentinels, shown, single
-from rockjax._headings import unit_of
+from rockjax._motions.headings import unit_of
 
 from .accelerogram import RAW, Accelerogram
 from .formats import ACCELERATIONS, EVEN, UNITS, parse

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Self, overload
 
 import numpy as np
 
-from rockjax import _tables
 from rockjax._checks import shown, single
 from rockjax._excitations.ground import GroundMotion
 from rockjax._files import write_whole
 from rockjax._structures import STANDARD_GRAVITY, Podium
+from rockjax._text import tables
 
 from .accelerogram import Accelerogram
 from .intensity import energy, intensity_measures, measured
@@ -227,7 +227,7 @@ class Motion(Accelerogram):
         )
 
     def _repr_html_(self) -> str:
-        return _tables.html(list(self._facts().items()), caption=self.name, heads="column")
+        return tables.html(list(self._facts().items()), caption=self.name, heads="column")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -329,7 +329,7 @@ class Motions(Sequence[Motion]):
         ]
 
     def __repr__(self) -> str:
-        return "\n  ".join([f"{len(self)} motions", *_tables.lines(self._rows(), numbers=True)])
+        return "\n  ".join([f"{len(self)} motions", *tables.lines(self._rows(), numbers=True)])
 
     def _repr_html_(self) -> str:
-        return _tables.html(self._rows(), heads="row")
+        return tables.html(self._rows(), heads="row")

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_float, concrete, of_kind, single, texts
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import KeptProgram
-from rockjax._texts import read_text
+from rockjax._text.reading import read_text
 
 from .convert import AnyMotion, as_motions
 from .motion import Motion

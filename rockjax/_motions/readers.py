@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rockjax._checks import of_kind, single
-from rockjax._texts import decode, read_text
+from rockjax._text.reading import decode, read_text
 
 from .accelerogram import check
 from .files import check_reading, read

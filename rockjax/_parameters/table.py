@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from rockjax._tables import written
+from rockjax._text.tables import written
 
 
 class Range(NamedTuple):

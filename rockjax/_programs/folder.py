@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from rockjax._environment import switched_off
+from rockjax._machine.environment import switched_off
 
 SUFFIX = ".program"
 LIMIT = 2048  # MiB

@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from rockjax._threads import meanwhile
+from rockjax._machine.threads import meanwhile
 
 from . import folder, kind
 from .lighter import lighter

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._threads import meanwhile
+from rockjax._machine.threads import meanwhile
 
 from . import folder, kind
 from .compiling import compiling

@@ -14,13 +14,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
-from rockjax import _tables
 from rockjax._checks import concrete, from_host
 from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
 from rockjax._module import Module, filled
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
+from rockjax._text import tables
 
 from .datasets import describe_versions
 from .sensitivities import SENSITIVE, Sensitivities, slope_name
@@ -290,7 +290,7 @@ def _text(peak: AbstractPeak) -> str:
 def _html(peak: AbstractPeak) -> str:
     """The same as a table."""
     headline, rows = _account(peak)
-    return f"<p><b>{escape(headline)}</b></p>" + (_tables.html(rows) if rows else "")
+    return f"<p><b>{escape(headline)}</b></p>" + (tables.html(rows) if rows else "")
 
 
 def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from rockjax._checks import concrete
 from rockjax._module import Module
-from rockjax._repr import card, readable
+from rockjax._text.cards import card, readable
 from rockjax._types import Number, Value
 
 

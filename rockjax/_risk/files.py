@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockjax._files import write_whole
-from rockjax._headings import UNITS, Heading, parse_heading, unit_of
+from rockjax._motions.headings import UNITS, Heading, parse_heading, unit_of
 from rockjax._structures import STANDARD_GRAVITY
-from rockjax._texts import read_text
+from rockjax._text.reading import read_text
 
 from .units import KNOWN, in_si
 

@@ -1,6 +1,6 @@
 """Units of intensity measures."""
 
-from rockjax._headings import UNITS, unit_of
+from rockjax._motions.headings import UNITS, unit_of
 
 _SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
 KNOWN = [name for name, unit in UNITS.items() if unit.dimension in _SI]

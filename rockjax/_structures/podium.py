@@ -25,7 +25,6 @@ from rockjax._checks import (
     shown,
 )
 from rockjax._module import Module
-from rockjax._repr import card, readable
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.dimensions import restrainers_of
 from rockjax._restrainers.together import (
@@ -36,6 +35,7 @@ from rockjax._restrainers.together import (
     stability_angle,
     stiffness,
 )
+from rockjax._text.cards import card, readable
 from rockjax._types import Number
 
 from .building import ShearBuilding

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from rockjax._checks import as_number, not_negative, require
 from rockjax._module import Module
-from rockjax._repr import card, readable
+from rockjax._text.cards import card, readable
 from rockjax._types import Array, Number
 
 from .eigen import eigh

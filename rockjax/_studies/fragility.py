@@ -19,7 +19,8 @@ from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._engine.solve import solve
-from rockjax._memory import FEWER_LINES, require_memory
+from rockjax._machine.memory import FEWER_LINES, require_memory
+from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
@@ -31,7 +32,6 @@ from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
 from rockjax._results import REST
 from rockjax._structures import Podium
-from rockjax._threads import TABLES, import_meanwhile
 
 from .lognormal import Lognormal, fit_capacities
 from .sensitivities import along_boundary

@@ -17,7 +17,8 @@ from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin
 from rockjax._checks import as_float, require, whole
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._memory import FEWER_LINES, require_memory
+from rockjax._machine.memory import FEWER_LINES, require_memory
+from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import check_parameters, varied
@@ -28,7 +29,6 @@ from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._results import REST
 from rockjax._structures import Podium
-from rockjax._threads import TABLES, import_meanwhile
 
 from .sensitivities import along_boundary
 from .spectra import check_resumed_parameters, check_resumes

@@ -13,13 +13,13 @@ from rockjax._boundaries.boundary import check_search, positive_limit
 from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, require
+from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._structures import Podium
-from rockjax._threads import TABLES, import_meanwhile
 
 from .fragility import ENSEMBLE, labels_of
 

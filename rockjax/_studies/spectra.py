@@ -15,7 +15,8 @@ from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, of_kind, require, shown, texts
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.threads import TABLES, borrowed_pool, import_meanwhile
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.table import about
@@ -26,7 +27,6 @@ from rockjax._responses.peak import Peak, data_variables, parameter_axis
 from rockjax._responses.sensitivities import of_scenes
 from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
-from rockjax._threads import TABLES, borrowed_pool, import_meanwhile
 
 if TYPE_CHECKING:
     import xarray

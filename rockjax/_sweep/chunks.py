@@ -15,10 +15,10 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._batch.batch import responses
 from rockjax._batch.executors import executor
+from rockjax._machine.threads import precision
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.peak import Peak, data_variables
-from rockjax._threads import precision
 
 from .numbers import Arguments, Numbers
 from .store import ChunkRecord, Store

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockjax._batch.batch import LANES
+from rockjax._machine.threads import precision
 from rockjax._responses.peak import data_variables
-from rockjax._threads import precision
 
 from .chunks import Devices, cores_of, solved, trial_steps
 from .store import ChunkLayout, compressed_size, stored_as

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._checks import of_kind
-from rockjax._memory import readable_bytes
+from rockjax._machine.memory import readable_bytes
 from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from rockjax._tables import units
+from rockjax._text.tables import units
 
 from ._style import COLOURS, on_axes
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rockjax._responses.simulate import simulate
-from rockjax._tables import units as written
+from rockjax._text.tables import units as written
 
 from ._histories import response
 from ._style import COLOURS, label_log_x, plt, styled

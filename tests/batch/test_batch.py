@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax import _memory as memory
+from rockjax._machine import memory
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 FIELDS = (

@@ -10,8 +10,8 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch.packed import Packed, on_host, packed
+from rockjax._machine.threads import borrowed_pool
 from rockjax._module import filled
-from rockjax._threads import borrowed_pool
 from tests.scenes import PODIUMS
 
 TREE = {

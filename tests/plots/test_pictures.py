@@ -10,9 +10,10 @@ from matplotlib.collections import PolyCollection
 
 import optimise
 import rockjax as rj
-from rockjax import _redraw, plots
+from rockjax import plots
 from rockjax._responses.datasets import describe_podium
 from rockjax._studies.grid_boundaries import with_boundaries
+from rockjax.plots import _from_file
 from tests.scenes import PODIUMS
 
 X = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
@@ -102,7 +103,7 @@ def test_a_curve_without_marks_has_no_entries_for_them():
     ],
 )
 def test_panels_say_what_stands_on_the_columns(attrs, words):
-    figure = _redraw.PICTURES["overturning-spectrum"]["boundaries"].draw(spectrum(**attrs))
+    figure = _from_file.PICTURES["overturning-spectrum"]["boundaries"].draw(spectrum(**attrs))
     assert words in texts(figure)
     assert r"\eta/\gamma = 0$" not in texts(figure)
     assert (r"\gamma = 0$," in figure.get_suptitle()) is (attrs == {"gamma": 0.0, "eta": 5.0})
@@ -116,7 +117,7 @@ def test_a_title_of_many_lines_covers_nothing():
     devices = rj.Tendon(0.8), rj.Damper(0.4)
     podium = rj.Podium(0.2, 1.5, 3.0, rj.ShearBuilding.uniform(5, 10.0, 0.5), restrainers=devices)
     panels = spectrum(pulse="Ricker with vertical ratio 0.5", **describe_podium(podium))
-    figure = _redraw.PICTURES["overturning-spectrum"]["boundaries"].draw(panels)
+    figure = _from_file.PICTURES["overturning-spectrum"]["boundaries"].draw(panels)
     figure.canvas.draw()
     lowest = figure._suptitle.get_window_extent().y0
     assert figure.get_suptitle().count("\n") == 3

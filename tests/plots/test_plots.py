@@ -15,13 +15,14 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import rockjax as rj
-from rockjax import _redraw, plots
+from rockjax import plots
 from rockjax._cli import app
 from rockjax._engine import model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import energy, potential
 from rockjax._parameters.table import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
+from rockjax.plots import _from_file
 from rockjax.plots._panels import title_of
 from rockjax.plots._style import symbol_of
 from tests.scenes import PODIUMS, G, pulse, shaking
@@ -480,7 +481,7 @@ def test_plot_refuses_other_files(histories, tmp_path):
         ("r.nc", ["rotation"], "no picture 'rotation'; it has response, phase-portrait"),
     ):
         with pytest.raises(ValueError, match=words):
-            _redraw.redraw(tmp_path / name, None, names)
+            _from_file.redraw(tmp_path / name, None, names)
     assert not list(tmp_path.glob("*.png"))
 
 

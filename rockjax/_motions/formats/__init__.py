@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rockjax._texts import decode
+from rockjax._text.reading import decode
 
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
 from .base import ACCELERATIONS, EVEN, UNITS, Component, Samples

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockjax._headings import UNITS as ALL_UNITS
-from rockjax._headings import unit_of
 from rockjax._motions.components import is_vertical, points_down
+from rockjax._motions.headings import UNITS as ALL_UNITS
+from rockjax._motions.headings import unit_of
 
 # Units in m/s²: those that users may name, and all that headers may.
 UNITS = {name: ALL_UNITS[name].factor for name in ("g", "m/s2", "cm/s2", "gal", "mm/s2")}

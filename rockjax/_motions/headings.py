@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from ._structures import STANDARD_GRAVITY
+from rockjax._structures import STANDARD_GRAVITY
 
 
 class Unit(NamedTuple):

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import plots
-from ._extensions import extension
-from ._files import write_figure
+from rockjax import plots
+from rockjax._extensions import extension
+from rockjax._files import write_figure
 
 if TYPE_CHECKING:
     import xarray

@@ -12,8 +12,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from . import _tables
-from ._checks import concrete
+from rockjax._checks import concrete
+
+from . import tables
 
 LONGEST = 90  # characters of a meaning
 
@@ -32,7 +33,7 @@ def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
     cls = type(module)
     for name in derived:
         rows.append((name, _value(getattr(module, name)), _plain(getattr(cls, name).__doc__)))
-    return _tables.html(rows, caption=cls.__name__, heads="column")
+    return tables.html(rows, caption=cls.__name__, heads="column")
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:

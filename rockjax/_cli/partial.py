@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._files import write_whole
+from rockjax._files import write_whole
 
 if TYPE_CHECKING:
     import xarray
