@@ -25,9 +25,8 @@ class RESULTS(eqx.Enumeration):
     history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
     interrupted = "The computation was stopped before this scene had ended; resume it."
     chattering = (
-        "The columns bounced on until max_steps, on hops ever shorter, for impacts take almost nothing; a "
-        "restitution "
-        "further below 1, a larger rest_velocity or no restrainers lets them come to rest."
+        "The columns bounced until max_steps, on ever shorter hops, because impacts take almost no energy; "
+        "use a restitution further below 1, a larger rest_velocity or an earlier t_end."
     )
     too_stiff = (
         "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration "

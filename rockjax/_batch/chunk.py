@@ -19,7 +19,6 @@ from rockjax import _results as results
 from rockjax._engine.contact import advance_to_uplift, cross_full_contact
 from rockjax._engine.derivatives import pushed, which_move
 from rockjax._engine.flat import runs
-from rockjax._engine.hops import chatters
 from rockjax._engine.once import once
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import MOVING, MOVING_TURNS, LoopState, Plan, Scene, moving
@@ -58,8 +57,6 @@ def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
     exchange."""
     going = runs(lane, options.max_steps)
-    if plan.many_hops:
-        return going & ~chatters(lane)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._engine.coefficients import present
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.hops import chatters, many_hops
 from rockjax._engine.samples import past_sample
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
@@ -75,8 +74,6 @@ def advance(
 
     def exchange(loop: Loop) -> Loop:
         state = through(settle, loop.lanes)
-        if plan.many_hops:
-            state = _bounced(chunk, plan, options, state)
         ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
         found, numbers = _answered(chunk, plan, state), Numbers(first, stride, count)
         return exchanged(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
@@ -157,32 +154,6 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
     return floats | {
         slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
     }, integers
-
-
-def _bounced(chunk: Chunk, plan: Plan, options: Options, state: Lanes) -> Lanes:
-    """The lanes with those whose columns bounce on many hops later: one after another, as they are rare and
-    take long."""
-
-    def after(scene: Scene, lane: LoopState):
-        lane = many_hops(scene, plan, lane, options.max_steps)
-        return _followed(lane, state), lane
-
-    def waits(state: Lanes) -> jax.Array:
-        return jax.vmap(chatters)(state.lane) & runs(state.lane, options.max_steps) & (state.held >= 0)
-
-    def one(state: Lanes) -> Lanes:
-        k = jnp.argmax(waits(state))
-        pick = lambda y, axis=0: jax.lax.dynamic_slice_in_dim(y, k, 1, axis)
-        put = lambda y, new, axis=0: jax.lax.dynamic_update_slice_in_dim(y, new, k, axis)
-        slopes = jax.tree.map(lambda y: pick(y, 1), state.slopes)
-        lane = jax.tree.map(pick, state.lane)
-        _, rows, lane = chunk.in_lanes(after, [pick(y) for y in state.parts], lane, slopes, loops=True)
-        if state.slopes is not None:
-            rows = jax.tree.map(lambda y, new: put(y, new, 1), state.slopes.lane, rows)
-            state = state._replace(slopes=state.slopes._replace(lane=rows))
-        return state._replace(lane=jax.tree.map(put, state.lane, lane))
-
-    return jax.lax.while_loop(lambda state: jnp.any(waits(state)), one, state)
 
 
 def in_fewer(held: Lanes, lanes: int) -> Lanes:

@@ -15,7 +15,6 @@ from rockjax import _results as results
 from rockjax._types import Index, Value
 
 from .contact import cross_full_contact
-from .hops import chatters, many_hops
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
@@ -87,18 +86,9 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
     state = ready_for_tangents(cross_full_contact(scene, plan, state))
-
-    def goes(state: LoopState) -> Array:
-        return runs(state, max_steps)
-
-    def steps(state: LoopState) -> LoopState:
-        """Steps until the end, or until hops may be followed in large numbers."""
-        on = (lambda state: goes(state) & ~chatters(state)) if plan.many_hops else goes
-        return jax.lax.while_loop(on, lambda state: step(scene, plan, state)[0], state)
-
-    if not plan.many_hops:
-        return closed(scene, steps(state))
-    state = jax.lax.while_loop(goes, lambda state: steps(many_hops(scene, plan, state, max_steps)), state)
+    state = jax.lax.while_loop(
+        lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
+    )
     return closed(scene, state)
 
 

@@ -13,7 +13,7 @@ from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import HISTORY, OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import State
-from rockjax._structures import GivenRestitution, Podium, ShearBuilding
+from rockjax._structures import Podium, ShearBuilding
 from rockjax._structures.modes import as_many, joined
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values, Vector
@@ -45,11 +45,6 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         errors="errors" in options.outputs,
         to_the_end=history,
         refine=tab.order > 5,
-        # Both laws take enough at every impact; what is given may take nothing.
-        many_hops=elastic
-        and not (top is not None and top.several)
-        and isinstance(podium.restitution, GivenRestitution)
-        and not (podium.restrainers or history),
         skip_bounces=not (elastic or history or {"impacts", "errors"} & set(options.outputs)),
         # A method of lower order that is asked for makes a trial of every sample.
         pass_samples=not (elastic or history) and tab.order > 6,
@@ -89,7 +84,6 @@ def _as_compiled(structure, elastic: bool, superstructure: bool, stories: bool):
 IMPACTS_LATER, LATEST_REST, LEAST_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # Times √rtol of the step, and at most: its quintic carries the state over the rest …
 LANDED, FARTHEST = 10.0, 0.02
-FIRST_LOOK = 1024  # impacts, after which many hops are looked for
 # Up to a breakpoint the first solution takes one step or halves. A closer look takes a third and the rest, or
 # its errors there would be the same; from an event on too, unless the controller's step is twice as long.
 SPLIT, SPLIT_CLOSER, WHOLE_CLOSER = 0.5, 1 / 3, 2.0
@@ -269,7 +263,6 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
         impacts=jnp.zeros((), jnp.int32),
-        look=jnp.full((), FIRST_LOOK, jnp.int32) if plan.many_hops else None,
         slowest=inf,
         slowest_before_peak=inf,
         energetic=Energetic(jnp.zeros_like(t), jnp.zeros_like(t)) if plan.errors else None,

@@ -31,7 +31,6 @@ class Plan:
     errors: bool
     to_the_end: bool  # a history goes on until t_end, or rest for good
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
-    many_hops: bool  # hops may be followed in large numbers
     skip_bounces: bool  # that end at rest whatever happens on the way
     pass_samples: bool  # of a record, without a trial, where nothing happens
     tableau: Tableau
@@ -104,7 +103,6 @@ class LoopState(NamedTuple):
     uplift_time: Value
     overturn_time: Value
     impacts: Index
-    look: Index | None  # so many impacts and many hops are looked for; None where they never are
     slowest: Value  # least impact speed so far …
     slowest_before_peak: Value  # … and up to the peak
     steps: Index

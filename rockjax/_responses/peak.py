@@ -15,7 +15,6 @@ from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
 from rockjax._checks import concrete, from_host
-from rockjax._engine.hops import UNCOUNTED
 from rockjax._files import CONVENTIONS
 from rockjax._module import Module, filled
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
@@ -172,7 +171,7 @@ def _impacts(floats, integers, options: Options, history: bool):
 
     In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a
     history goes on to rest, or where the columns never lift: they cannot any more without a change of
-    rotation and margin. Beyond a thousand million they are not counted.
+    rotation and margin.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
@@ -183,7 +182,6 @@ def _impacts(floats, integers, options: Options, history: bool):
         stands |= code == results.SETTLED
     elif {"peak_rotation", "margin"} & set(options.outputs):
         stands |= (code == results.SETTLED) & ~uplifted
-    stands &= count < UNCOUNTED
     numpy = jnp if traced else np
     found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
     return from_host(found) if of_jax and not traced else found
