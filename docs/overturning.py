@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 
 import matplotlib
@@ -61,27 +60,16 @@ def margins() -> None:
 
 
 def windows() -> None:
-    """The windows of survival of the frame near its fold, from scans, with the branches that continuation
-    follows."""
+    """The windows of survival of the frame near the fold of its lowest branch, with all boundaries."""
     x = np.linspace(1.45, 2.1, 261)
     scanned = rj.overturning_spectrum(FRAME, rj.Ricker, x, max_acceleration_ratio=3.0)
-    traced = rj.overturning_spectrum(
-        FRAME, rj.Ricker, np.linspace(1.0, 2.1, 23), max_acceleration_ratio=3.0, method="trace"
-    )
     figure = plt.figure(figsize=(8, 4.6), layout="constrained")
     ax = plots.overturning_spectrum(
         scanned, figure.add_subplot(), color=plots.COLOURS[2], lw=1.6, label="minimum"
     )
-    for k, (bx, by) in enumerate(zip(traced["branch_x"].values, traced["branch_y"].values, strict=True)):
-        ax.plot(
-            bx,
-            by,
-            color=plots.COLOURS[0],
-            lw=0.7,
-            marker=".",
-            ms=2.5,
-            label="branches, traced" if k == 0 else None,
-        )
+    look = {"color": plots.COLOURS[0], "ls": "", "marker": ".", "ms": 2}
+    for k, boundary in enumerate(scanned["boundaries"].values.T):
+        ax.plot(x, boundary, **look, label="all boundaries" if k == 0 else None)
     ax.set(
         xlim=(x[0], x[-1]),
         ylim=(1.4, 2.7),
@@ -110,29 +98,7 @@ def charts() -> None:
     save(figure, "design-charts")
 
 
-def cost() -> None:
-    """Scenes and seconds of scans and of continuation."""
-    x = np.linspace(1.0, 8.0, 141)
-    for name, podium in (("frame", FRAME), ("rigid", RIGID), ("elastic", ELASTIC)):
-        found = {}
-        for method in ("scan", "trace"):
-            rj.overturning_spectrum(podium, rj.Ricker, x, method=method)  # compiles
-            began = time.perf_counter()
-            found[method] = rj.overturning_spectrum(podium, rj.Ricker, x, method=method)
-            seconds = time.perf_counter() - began
-            attrs = found[method].attrs
-            slopes = attrs.get("scenes_with_derivatives", 0)
-            print(
-                f"{name:8} {method:6} {attrs['scenes']:6d} scenes, {slopes:5d} with derivatives, "
-                f"{seconds:.1f} s"
-            )
-        a, b = (found[method]["minimum"].values for method in ("scan", "trace"))
-        both = np.isfinite(a) & np.isfinite(b)
-        print(f"{'':8} largest difference of the minimum {np.max(np.abs(a[both] / b[both] - 1)):.1e}")
-
-
 if __name__ == "__main__":
     margins()
     windows()
     charts()
-    cost()

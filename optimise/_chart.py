@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from rockjax.internal import (
     about,
     as_float,
     as_pulse,
-    boundaries,
     describe_options,
-    has_margin,
     of_kind,
     require,
+    scan,
     shown,
     whole,
 )
@@ -40,13 +39,6 @@ def _axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
     return periods, amplitudes
 
 
-def _check_search(owner: str, method, scans, resolution) -> None:
-    if method not in ("scan", "trace"):
-        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
-    whole(owner, "resolution", resolution, 4)
-    whole(owner, "scans", scans, 2)
-
-
 def design_chart(
     podium: Structure,
     vary: tuple[str, tuple[float, float]],
@@ -54,8 +46,6 @@ def design_chart(
     a_p: float | Sequence[float],
     T_p,
     *,
-    method: Literal["scan", "trace"] = "scan",
-    scans: int = 9,
     resolution: int = 128,
     options: rj.Options = BOUNDARY,
     progress: Any = False,
@@ -67,8 +57,7 @@ def design_chart(
     - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
     - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`:
       periods, shape (n,), > 0, ascending [s]
-    - `method`, `scans`, `resolution`: as in [`rockjax.overturning_spectrum`][]: full scans of the variable at
-      every period, or scans at some of them and continuation between them
+    - `resolution`: places in the range of the variable that are tried first at every period
 
     Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value from which on every larger one up
     to the upper bound survives (NaN where the upper bound overturns), and `boundaries` (further dim
@@ -87,9 +76,7 @@ def design_chart(
     pulse = as_pulse(owner, pulse)
     of_kind(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _axes(owner, T_p, a_p)
-    _check_search(owner, method, scans, resolution)
-    if method == "trace" and (periods.size < 2 or not has_margin(options, as_podium(podium))):
-        raise ValueError(f"{owner}: method='trace' needs two periods or more and overturn_ratio ≤ θ_s/α")
+    whole(owner, "resolution", resolution, 4)
     rows, least, cost = [], [], []
     for amplitude in amplitudes:
 
@@ -97,9 +84,7 @@ def design_chart(
             varied = replaced(podium, {name: y})
             return as_podium(varied), pulse(amplitude, x)
 
-        found = boundaries(
-            plane, periods, (low, high), method, scans, resolution, options, progress, width=None
-        )
+        found = scan(plane, periods, (low, high), resolution, options, progress, width=None)
         crossings = found.crossings
         places, _ = crossings.table(periods.size)
         counts = np.sum(np.isfinite(places), axis=1)
@@ -108,7 +93,7 @@ def design_chart(
         at_last = found.survives_at_once ^ (counts % 2 == 1)
         last = np.where(counts > 0, places[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
         least.append(np.where(at_last, last, np.nan))
-        cost.append(found.cost["scenes"])
+        cost.append(found.scenes)
     width = max(part.shape[1] for part in rows)
     changes = np.stack(
         [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows]
@@ -136,7 +121,6 @@ def design_chart(
         "varied": name,
         "lowest": low,
         "highest": high,
-        "method_of_search": method,
         "scenes": int(sum(cost)),
         **describe_options(options),
     }

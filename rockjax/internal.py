@@ -1,9 +1,9 @@
 """What `optimise` needs of rockjax beyond its public face, in one place. Not for users: it changes without
 notice."""
 
-from ._boundaries.boundaries import boundaries
 from ._boundaries.boundary import BOUNDARY
-from ._boundaries.verdict import NARROWEST, has_margin
+from ._boundaries.crossings import scan
+from ._boundaries.verdict import NARROWEST
 from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
 from ._files import as_json, write_figure, write_whole
 from ._module import Module
@@ -67,7 +67,6 @@ __all__ = [
     "as_motions",
     "as_pulse",
     "bar",
-    "boundaries",
     "card",
     "clash",
     "concrete",
@@ -76,7 +75,6 @@ __all__ = [
     "find",
     "fit_capacities",
     "has",
-    "has_margin",
     "html",
     "limit_of",
     "limit_state",
@@ -93,6 +91,7 @@ __all__ = [
     "readable",
     "records_of",
     "require",
+    "scan",
     "several",
     "shown",
     "single",

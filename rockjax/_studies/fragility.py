@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._batch.batch import peak_responses
+from rockjax._batch.batch import LANES, peak_responses
 from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
-from rockjax._boundaries.branches import LANES
 from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._boundaries.boundaries import Boundaries, boundaries
+from rockjax._batch.batch import LANES
 from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
-from rockjax._boundaries.branches import LANES
+from rockjax._boundaries.crossings import Scan, scan
 from rockjax._boundaries.implicit import PAST
 from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
-from rockjax._checks import as_float, require, whole
+from rockjax._checks import as_float, require
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import FEWER_LINES, require_memory
@@ -44,8 +44,6 @@ def overturning_spectrum(
     *,
     max_acceleration_ratio: float = 12.0,
     sensitivities: Sequence[str] = (),
-    method: Literal["scan", "trace"] = "scan",
-    scans: int = 9,
     resolution: int = 128,
     width: float = NARROWEST,
     options: Options = BOUNDARY,
@@ -59,19 +57,16 @@ def overturning_spectrum(
     - `sensitivities`: parameters y of which d a_ov/d ln y is wanted along the minimum: `"alpha"`, `"R"`,
       `"gamma"`, `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others
       stay as they are
-    - `method`: `"scan"` scans the amplitudes at every frequency, at `resolution` places and closer where it
-      matters; `"trace"` scans at `scans` frequencies and follows the branches from there, and scans again
-      only where what it has followed cannot be all
-    - `width`: `"scan"` finds every interval of overturning amplitudes below the minimum that is wider than
-      this share of `max_acceleration_ratio`, in (0, 0.1]; above it, and with `"trace"`, no such statement can
-      be made
+    - `width`: every interval of overturning amplitudes below the minimum that is wider than this share of
+      `max_acceleration_ratio` is found, in (0, 0.1]
+    - `resolution`: amplitudes tried first at every frequency; more follow where the margin may cross zero
     - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
     Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing
     overturns), `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive
     …), `impacts` before overturning at each boundary (−1 where there is none), `one_sided` where the minimum
     is about to jump to another branch, `certain_width`, the widest interval that may overturn unseen below
-    the minimum (NaN where none was looked for), and `sensitivity` (further dim `parameter`) = d a_ov/d ln y.
+    the minimum, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y.
     Boundaries are exact to about 1e-10.
 
     Raises `ValueError` for inputs that make no sense.
@@ -86,16 +81,6 @@ def overturning_spectrum(
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     check_single(owner, podium)
     check_search(owner, width, resolution)
-    if method not in ("scan", "trace"):
-        raise ValueError(f"{owner}: method must be 'scan' or 'trace', got {method!r}")
-    if method == "trace" and not has_margin(options, podium):
-        raise ValueError(
-            f"{owner}: method='trace' follows the margin, which needs overturn_ratio ≤ θ_s/α; use "
-            f"method='scan'"
-        )
-    if method == "trace" and (x.size < 2 or np.any(np.diff(x) <= 0)):
-        raise ValueError(f"{owner}: method='trace' needs two frequency ratios or more, ascending")
-    whole(owner, "scans", scans, 2)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     require_memory(owner, x.size * (resolution + 1), instead=FEWER_LINES)
     derived = derived_numbers(podium)
@@ -106,9 +91,9 @@ def overturning_spectrum(
 
     top = float(max_acceleration_ratio)
     import_meanwhile(*TABLES)
-    found = boundaries(plane, x, (0.0, top), method, scans, resolution, options, progress, width)
+    found = scan(plane, x, (0.0, top), resolution, options, progress, width=width)
     data = _dataset(podium, pulse, x, found, derived, options)
-    data.attrs |= {"method_of_search": method, "max_acceleration_ratio": top, **found.cost}
+    data.attrs |= {"max_acceleration_ratio": top, "scenes": found.scenes}
     if sensitivities:
         a_p, T_p = data["minimum"].values * unit, data["T_p"].values
         slopes = _sensitivities(podium, pulse, a_p, T_p, tuple(sensitivities), options) / unit
@@ -118,16 +103,6 @@ def overturning_spectrum(
             {"units": "1", "long_name": "d a_ov/d ln y over g tan α, along the minimum"},
         )
         data = data.assign_coords(parameter=list(sensitivities))
-    if found.branches:
-        length = max(len(branch.x) for branch in found.branches)
-        pad = lambda y: np.concatenate([y, np.full(length - len(y), np.nan)])
-        for name, long_name in (("x", "ω_p/p"), ("y", "a_p/(g tan α)")):
-            curves = np.stack([pad(getattr(branch, name)) for branch in found.branches])
-            data[f"branch_{name}"] = (
-                ("branch", "point"),
-                curves,
-                {"units": "1", "long_name": f"{long_name} of a branch"},
-            )
     return data
 
 
@@ -158,7 +133,7 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     }
 
 
-def _dataset(podium: Podium, pulse, x, found: Boundaries, derived, options: Options) -> xarray.Dataset:
+def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -> xarray.Dataset:
     import xarray
 
     places, impacts = found.crossings.table(x.size)
