@@ -51,8 +51,6 @@ class Options(Module):
       counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"` estimates the
       errors of the peaks, by a second solution
     - `history`: steps a history can hold under `jit`; outside it grows by itself
-    - `stride`: the longest step allowed, as a fraction of what the motion allows, ≤ 1 [–]. Below 1 it is a
-      closer look, by which errors are estimated: columns come to rest three impacts later as well
     - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
@@ -68,13 +66,14 @@ class Options(Module):
     outputs: tuple[str, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    stride: float = 1.0
+    # The longest step over what the motion allows. Below 1 in the second solution, by which errors are
+    # estimated: `_engine/scene.py` lands closer and lets columns rest later in it.
+    _stride: float = 1.0
 
     def __check_init__(self):
         require("Options", "rtol", self.rtol, lambda v: (v >= 1e-14) & (v <= 0.1), "in [1e-14, 0.1]")
         require("Options", "atol", self.atol, lambda v: (v >= LEAST_ATOL) & (v <= 0.1), "in [1e-17, 0.1]")
         require("Options", "overturn_ratio", self.overturn_ratio, lambda v: v > 0, "finite and > 0")
-        require("Options", "stride", self.stride, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
         if self.rest_velocity is not None:
             require(
                 "Options", "rest_velocity", self.rest_velocity, lambda v: v > 0, "finite and > 0, or None"

@@ -135,7 +135,6 @@ OPTIONS: dict[str, Kind] = {
     "outputs": TEXTS,
     "history": whole(1),
     "throw": TRUTH,
-    "stride": POSITIVE,
 }
 _PANELS: dict[str, Kind] = {
     "pulse": one_of(PULSES),

@@ -102,7 +102,7 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
     """One of two numbers: that of a closer look, by which errors are estimated, or the usual one."""
-    return jnp.where(options.stride < 1, closer, usual)
+    return jnp.where(options._stride < 1, closer, usual)
 
 
 def _estimated(plan: Plan, options: Options) -> Value | None:
@@ -124,7 +124,7 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     """As long as the ground motion can be seen in, while it lasts [s]."""
     start, quiet = excitation.support
     duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
-    excited = jnp.where(duration > 0, jnp.minimum(longest, options.stride * duration / 16), longest)
+    excited = jnp.where(duration > 0, jnp.minimum(longest, options._stride * duration / 16), longest)
     degree, pieces = excitation.panels
     if degree == 1:  # steps end on every sample, the longest are as long as the sampling
         excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
@@ -200,7 +200,7 @@ def _scene(
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
     start, quiet = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
-    longest = options.stride * _longest_step(c)
+    longest = options._stride * _longest_step(c)
     excited = _longest_excited(excitation, longest, options)
     rest = constant(_rest_velocity(c, options))
     return Scene(

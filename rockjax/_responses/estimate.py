@@ -41,7 +41,7 @@ def companion(options: Options) -> Options:
         tolerances = finer if room else looser
     else:
         tolerances = jax.tree.map(lambda a, b: jnp.where(room, a, b), finer, looser)
-    return eqx.tree_at(lambda o: (o.rtol, o.atol, o.stride), options, (*tolerances, SHORTER * options.stride))
+    return eqx.tree_at(lambda o: (o.rtol, o.atol, o._stride), options, (*tolerances, SHORTER))
 
 
 def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:

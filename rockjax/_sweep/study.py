@@ -43,7 +43,7 @@ class SweepSpec(NamedTuple):
 
     def about(self, layout: ChunkLayout) -> dict[str, Any]:
         """Everything that tells this sweep from others, as JSON."""
-        left_out = ("throw", "history")
+        left_out = ("throw", "history", "_stride")
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in left_out]
         values = {name: getattr(self.options, name) for name in fields}
         about = {

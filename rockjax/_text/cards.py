@@ -38,7 +38,11 @@ def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
     """Names and values, with or without empty tuples."""
-    fields = [(field.name, getattr(module, field.name)) for field in dataclasses.fields(module)]
+    fields = [
+        (field.name, getattr(module, field.name))
+        for field in dataclasses.fields(module)
+        if field.name[0] != "_"
+    ]
     return [(name, value) for name, value in fields if empty or not (isinstance(value, tuple) and not value)]
 
 

@@ -248,7 +248,7 @@ WRONG = [
     ("response list.toml", "list.toml: structure.R: must be a number > 0, got [1.0, 2.0]"),
     (
         "response steps.toml --motion b",
-        "steps.toml with --motion: options.stride: must be a number > 0, got '0.5'",
+        "steps.toml with --motion: options.rtol: must be a number > 0, got '0.5'",
     ),
     (
         "spectrum turned.toml",
@@ -328,7 +328,7 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
         ("points", GOOD + "[overturning]\npoints = -3\n"),
         ("text", GOOD.replace("alpha = 0.2", 'tan_alpha = "0.15"')),
         ("list", GOOD.replace("R = 1.0", "R = [1.0, 2.0]")),
-        ("steps", GOOD + '[options]\nstride = "0.5"\n'),
+        ("steps", GOOD + '[options]\nrtol = "0.5"\n'),
         ("turned", GOOD + "[spectrum]\nfrequency_ratio = [8.0, 1.0]\n"),
         (
             "goals",

@@ -17,6 +17,7 @@ from rockjax._engine.samples import past_all, past_sample
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import trial
 from rockjax._engine.tableaus import nystrom, tableau
+from rockjax._responses.estimate import companion
 from tests.scenes import PODIUMS, G
 
 PODIUM = PODIUMS["rigid"]
@@ -188,13 +189,13 @@ def test_samples_at_which_something_happens_are_not_passed(change):
 
 
 def test_coarse_samples_are_left_to_the_method():
-    """Where the error of a step over a sample is too large for the tolerance, and in a closer look."""
+    """Where the error of a step is too large for the tolerance, and in the second solution of an estimate."""
     motion = one(dt=0.01)
     coarse = dataclasses.replace(motion, dt=jnp.asarray(0.4))
     fine = rj.Options(rtol=1e-13, atol=1e-15, outputs=OUTPUTS)
     assert rocking_passes(motion, USUAL)
     assert not rocking_passes(coarse, fine)
-    assert not rocking_passes(motion, USUAL.replace(stride=0.5))
+    assert not rocking_passes(motion, companion(USUAL))
     assert start(motion, EVERY)[2].passing is None
     assert start(rj.Ricker(3.0, 1.0))[2].passing is None
 
