@@ -1,6 +1,5 @@
 """Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives."""
 
-import gc as _gc
 import os as _os
 import sys as _sys
 from importlib import import_module as _import_module
@@ -50,16 +49,9 @@ if _is_command():
     # For JAX when it is imported, and for the processes of a sweep.
     _os.environ.setdefault("JAX_ENABLE_X64", "1")
 else:
-    # Looking for garbage among all that is imported, and stays, takes an eighth of the time.
-    _collects = _gc.isenabled()
-    _gc.disable()
-    try:
-        import jax as _jax
+    import jax as _jax
 
-        if "JAX_ENABLE_X64" not in _os.environ:
-            _jax.config.update("jax_enable_x64", True)
-        for _module in ("_responses.simulate", "_batch.batch"):  # what nearly everybody needs
-            _import_module(f".{_module}", __name__)
-    finally:
-        if _collects:
-            _gc.enable()
+    if "JAX_ENABLE_X64" not in _os.environ:
+        _jax.config.update("jax_enable_x64", True)
+    for _module in ("_responses.simulate", "_batch.batch"):  # what nearly everybody needs
+        _import_module(f".{_module}", __name__)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import shlex
 from typing import Annotated
 
@@ -59,15 +57,7 @@ def about(
 app.callback(help=flowing(about))(about)
 
 
-def _collect_seldom() -> None:
-    """Imports make many objects that stay: looking through them again and again for garbage, and once more at
-    the end of the process, takes a fifth of a short command."""
-    gc.set_threshold(100_000)
-    atexit.register(gc.freeze)  # what is there when the process ends goes with it
-
-
 def main() -> None:
-    _collect_seldom()
     with terminal():
         try:
             app()

@@ -20,7 +20,6 @@ import numpy as np
 from rockjax._machine.threads import meanwhile
 
 from . import folder, kind
-from .lighter import lighter
 from .settings import device
 from .turns import turn
 
@@ -116,23 +115,9 @@ def _keep(place: Path, text: str, compiled: Any) -> None:
         # A tree of modules is none any more once it has been written, and fails when the program is called.
         again = pickle.loads(pickle.dumps(answers))
         jax.tree.unflatten(again, range(again.num_leaves))
-        folder.write(place, text, pickle.dumps(_loadable(program, arguments, answers)))
+        folder.write(place, text, pickle.dumps((program, arguments, answers)))
     except Exception as error:  # a full disk; a program with what cannot be kept in it
         _LOG.debug("a program cannot be kept: %r", error)
-
-
-def _loadable(program: bytes, arguments: Any, answers: Any) -> tuple[bytes, Any, Any]:
-    """An executable that loads faster, if it loads."""
-    from jax.experimental.serialize_executable import deserialize_and_load
-
-    light = lighter(program)
-    if light is not program:
-        try:
-            deserialize_and_load(light, arguments, answers, execution_devices=[device()])
-        except Exception as error:
-            _LOG.debug("a program is kept as it is: %r", error)
-            light = program
-    return light, arguments, answers
 
 
 _FOUND = threading.local()

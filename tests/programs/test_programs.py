@@ -4,12 +4,10 @@ import dataclasses
 import errno
 import logging
 import os
-import pickle
 import subprocess
 import sys
 import threading
 import time
-from importlib.metadata import version
 from types import SimpleNamespace
 
 import jax
@@ -18,15 +16,12 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._programs import folder, kind, lighter, program
-from rockjax._programs import kept as keeping
+from rockjax._programs import folder, kind, program
 from rockjax._programs.kept import COUNTS, KEEPING
 from rockjax._programs.program import KeptProgram, forget
 from tests.compiling import compiled_by
 from tests.scenes import PODIUMS
 from tests.threads import wait_for
-
-TRIED = ".".join(version("jaxlib").split(".")[:2]) in lighter.TRIED
 
 
 def waves(x, y, times=2):
@@ -311,12 +306,6 @@ print(COUNTS)
 """
 
 
-def pickled(place):
-    """What is in the file of a kept program, behind its checksum and its key."""
-    body = place.read_bytes()[len(folder._MAGIC) + 32 :]
-    return body[8 + int.from_bytes(body[:8], "little") :]
-
-
 @pytest.mark.slow
 def test_several_processes_at_once(tmp_path):
     """They write the same programs at the same time; all answer the same, and so does one that compiles for
@@ -336,11 +325,6 @@ def test_several_processes_at_once(tmp_path):
     assert {answer[0] for answer in (*answers, later)} == {alone.stdout.splitlines()[0]}
     assert later[1] == "{'loaded': 2, 'compiled': 0}"
     assert not later[2:]
-    if TRIED:  # nothing is kept of what is inside of kernels, except of those that write to their operands
-        contents = [pickle.loads(pickled(entry.path)) for entry in folder.entries(tmp_path / "programs")]
-        payloads = [content[0] for content in contents if isinstance(content[0], bytes)]
-        assert max(map(len, payloads)) > 100_000
-        assert all(lighter.lighter(payload) is payload for payload in payloads)
 
 
 def test_derivatives_of_known_numbers_are_those_of_jit():
@@ -374,58 +358,6 @@ def test_kept_answers_are_those_of_this_process():
     traced = jax.jit(lambda a_p: rj.peak_response(podium, rj.Ricker(a_p, 1.0)))(3.0)
     assert jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), first, again))
     assert float(first.peak_rotation) == pytest.approx(float(traced.peak_rotation), rel=1e-12)
-
-
-def rows(start, steps):
-    """Kernels of many operations, one that writes to its operand in place, and a product that is more than a
-    kernel."""
-
-    def body(k, carry):
-        x, table = carry
-        for _ in range(12):
-            x = jnp.sin(x) * jnp.exp(-(x**2)) + jnp.roll(x, 1) / (2 + jnp.cos(x))
-        return x, table.at[k].set(jnp.cumsum(x))
-
-    x, table = jax.lax.fori_loop(0, steps, body, (start, jnp.zeros((steps, *start.shape))))
-    return x, table, table @ table.T
-
-
-def serialized(start, steps):
-    from jax.experimental.serialize_executable import serialize
-
-    compiled = jax.jit(rows, static_argnums=1).lower(start, steps).compile(keeping.QUICK)
-    return compiled, serialize(compiled)
-
-
-@pytest.mark.skipif(not TRIED, reason="not tried with this jaxlib")
-def test_programs_without_the_inside_of_their_kernels_answer_the_same():
-    from jax.experimental.serialize_executable import deserialize_and_load
-
-    start = np.linspace(0, 1, 50)
-    compiled, (payload, *forms) = serialized(start, 12)
-    light = lighter.lighter(payload)
-    assert len(light) < 0.7 * len(payload)
-    assert lighter.lighter(light) == light
-    loaded = deserialize_and_load(light, *forms)
-    for found, known in zip(loaded(start), compiled(start), strict=True):
-        np.testing.assert_array_equal(found, known)
-        assert np.ptp(known) > 0
-
-
-def test_executables_that_look_different_are_kept_as_they_are(monkeypatch):
-    _, (payload, *_) = serialized(np.linspace(0, 1, 50), 12)
-    start, end = lighter._executable(payload)
-    rng = np.random.default_rng(0)
-    for size in (0, 1, 1000, len(payload) // 2, len(payload) - 1):
-        lighter.lighter(payload[:size])
-    for _ in range(50):  # whatever is wrong with it, nothing is raised
-        damaged = bytearray(payload)
-        damaged[int(rng.integers(start, end))] ^= int(rng.integers(1, 256))
-        lighter.lighter(bytes(damaged))
-    for other in (b"", b"something else", payload[: start - 5], payload[:start] + rng.bytes(end - start)):
-        assert lighter.lighter(other) is other
-    monkeypatch.setattr(lighter, "version", lambda name: "0.99.1")
-    assert lighter.lighter(payload) is payload
 
 
 def test_records_of_other_lengths_share_programs():
