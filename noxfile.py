@@ -2,7 +2,7 @@
 # /// script
 # dependencies = ["nox>=2025.2.9"]
 # ///
-"""Tasks of contributors: `nox -l` lists them, `nox -s fast` runs one, arguments after `--` are handed on."""
+"""Tasks of contributors: `nox -l` lists them, `nox -s smoke` runs one, arguments after `--` are passed on."""
 
 import nox
 
@@ -15,6 +15,13 @@ def tests(session: nox.Session) -> None:
     """The tests but for the slow ones, on all cores."""
     session.install("-e", ".[test]")
     session.run("pytest", *session.posargs)
+
+
+@nox.session(default=False)
+def smoke(session: nox.Session) -> None:
+    """One test of each main part, in at most two minutes."""
+    session.install("-e", ".[test]")
+    session.run("pytest", "-m", "smoke and not slow", *session.posargs)
 
 
 @nox.session(default=False)
@@ -49,7 +56,7 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
-    """One benchmark, for instance `-- compare`; leave the machine alone while it runs."""
+    """One benchmark, for instance `-- cost motions`; leave the machine alone while it runs."""
     if not session.posargs:
         session.error("which one? A module of benchmarks/, for instance: nox -s benchmarks -- compare")
     session.install("-e", ".[bench]")

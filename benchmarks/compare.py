@@ -18,8 +18,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .families import PERIODS, Family, family
-from .measure import errors, keep, options, podium, rockjax_peaks, shortest, show
+from .measure import PERIODS, Family, errors, family, keep, options, podium, rockjax_peaks, shortest, show
 
 TARGETS = (1e-6, 1e-8, 1e-10)
 TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]

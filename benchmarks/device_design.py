@@ -1,9 +1,17 @@
 """Tendons, dampers and inerters sized by exact gradients, each from ten starts:
-`python -m benchmarks.device_design [force] [stiffness] [damper] [inerter]`.
+`python -m benchmarks.device_design [force] [stiffness] [damper] [inerter] [building] [vertical]`.
 
 (force) the least prestress that keeps the rotation under 0.4 α; (stiffness) the same beside tendons of given
 stiffness, stiffness alone, and both together; (damper) coefficient and exponent for the least rotation under
-a limit of the shear; (inerter) the inertance for the least rotation, and the least inertance for 0.4 α.
+a limit of the shear; (inerter) the inertance for the least rotation, and the least inertance for 0.4 α;
+(building) width and prestress of the columns under a five-storey building for the least drift and the least
+base shear, beside the building fixed at its base.
+
+(vertical) needs `--records FOLDER` with horizontal and vertical components of stations, as
+`rockjax.read_suite(FOLDER).paired()` reads them. Every pair is scaled so that its horizontal PGA is a
+multiple of g tan α. Peak rotations with the vertical component over those without it; then, for the shorter
+pairs, the least prestress that keeps all of them under 0.4 α, with and without, beside a scan of the
+prestress.
 
 Every answer is simulated anew by `rockjax.peak_responses` at rtol = 1e-12, with central differences for
 whether it is optimal.
@@ -11,13 +19,15 @@ whether it is optimal.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.stats import wilcoxon
 
 import optimise
 import rockjax as rj
@@ -28,7 +38,7 @@ from optimise._suite import Suite
 from optimise._targets import AbstractResponses
 from optimise._variables import variables
 
-from .measure import keep, show
+from .measure import keep, report, show
 from .studies import OPTIONS, shaking
 
 STARTS = 10
@@ -302,25 +312,183 @@ def inerter_rows() -> list[dict]:
     return rows
 
 
+STORIES, HEIGHT = 5, 3.0
+BUILDING = optimise.Dimensions(
+    width=0.6, height=3.0, column_mass=2700.0, columns=4, beam_mass=30e3,
+    story_masses=[20e3] * STORIES, story_stiffnesses=[12e6] * STORIES, story_heights=[HEIGHT] * STORIES,
+)  # fmt: skip
+VARY = {"width": (0.3, 1.2), "tendon_force": (0.0, 200e3)}
+SEARCH = OPTIONS.replace(rtol=1e-7, atol=1e-9)
+
+
+def demands(podium: rj.Podium, motions: Motions) -> dict[str, float]:
+    """The largest demands of the motions on a building."""
+    outputs = ("peak_rotation", "peak_drift", "peak_shear", "peak_floor_acceleration")
+    peak = fresh_peaks(podium, motions, SEARCH.replace(outputs=outputs))
+    return {
+        "drift [%]": 100 * float(np.max(np.asarray(peak.peak_drift))),
+        "base shear": float(np.max(np.asarray(peak.peak_shear))),
+        "floor acceleration [g]": float(np.max(np.asarray(peak.peak_floor_acceleration))) / 9.80665,
+        "rotation": float(np.max(np.asarray(peak.peak_rotation))),
+    }
+
+
+def building_rows() -> list[dict]:
+    motions: Motions = [shaking(k, 3.0) for k in range(10)]
+    target = optimise.PeakRotation(LIMIT, motions)
+    objectives = {
+        "least drift": optimise.WorstDrift(motions),
+        "least base shear": optimise.WorstShear(motions),
+    }
+    rows = []
+    for name, objective in objectives.items():
+        row = row_of(name, Problem(BUILDING, VARY, objective, (target,), motions, SEARCH))
+        sized = BUILDING.replace(width=row["width"], tendon_force=row["tendon_force"])
+        rows.append(row | demands(sized.podium(), motions))
+    drawn = BUILDING.podium()
+    fixed = drawn.replace(alpha=1.5)  # columns so stocky that they never lift
+    return rows + [{"study": n} | demands(p, motions) for n, p in (("as drawn", drawn), ("fixed", fixed))]
+
+
+DT = 0.02  # of all motions [s]
+PART = (0.01, 0.97)  # of the Arias intensity of the horizontal component, that is kept
+RATIOS = (1.5, 2.0, 3.0)  # PGA over g tan α
+SIZES = (0.5, 1.0, 2.0)  # of the columns, over those of the other studies
+DESIGN = 2.0  # of the ratios, for the design
+UNMOVED = 1e-3  # of α: smaller rotations say nothing
+SHORT = 2000  # samples; of the design
+SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N]: below no design stands, above all do
+SCANNED = "least of the scan [N]", "throughout from [N]", "satisfied between", "changes"
+Pairs = list[rj.GroundMotion]
+
+
+def read(folder: Path) -> rj.Motions:
+    """The pairs of a folder, at one interval and without what comes before and after the strong shaking."""
+    return rj.read_suite(folder).paired().map(lambda pair: pair.resampled(DT).trimmed(*PART))
+
+
+def pairs_of(motions: rj.Motions, pga: float) -> Pairs:
+    """Pairs of records of one length, filled up with zeros, each scaled to a horizontal PGA [m/s²]."""
+    size = max(len(y) for motion in motions for y in (motion, motion.vertical))
+
+    def record(samples: np.ndarray, scale: float) -> rj.Record:
+        return rj.Record(np.pad(scale * samples, (0, size - len(samples))), DT)
+
+    return [
+        rj.GroundMotion(
+            record(motion.acceleration, pga / motion.pga),
+            record(motion.vertical.acceleration, pga / motion.pga),
+        )
+        for motion in motions
+    ]
+
+
+def horizontal(pairs: Pairs) -> list[rj.AbstractExcitation]:
+    return [pair.horizontal for pair in pairs]
+
+
+def compared(motions: rj.Motions, size: float, ratio: float) -> list[dict]:
+    """A row for every pair: largest rotations with and without the vertical component, and its PGA."""
+    podium = rj.Podium.from_dimensions(**RIGID)
+    podium = podium.replace(R=size * podium.R)
+    pairs = pairs_of(motions, ratio * float(podium.g * jnp.tan(podium.alpha)))
+    both, alone = (fresh_peaks(podium, list(ms), OPTIONS) for ms in (pairs, horizontal(pairs)))
+    return [
+        {
+            "record": motion.name,
+            "component": str(motion.metadata.get("component")),
+            "PGA [g]": motion.pga / 9.80665,
+            "V/H": motion.vertical.pga / motion.pga,
+            "R [m]": float(podium.R),
+            "ratio": ratio,
+            "with": float(both.peak_rotation[k]),
+            "without": float(alone.peak_rotation[k]),
+            "overturned with": bool(both.overturned[k]),
+            "overturned without": bool(alone.overturned[k]),
+        }
+        for k, motion in enumerate(motions)
+    ]
+
+
+def summary(rows: list[dict]) -> dict:
+    """What the vertical component does to the rotations of those that rock and stand in both cases."""
+    stood = [row for row in rows if not (row["overturned with"] or row["overturned without"])]
+    pairs = np.array([[row["with"], row["without"]] for row in stood if row["without"] > UNMOVED])
+    logs = np.log(pairs[:, 0] / pairs[:, 1])
+    return {
+        "pairs": len(rows),
+        "compared": len(logs),
+        "median": float(np.exp(np.median(logs))),
+        "smallest": float(np.exp(logs.min())),
+        "largest": float(np.exp(logs.max())),
+        "larger with": int(np.sum(logs > 0)),
+        "p": float(wilcoxon(logs).pvalue),
+        "overturned with": sum(row["overturned with"] for row in rows),
+        "overturned without": sum(row["overturned without"] for row in rows),
+    }
+
+
+def scanned(case: list[rj.AbstractExcitation]) -> dict[str, float]:
+    """Where the prestress of a scan satisfies the limit: from its least value there, and from which one on
+    throughout."""
+    podiums = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(SCAN))
+    peaks = [rj.peak_responses(podiums, motion, options=OPTIONS) for motion in case]
+    satisfied = np.all([(p.peak_rotation <= LIMIT) & ~p.overturned for p in peaks], axis=0)
+    first, last = np.argmax(satisfied), len(SCAN) - np.argmin(satisfied[::-1])
+    changes = np.sum(satisfied[1:] != satisfied[:-1])
+    values = SCAN[first], SCAN[last], satisfied[first:last].mean(), changes
+    return dict(zip(SCANNED, map(float, values), strict=True))
+
+
+def designs(motions: rj.Motions) -> list[dict]:
+    """The least prestress for the shorter pairs, with and without the vertical component."""
+    podium = rj.Podium.from_dimensions(**RIGID)
+    short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT))
+    print(f"{len(short)} pairs of less than {SHORT} samples", flush=True)
+    pairs = pairs_of(short, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
+    cases: dict[str, list[rj.AbstractExcitation]] = {"with": list(pairs), "without": horizontal(pairs)}
+    return [row_of(name, least_force(case)) | scanned(case) for name, case in cases.items()]
+
+
+def vertical(folder: Path) -> None:
+    motions = read(folder)
+    print(f"{len(motions)} pairs, {min(map(len, motions))} to {max(map(len, motions))} samples", flush=True)
+    tables = [compared(motions, size, ratio) for size in SIZES for ratio in RATIOS]
+    rows = [row for table in tables for row in table]
+    report("device-vertical", rows)
+    show([{"R [m]": t[0]["R [m]"], "ratio": t[0]["ratio"]} | summary(t) for t in (*tables, rows)])
+    found = designs(motions)
+    keep("device-vertical-design", found)
+    show(found, [name for name in (*COLUMNS, *SCANNED) if name in found[0]])
+
+
 STUDIES: dict[str, Callable[[], list[dict]]] = {
     "force": force_rows,
     "stiffness": stiffness_rows,
     "damper": damper_rows,
     "inerter": inerter_rows,
+    "building": building_rows,
 }
-FORMATS = {
-    "suite": "", "law": "", "study": "", "tendon_force": ".0f", "tendon_stiffness": ".4g", "inertance": ".0f",
-    "damper_coefficient": ".4g", "damper_exponent": ".4f", "objective": ".6g", "largest force": ".3f",
-    "satisfied": "d", "same": "d", "fresh margin": ".1e", "fresh rotation": ".5f", "fresh shear": ".5f",
-    "fresh residual": ".1e", "evaluations": "d", "scenes": "d", "cpu s": ".0f",
-}  # fmt: skip
+COLUMNS = (
+    "suite", "law", "study", "width", "tendon_force", "tendon_stiffness", "inertance", "damper_coefficient",
+    "damper_exponent", "objective", "largest force", "drift [%]", "base shear", "floor acceleration [g]",
+    "rotation", "satisfied", "same", "fresh margin", "fresh rotation", "fresh shear", "fresh residual",
+    "evaluations", "scenes", "cpu s",
+)  # fmt: skip
 
 
 def main() -> None:
-    for name in sys.argv[1:] or STUDIES:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("studies", nargs="*", help=", ".join([*STUDIES, "vertical"]))
+    parser.add_argument("--records", type=Path, metavar="FOLDER", help="of the study `vertical`")
+    given = parser.parse_args()
+    for name in given.studies or STUDIES:
+        if name == "vertical":
+            vertical(given.records)
+            continue
         rows = STUDIES[name]()
-        show(rows, {key: form for key, form in FORMATS.items() if any(key in row for row in rows)})
         keep(f"device-{name}", rows)
+        show(rows, [name for name in COLUMNS if any(name in row for row in rows)])
 
 
 if __name__ == "__main__":

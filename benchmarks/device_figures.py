@@ -1,5 +1,6 @@
-"""Draws the pictures of `device-design.md` from the tables kept by `benchmarks.device_design` and
-`benchmarks.vertical`: `python -m benchmarks.device_figures [names]`.
+"""Pictures of `device-design.md`, from the tables of `benchmarks.device_design`.
+
+`python -m benchmarks.device_figures [names]`
 """
 
 from __future__ import annotations

@@ -1,17 +1,29 @@
-"""What a gradient with respect to five numbers costs beside the value: `python -m benchmarks.gradients`."""
+"""Derivatives: `python -m benchmarks.gradients cost`, and `python -m benchmarks.gradients modes [scenes]`.
+
+(cost) value and gradient with respect to five numbers beside the value alone. (modes) forward against reverse
+derivatives over many scenes, rigid and elastic, batched by `jax.vmap`: under pulses with respect to every
+number, and under records with respect to all samples, where both modes are computations of their own (some
+twenty times fewer scenes). Of the samples, the derivative along a random direction is compared with the
+gradient's component along it, relative to the sum of the sizes of its terms. Where they differ by more than
+`CLOSE`, the forward derivative is computed again with samples that differ by a unit in the last place:
+`unexplained` counts those that this moves by less than a tenth as much.
+"""
 
 from __future__ import annotations
 
+import sys
+import time
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import rockjax as rj
 
-from .families import PERIODS, family
-from .measure import keep, options, podium, shortest, show
+from .measure import PERIODS, family, keep, options, podium, report, shortest
 
 
-def main() -> None:
+def cost() -> None:
     rows = []
     how = options(1e-8)
     for name in PERIODS:
@@ -22,39 +34,145 @@ def main() -> None:
             varied = structure.replace(alpha=y[0], R=y[1], gamma=y[2])
             return rj.peak_response(varied, rj.Ricker(y[3], y[4]), options=how).peak_rotation
 
+        both = jax.value_and_grad(peak)
         many = y * (1 + 0.2 * jax.random.uniform(jax.random.key(0), (256, 1)))
-        for kind, value, point in (("one scene", peak, y), ("256 scenes", jax.vmap(peak), many)):
-            both = jax.value_and_grad(peak) if kind == "one scene" else jax.vmap(jax.value_and_grad(peak))
-            times = [
-                shortest(lambda f=jax.jit(f), p=point: jax.block_until_ready(f(p))) for f in (value, both)
-            ]
-            rows.append(
-                {
-                    "family": name,
-                    "kind": kind,
-                    "value [ms]": times[0] * 1e3,
-                    "with gradient [ms]": times[1] * 1e3,
-                }
-            )
-            rows[-1]["ratio"] = times[1] / times[0]
-        rows.append(_batch(name))
-    keep("gradients", rows)
-    show(rows, {"family": "", "kind": "", "value [ms]": ".2f", "with gradient [ms]": ".2f", "ratio": ".2f"})
+        cases = {
+            "one scene": (peak, both, y),
+            "256 scenes": (jax.vmap(peak), jax.vmap(both), many),
+        }
+        for kind, (*functions, point) in cases.items():
+            times = [shortest(lambda f=jax.jit(f), y=point: jax.block_until_ready(f(y))) for f in functions]
+            rows.append(_row(name, kind, *times))
+        # A whole batch through the refilled lanes, on all cores.
+        pulses = family(name, 40)
+        motion, names = rj.Ricker(pulses.a_p, pulses.T_p), ("alpha", "R", "gamma", "a_p", "T_p")
+        times = [
+            shortest(lambda n=n: rj.peak_responses(podium(pulses), motion, options=how, sensitivities=n))  # noqa: B023
+            for n in ((), names)
+        ]
+        rows.append(_row(name, f"batch of {len(pulses)}", *times))
+    report("gradients", rows)
 
 
-def _batch(name: str, points: int = 40) -> dict:
-    """Value and five derivatives of a whole batch through the refilled lanes, on all cores."""
-    pulses = family(name, points)
-    structure, motion = podium(pulses), rj.Ricker(pulses.a_p, pulses.T_p)
-    how = options(1e-8)
-    names = ("alpha", "R", "gamma", "a_p", "T_p")
-    value, both = (
-        shortest(lambda n=n: rj.peak_responses(structure, motion, options=how, sensitivities=n))
-        for n in ((), names)
-    )
-    row = {"family": name, "kind": f"batch of {points**2}", "value [ms]": value * 1e3}
-    return row | {"with gradient [ms]": both * 1e3, "ratio": both / value}
+def _row(family: str, kind: str, value: float, both: float) -> dict:
+    times = {"value [ms]": value * 1e3, "with gradient [ms]": both * 1e3, "ratio": both / value}
+    return {"family": family, "kind": kind} | times
+
+
+SAMPLES, DT = 60, 0.05  # of the records
+CLOSE = 1e-12
+AGAIN = 16  # times that samples are changed
+PART = 256  # scenes that go through a program side by side
+HOW = rj.Options(max_steps=4000, throw=False)
+
+
+def structure_of(y: jax.Array, elastic: bool) -> rj.Podium:
+    top = rj.Elastic(y[3], y[4], y[5]) if elastic else rj.Rigid(y[3])
+    return rj.Podium(y[0], y[1], y[2], top)
+
+
+def of_pulse(y: jax.Array, elastic: bool) -> jax.Array:
+    peak = rj.peak_response(structure_of(y, elastic), rj.Ricker(y[-2], y[-1]), options=HOW)
+    return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
+
+
+def by_numbers(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array]:
+    function = lambda y: of_pulse(y, elastic)
+    return jax.jacfwd(function)(y), jax.jacrev(function)(y)
+
+
+def of_record(y: jax.Array, samples: jax.Array, elastic: bool) -> jax.Array:
+    peak = rj.peak_response(structure_of(y, elastic), rj.Record(samples, DT), options=HOW)
+    return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
+
+
+def by_samples(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Derivatives along a direction, by forward and by reverse mode, and the sizes of their terms."""
+    y, samples, direction = jnp.split(y, [y.size - 2 * SAMPLES, y.size - SAMPLES])
+    function = lambda samples: of_record(y, samples, elastic)
+    _, forward = jax.jvp(function, (samples,), (direction,))
+    terms = jax.jacrev(function)(samples) * direction
+    return forward, jnp.sum(terms, axis=1), jnp.sum(jnp.abs(terms), axis=1)
+
+
+def structures(n: int, elastic: bool, rng: np.random.Generator) -> list[np.ndarray]:
+    alpha = rng.uniform(0.08, 0.35, n)
+    y = [alpha, rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), rng.uniform(1.0, 100.0, n)]
+    return y + ([rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n)] if elastic else [])
+
+
+def numbers(n: int, elastic: bool) -> np.ndarray:
+    rng = np.random.default_rng([3, elastic])
+    y = structures(n, elastic, rng)
+    return np.stack([*y, 9.80665 * np.tan(y[0]) * rng.uniform(1.0, 9.0, n), rng.uniform(0.3, 3.0, n)], axis=1)
+
+
+def shaken(n: int, elastic: bool) -> np.ndarray:
+    """Structures, samples of smoothed noise with PGA as that of the pulses, and directions."""
+    rng = np.random.default_rng([4, elastic])
+    y = structures(n, elastic, rng)
+    noise = np.apply_along_axis(np.convolve, 1, rng.normal(size=(n, SAMPLES)), np.hanning(9), mode="same")
+    noise *= (9.80665 * np.tan(y[0]) * rng.uniform(1.0, 9.0, n) / np.abs(noise).max(axis=1))[:, None]
+    return np.concatenate([np.stack(y, axis=1), noise, rng.normal(size=(n, SAMPLES))], axis=1)
+
+
+def compared(name: str, function, y: np.ndarray) -> dict:
+    program = jax.jit(jax.vmap(function))
+    began = time.process_time()
+
+    def solved(y: np.ndarray) -> list[np.ndarray]:
+        parts = [program(y[k : k + PART]) for k in range(0, len(y), PART)]
+        return [np.concatenate(list(map(np.asarray, values))) for values in zip(*parts, strict=True)]
+
+    forward, reverse, *sizes = solved(y)
+    size = sizes[0] if sizes else np.abs(forward).max(axis=-1, keepdims=True)
+    apart = np.abs(forward - reverse) / np.where(size > 0, size, 1.0)
+    over = apart > CLOSE
+    row = {
+        "scenes": name,
+        "number": len(y),
+        "derivatives": forward.size,
+        "not zero": float(np.mean(forward != 0)),
+        "not finite": int((~np.isfinite(forward)).sum() + (~np.isfinite(reverse)).sum()),
+        "largest difference": float(np.nanmax(apart)),
+        "over 1e-12": int(over.sum()),
+    }
+    if sizes:
+        bad = np.flatnonzero(over.any(axis=1))
+        moved = _moved(solved, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
+        row["of these rotation"], row["its time"], row["shear"] = map(int, over.sum(axis=0))
+        row["unexplained"] = int((apart[bad] > np.maximum(CLOSE, 10 * moved)).sum())
+    return row | {"cpu s": time.process_time() - began}
+
+
+def _moved(solved, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """How far the last place of the samples moves forward derivatives."""
+    rng = np.random.default_rng(0)
+    most = np.zeros_like(forward)
+    samples = slice(-2 * SAMPLES, -SAMPLES)
+    for _ in range(AGAIN if len(y) else 0):
+        # Full parts: another size would be another program.
+        near = np.resize(y, (-(-len(y) // PART) * PART, y.shape[1]))
+        near[:, samples] *= 1 + np.finfo(float).eps * rng.integers(-1, 2, near[:, samples].shape)
+        most = np.maximum(most, np.abs(solved(near)[0][: len(y)] - forward))
+    return most
+
+
+def modes(count: int = 10_240) -> None:
+    n, few = (max(PART, round(part / PART) * PART) for part in (count / 2, count / 40))
+    kinds = {
+        "rigid, numbers": (lambda y: by_numbers(y, False), numbers(n, False)),
+        "elastic, numbers": (lambda y: by_numbers(y, True), numbers(n, True)),
+        "rigid, samples": (lambda y: by_samples(y, False), shaken(few, False)),
+        "elastic, samples": (lambda y: by_samples(y, True), shaken(few, True)),
+    }
+    rows = []
+    for name, (function, y) in kinds.items():
+        rows.append(compared(name, function, y))
+        keep("modes", rows)
+    report("modes", rows, rows[-1])
 
 
 if __name__ == "__main__":
-    main()
+    command, *given = sys.argv[1:]
+    {"cost": cost, "modes": modes}[command](*map(int, given))

@@ -1,12 +1,16 @@
-"""What all measurements share: the shortest of several runs, errors against a reference, tables that are
-kept."""
+"""Shared by all benchmarks: scenes, timing, errors against a reference, and tables.
+
+The scenes that are measured are the grid of Fig. 6 at η/γ = 10, one family per superstructure.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +18,57 @@ import numpy as np
 
 import rockjax as rj
 
-from .families import Family
-
 RESULTS = Path(__file__).parent / "results"
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
 ROTATION = ("peak_rotation",)
+G = 9.80665
+PERIODS = {"rigid": 0.0, "T_s = 0.1 s": 0.1, "T_s = 0.5 s": 0.5, "T_s = 1 s": 1.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """One podium under symmetric Ricker pulses: a_p [m/s²] and T_p [s] of every scene, shape (n,)."""
+
+    T_s: float  # 0 is rigid
+    a_p: np.ndarray
+    T_p: np.ndarray
+    alpha: float = math.atan(0.15)
+    R: float = 1.5
+    gamma: float = 10.0
+    eta: float = 100.0
+    zeta: float = 0.05
+    lam: float = 1 / 3
+
+    def __len__(self) -> int:
+        return len(self.a_p)
+
+    def some(self, count: int) -> Family:
+        """Evenly spread scenes of the family, for peers that need seconds for each."""
+        chosen = np.linspace(0, len(self) - 1, count).round().astype(int)
+        return dataclasses.replace(self, a_p=self.a_p[chosen], T_p=self.T_p[chosen])
+
+
+def family(name: str, points: int) -> Family:
+    """The family on points × points pulses: 1 ≤ ω_p/p ≤ 8, 1 ≤ a_p/(g tan α) ≤ 12."""
+    p = math.sqrt(0.75 * G / Family.R)
+    frequency, acceleration = np.meshgrid(np.linspace(1, 8, points), np.linspace(1, 12, points))
+    return Family(
+        PERIODS[name],
+        a_p=(acceleration * G * math.tan(Family.alpha)).ravel(),
+        T_p=(2 * math.pi / (frequency * p)).ravel(),
+    )
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np.ndarray:
+    return np.exp(rng.uniform(math.log(low), math.log(high), n))
+
+
+def some(
+    rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15
+) -> np.ndarray:
+    """The values, a share of them replaced by special ones."""
+    chosen = rng.choice(special, len(values))
+    return np.where(rng.random(len(values)) < share, chosen, values)
 
 
 def shortest(function: Callable[[], Any], runs: int = 5) -> float:
@@ -107,15 +157,21 @@ def _cores() -> int:
     return workers()
 
 
-def show(rows: list[dict], columns: dict[str, str]) -> None:
-    """Print rows as a Markdown table; `columns` maps keys to formats."""
-    print("| " + " | ".join(columns) + " |")
-    print("|" + "---|" * len(columns))
+def show(rows: list[dict], columns: Iterable[str] = ()) -> None:
+    """Print rows as a Markdown table; all columns of the first row unless some are named."""
+    columns = list(columns or rows[0])
+    print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for row in rows:
-        print(
-            "| "
-            + " | ".join(
-                format(row[key], form) if row.get(key) is not None else "" for key, form in columns.items()
-            )
-            + " |"
-        )
+        print("| " + " | ".join(_text(row.get(key)) for key in columns) + " |")
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def report(name: str, rows: list[dict], columns: Iterable[str] = ()) -> None:
+    """Store a table and print it."""
+    keep(name, rows)
+    show(rows, columns)

@@ -24,8 +24,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .families import PERIODS, Family, G
-from .measure import IMAGES, apart, keep, options, podium, shortest, show
+from .measure import IMAGES, PERIODS, Family, G, apart, keep, options, podium, shortest, show
 
 RECORDS, SAMPLES, DT = 20, 2000, 0.01
 LEVELS = np.linspace(0.5, 12.0, 50)  # PGA over g tan α

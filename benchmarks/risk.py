@@ -1,24 +1,33 @@
-"""Probabilities of failure of rocking structures: subset simulation, repeated, beside counting.
+"""Probabilities of failure of rocking structures: `python -m benchmarks.risk subset|sweep|first-order`.
 
-`python -m benchmarks.risk [minutes] [names of cases]` goes on from what is kept, for so many minutes of
-processor time at most, and prints the table. What `benchmarks.risk_sweep` has counted is in it.
+`subset [minutes] [names of cases]` repeats subset simulation beside counting; it goes on from what is stored,
+for so many minutes of processor time at most, and prints the table. `sweep MOTIONS STORE` counts by a sweep:
+every motion is one scene for each density, the same u, scaled. Stopped at any moment, the same command goes
+on; what it has counted is in the table of `subset`. `first-order` is by design points: motions are linear in
+√S₀, so those of one density are those of all, nearer or farther.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import resource
 import sys
 import time
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm
 
 import rockjax as rj
+from rockjax._risk.reliability import find_design_points, first_order, starting
+from rockjax._risk.structure import OPTIONS
 from rockjax.internal import limit_state
 
-from .measure import RESULTS, keep, kept_so_far, show
+from .measure import RESULTS, kept_so_far, report
 
 BATCH = 20_000  # scenes counted between two looks at the clock
 COV = 0.1
@@ -125,13 +134,92 @@ def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def main(minutes: float = 0.0, *names: str) -> None:
-    known = advance(minutes, list(names) or list(CASES))
-    rows = [row(name, of) for name, of in known.items() if len(of.get("runs", [])) > 1]
-    keep("risk", rows)
-    forms = {"counted": ".3e", "from": ".3e", "to": ".3e", "of": "d", "repetitions": "d", "mean": ".3e"}
-    show(rows, {"case": "", **forms, "cov": ".3f", "said": ".3f", "held": ".2f", "scenes": ".0f"})
+def subset(minutes: str = "0", *names: str) -> None:
+    known = advance(float(minutes), list(names) or list(CASES))
+    report("risk", [row(name, of) for name, of in known.items() if len(of.get("runs", [])) > 1])
+
+
+COUNTED = ("block 1e-4", "block 1e-5")
+BLOCKS = 100_000  # motions that are drawn at once
+
+
+def scenes(motions: int) -> rj.Record:
+    """So many motions times the densities of the cases, shape (motions, densities)."""
+    first = motion_of(CASES[COUNTED[0]])
+    samples = np.empty((motions, 1, first.n))
+    for k, start in enumerate(range(0, motions, BLOCKS)):
+        size = min(BLOCKS, motions - start)
+        u = np.random.default_rng([13, k]).standard_normal((size, first.dimension))
+        samples[start : start + size, 0] = first.acceleration(jnp.asarray(u))
+    # Motions are linear in √S₀.
+    scale = np.sqrt([CASES[name].S_0 / CASES[COUNTED[0]].S_0 for name in COUNTED])
+    return rj.Record(samples, first.dt, scale)
+
+
+def sweep(count: str, folder: str) -> None:
+    motions, store = int(float(count)), Path(folder)
+    before = os.times()
+    data = rj.sweep(
+        BLOCK,
+        scenes(motions),
+        ["motion", "density"],
+        store=store,
+        options=OPTIONS,
+        outputs=("margin",),
+        progress=sys.stderr.isatty(),
+    )
+    after = os.times()
+    assert not isinstance(data, rj.SweepPlan)
+    result = data["result"].to_numpy()
+    shared = {
+        "scenes": result.size,
+        "cpu s": after.user + after.system - before.user - before.system,
+        "peak memory [MiB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10,
+        "disk [MiB]": sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / 2**20,
+        "chunks": int(np.prod([len(sizes) for sizes in data["margin"].chunks or ()])),
+        "without an answer": int((result > 2).sum()),
+    }
+    rows = [
+        {"case": name, "motions": motions, "failures": int((result[:, k] == 2).sum())} | shared
+        for k, name in enumerate(COUNTED)
+    ]
+    report("risk-sweep", rows)
+
+
+STARTS, SEED = 8, 0
+
+
+def rows_of(kind: str) -> list[dict]:
+    """The cases of one structure, from the design points of its P ≈ 1e-4."""
+    name = f"{kind} 1e-4"
+    case = CASES[name]
+    limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
+    found = find_design_points("benchmark", limit, starting(limit, STARTS, SEED))
+    rows = []
+    for other, of in CASES.items():
+        if not other.startswith(kind):
+            continue
+        factor = math.sqrt(case.S_0 / of.S_0)
+        there = found._replace(u=found.u * factor, beta=found.beta * factor)
+        nearest = float(there.beta.min())
+        rows.append(
+            {
+                "case": other,
+                "S_0": of.S_0,
+                "beta": nearest,
+                "one": 2 * float(norm.sf(nearest)),
+                "all": first_order(there),
+                "points": len(there.beta),
+                "scenes": limit.scenes,
+            }
+        )
+    return rows
+
+
+def first_orders() -> None:
+    report("risk-first-order", [row for kind in ("block", "elastic") for row in rows_of(kind)])
 
 
 if __name__ == "__main__":
-    main(*(float(y) if k == 0 else y for k, y in enumerate(sys.argv[1:])))  # pyright: ignore[reportArgumentType]
+    command, *given = sys.argv[1:]
+    {"subset": subset, "sweep": sweep, "first-order": first_orders}[command](*given)

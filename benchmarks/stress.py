@@ -43,8 +43,7 @@ from tests import reference
 
 from . import stress_control as control
 from .campaign import Answers, Kept, scan
-from .draws import log_uniform, some
-from .measure import keep, show
+from .measure import keep, log_uniform, show, some
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))

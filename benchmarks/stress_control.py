@@ -12,7 +12,7 @@ import numpy as np
 import rockjax as rj
 from tests import restrained
 
-from .draws import log_uniform, some
+from .measure import log_uniform, some
 
 TOPS = ("none", "rigid", "elastic", "modes")
 ADDED = (

@@ -1,47 +1,114 @@
-"""Run time against error, per method and family: `python -m benchmarks.work_precision [points]`.
+"""Work against error, per method and family: `python -m benchmarks.work_precision pulses|control [points]`.
 
-Writes the table to `benchmarks/results/work_precision.json` and the picture to
-`docs/images/work-precision.png`.
+(pulses) run time of the families of Fig. 6, beside a scalar numba loop. (control) podiums with devices, of
+several modes and under vertical motion; work is counted in trial steps and in operations of a trial, which
+are the same on every machine, and errors are against a solution at 1e-13. Both store a table in
+`benchmarks/results/` and draw a picture in `docs/images/`; `control draw` draws the table that is there.
 """
 
 from __future__ import annotations
 
 import functools
 import sys
+from collections.abc import Sequence
+from typing import Any
 
-from .families import PERIODS, family
-from .measure import IMAGES, errors, keep, rockjax_peaks, shortest, show
-from .peers import numba_loop
+import numpy as np
 
-TOLERANCES = [10.0**-k for k in range(3, 13)]
+import rockjax as rj
+from tests.scenes import operations_of_trial
+
+from .measure import (
+    IMAGES,
+    PERIODS,
+    apart,
+    errors,
+    family,
+    keep,
+    kept,
+    options,
+    podium,
+    report,
+    rockjax_peaks,
+    shortest,
+)
+
 METHODS = ("dopri8", "tsit5", "dopri5", "bosh3")
+NUMBA = "numba DOP853"
+# Down to which tolerance: below it, methods of low order take hours and say nothing.
+LIMITS = {"dopri5": 1e-11, "bosh3": 1e-7}
 
 
-def measure(points: int) -> list[dict]:
+def pulses(points: int = 60) -> None:
+    from .peers import numba_loop
+
     rows = []
     for name in PERIODS:
         scenes = family(name, points)
-        for method in (*METHODS, "numba DOP853"):
-            for rtol in TOLERANCES:
-                # Methods of low order at tight tolerances would take hours and say nothing.
-                if (method == "bosh3" and rtol < 1e-7) or (method == "dopri5" and rtol < 1e-11):
+        for method in (*METHODS, NUMBA):
+            solve = numba_loop.solve if method == NUMBA else functools.partial(rockjax_peaks, method=method)
+            for rtol in (10.0**-k for k in range(3, 13)):
+                if rtol < 0.99 * LIMITS.get(method, 0.0):
                     continue
-                solve = (
-                    numba_loop.solve
-                    if method == "numba DOP853"
-                    else lambda s, r, m=method: rockjax_peaks(s, r, m)
-                )
-                error = errors(solve(scenes, rtol), scenes)
-                seconds = shortest(functools.partial(solve, scenes, rtol), 3)
-                rows.append(
-                    {"family": name, "method": method, "rtol": rtol, "us": seconds / len(scenes) * 1e6}
-                    | error
-                )
+                row = {"family": name, "method": method, "rtol": rtol}
+                row["us"] = shortest(functools.partial(solve, scenes, rtol), 3) / len(scenes) * 1e6
+                rows.append(row | errors(solve(scenes, rtol), scenes))
                 print(rows[-1], flush=True)
-    return rows
+    report("work_precision", rows)
+    draw(rows, "us", (1, 4), (14, 4.2), "time per scene, two cores [µs]", "work-precision.png")
 
 
-def draw(rows: list[dict]) -> None:
+RIGID, ELASTIC = (podium(family(name, 1)) for name in ("rigid", "T_s = 0.5 s"))
+KAPPA = 0.4 * float(RIGID.critical_stiffness)
+PODIUMS = {
+    "rigid, nothing added": RIGID,
+    "rigid, tendon and linear damper": RIGID.replace(restrainers=(rj.Tendon(20.0, KAPPA), rj.Damper(150.0))),
+    "rigid, damper of ν = ½": RIGID.replace(restrainers=(rj.Damper(30.0, 0.5),)),
+    "rigid, vertical motion": RIGID,
+    "elastic, nothing added": ELASTIC,
+    "three modes": ELASTIC.replace(superstructure=rj.Modes((80.0, 14.0, 6.0), (0.5, 0.17, 0.1))),
+}
+TOLERANCES = tuple(10.0**-k for k in (4, 6, 8, 10, 12))
+CONTROL_LIMITS = {"dopri8": 1e-12, "tsit5": 1e-10, "bosh3": 1e-6}
+
+
+def motion_of(name: str, a_p: Any, T_p: Any) -> rj.AbstractExcitation:
+    pulse = rj.Ricker(a_p, T_p)
+    return rj.GroundMotion(pulse, rj.Ricker(-0.5 * a_p, 0.4 * T_p)) if "vertical" in name else pulse
+
+
+def control(points: int = 20) -> None:
+    rows: list[dict[str, Any]] = []
+    scenes = family("rigid", points)
+    for name, structure in PODIUMS.items():
+        motion = motion_of(name, scenes.a_p, scenes.T_p)
+        solve = functools.partial(rj.peak_responses, structure, motion)
+        answer = lambda peaks: (np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned))
+        truth = answer(solve(options=options(1e-13)))
+        for method, limit in CONTROL_LIMITS.items():
+            operations = operations_of_trial(structure, motion_of(name, 3.0, 1.0), options(1e-8, method))
+            for rtol in (rtol for rtol in TOLERANCES if rtol >= 0.99 * limit):
+                found = solve(options=options(rtol, method))
+                trials = float(np.mean(found.stats.steps + found.stats.rejected))
+                row = {"family": name, "method": method, "rtol": rtol, "trials": trials}
+                row |= {"operations": operations} | apart(answer(found), truth)
+                error = np.abs(answer(found)[0] - truth[0])[answer(found)[1] == truth[1]]
+                rows.append(row | {"median": float(np.median(error[error > 0]))})
+                print(rows[-1], flush=True)
+        keep("work_precision_control", rows)
+    report("work_precision_control", rows)
+    draw_control()
+
+
+def draw_control() -> None:
+    size, name = (12, 7), "work-precision-control.png"
+    draw(kept("work_precision_control"), "trials", (2, 3), size, "trial steps of a scene, mean", name)
+
+
+def draw(
+    rows: list[dict[str, Any]], work: str, grid: tuple[int, int], size: Sequence[float], axis: str, name: str
+) -> None:
+    """A panel of work over error for each family, a line for each method."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -49,44 +116,29 @@ def draw(rows: list[dict]) -> None:
 
     from rockjax.plots import COLOURS, STYLES
 
-    figure, axes = plt.subplots(1, len(PERIODS), figsize=(14, 4.2), sharey=True, layout="constrained")
-    for ax, name in zip(axes, PERIODS, strict=True):
-        for k, method in enumerate((*METHODS, "numba DOP853")):
-            chosen = [row for row in rows if row["family"] == name and row["method"] == method]
-            peer = method == "numba DOP853"
-            look = {
-                "color": COLOURS[k],
-                "linestyle": ":" if peer else STYLES[k % 3],
-                "marker": "s" if peer else "o",
-            }
-            label = "scalar numba loop, DOP853" if peer else f"rockjax, {method}"
-            ax.loglog(
-                [row["p99"] for row in chosen], [row["us"] for row in chosen], ms=4, label=label, **look
-            )
-        ax.set(title=name, xlabel=r"99th percentile of the error of $\max|\theta|/\alpha$")
-        ax.invert_xaxis()
+    figure, axes = plt.subplots(*grid, figsize=size, sharex=grid[0] > 1, sharey=True, layout="constrained")
+    methods = dict.fromkeys(row["method"] for row in rows)
+    for ax, label in zip(axes.ravel(), dict.fromkeys(row["family"] for row in rows), strict=True):
+        for k, method in enumerate(methods):
+            chosen = [row for row in rows if (row["family"], row["method"]) == (label, method)]
+            x, y = ([row[key] for row in chosen] for key in ("p99", work))
+            style, marker = (":", "s") if method == NUMBA else (STYLES[k % 3], "o")
+            ax.loglog(x, y, ms=4, label=method, color=COLOURS[k], linestyle=style, marker=marker)
+        ax.set(title=label)
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel("time per scene, two cores [µs]")
-    axes[0].legend(fontsize=8)
-    figure.savefig(IMAGES / "work-precision.png", dpi=130)
-
-
-def main(points: int = 60) -> None:
-    rows = measure(points)
-    keep("work_precision", rows)
-    draw(rows)
-    forms = {
-        "family": "",
-        "method": "",
-        "rtol": ".0e",
-        "us": ".2f",
-        "median": ".1e",
-        "p99": ".1e",
-        "max": ".1e",
-        "flips": "d",
-    }
-    show(rows, forms)
+        if grid[0] == 1:
+            ax.invert_xaxis()
+    if grid[0] > 1:
+        axes[0, 0].invert_xaxis()
+    axes.ravel()[0].legend(fontsize=8)
+    figure.supxlabel(r"99th percentile of the error of $\max|\theta|/\alpha$")
+    figure.supylabel(axis)
+    figure.savefig(IMAGES / name, dpi=130)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    command, *given = sys.argv[1:]
+    if given == ["draw"]:
+        draw_control()
+    else:
+        {"pulses": pulses, "control": control}[command](*map(int, given))

@@ -16,6 +16,7 @@ from .scenes import PODIUMS, pulse
 GOOD = {"alpha": 0.2, "R": 1.5}
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -43,6 +44,7 @@ def test_podium(changes, words):
         assert word in str(error.value)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -99,6 +101,7 @@ def test_value_errors_say_what_is_wrong(make, words):
         assert word in str(error.value)
 
 
+@pytest.mark.smoke
 def test_replace_checks_as_well():
     with pytest.raises(ValueError, match="alpha"):
         dataclasses.replace(PODIUMS["rigid"], alpha=2.0)

@@ -16,7 +16,7 @@ import heyoka as hy
 import numpy as np
 from scipy.special import lambertw
 
-from ..families import Family, G  # noqa: TID252
+from ..measure import Family, G  # noqa: TID252
 
 FALLING, RISING = hy.event_direction.negative, hy.event_direction.positive
 UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and the second

@@ -29,7 +29,7 @@ import numba
 import numpy as np
 from scipy.integrate import DOP853
 
-from ..families import Family, G  # noqa: TID252
+from ..measure import Family, G  # noqa: TID252
 
 REST_VELOCITY = 1e-6  # in p α: slower after an impact is at rest
 MAX_STEPS = 2_000_000  # of one phase

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ..families import Family, G  # noqa: TID252
+from ..measure import Family, G  # noqa: TID252
 
 REST_VELOCITY = 1e-6  # in p α: slower after an impact is at rest
 MAX_PHASES = 10_000

@@ -39,6 +39,7 @@ ROOTS = {
 }
 
 
+@pytest.mark.smoke
 @pytest.mark.slow(but=["one-sine, b=.5 h=1.5", "*p=2*"])
 @pytest.mark.parametrize("name", ROOTS)
 def test_published_roots(name):

@@ -557,6 +557,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_teaches(run, name):
     """Units are shown, not taken for markup; options are in panels; the examples are accepted."""
@@ -658,6 +659,7 @@ def test_help_and_version_load_nothing_heavy(arguments):
     assert not heavy & loaded
 
 
+@pytest.mark.smoke
 def test_the_package_loads_what_it_needs_first():
     loaded = modules_of([sys.executable, "-c", "import rockjax"])
     assert {"jax", "rockjax._engine.solve"} <= loaded
@@ -675,6 +677,7 @@ def modules_of(command):
     }
 
 
+@pytest.mark.smoke
 def test_every_public_name_is_there():
     assert set(rj.__all__) <= set(dir(rj))
     for name in rj.__all__:

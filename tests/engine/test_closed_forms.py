@@ -123,12 +123,14 @@ def test_a_frame_rocks_like_its_equivalent_block(motion):
     assert 0 < float(a.peak_rotation) < 1
 
 
+@pytest.mark.smoke
 def test_rigid_and_beam_mass_are_the_same():
     a = rj.peak_response(PODIUMS["rigid"], pulse(), options=OPTIONS)
     b = rj.peak_response(rj.Podium(ALPHA, 1.5, gamma=110.0), pulse(), options=OPTIONS)
     assert float(a.peak_rotation) == pytest.approx(float(b.peak_rotation), abs=1e-12)
 
 
+@pytest.mark.smoke
 def test_elastic_contact_is_a_linear_oscillator():
     """Below uplift Eq. (4) has a closed form: free vibration from an initial displacement."""
     T, z, u0 = 0.5, 0.05, 0.004

@@ -119,6 +119,7 @@ def test_against_an_independent_solution():
         del x
 
 
+@pytest.mark.smoke
 def test_free_rocking_closed_form():
     """The peak after n impacts is θ_n = α − arccos(cos α + e²ⁿ[cos(α−θ₀) − cos α]); its derivatives are
     known."""

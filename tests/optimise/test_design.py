@@ -821,6 +821,7 @@ def test_a_missing_file_is_named(tmp_path):
         optimise.load(tmp_path / "none.toml")
 
 
+@pytest.mark.smoke
 def test_the_command_writes_everything(folder, capsys):
     from optimise._cli import design_command
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from benchmarks import device_design, vertical
+from benchmarks import device_design
 
 
 def test_pairs_have_one_length_and_one_factor():
@@ -16,7 +16,7 @@ def test_pairs_have_one_length_and_one_factor():
     motions = rj.Motions(
         tuple(dataclasses.replace(a, vertical=b) for a, b in zip(motions, upwards, strict=True))
     )
-    pairs = vertical.pairs_of(motions, 2.0)
+    pairs = device_design.pairs_of(motions, 2.0)
     assert {pair.horizontal.acceleration.shape for pair in pairs} == {(301,)}
     for pair, motion, up in zip(pairs, motions, upwards, strict=True):
         assert np.abs(pair.horizontal.acceleration).max() == pytest.approx(2.0)
@@ -30,7 +30,7 @@ def test_a_summary_leaves_out_what_did_not_rock_or_overturned():
         row | {"with": 1e-9, "without": 1e-8},
         row | {"with": 1.0, "without": 0.2, "overturned with": True},
     ]
-    found = vertical.summary([*rocked, *others])
+    found = device_design.summary([*rocked, *others])
     assert (found["pairs"], found["compared"], found["larger with"]) == (6, 4, 2)
     assert (found["overturned with"], found["overturned without"]) == (1, 0)
     assert found["smallest"] == pytest.approx(0.5)

@@ -19,6 +19,7 @@ def spectrum():
     return rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, X, Y)
 
 
+@pytest.mark.smoke
 def test_axes_units_and_values(spectrum):
     assert spectrum["peak_rotation"].dims == ("acceleration_ratio", "frequency_ratio")
     p = float(PODIUMS["rigid"].p)

@@ -1,0 +1,193 @@
+"""Run time of a scene: `python -m benchmarks.cost motions|restrained|scaling|processors`.
+
+(motions) the grid of Fig. 6 with pulses of every shape in place of Ricker's. (restrained) podiums with a
+tendon and a linear damper beside the same ones without; accelerations are relative to those that lift the
+columns, so that both rock alike. (scaling) time and memory from 10³ to 10⁶ scenes. (processors) the devices
+that JAX has against the threads of a process on the CPU, with the differences of their answers; without an
+accelerator, `processors --host-devices 2` takes so many parts of the CPU instead.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import rockjax as rj
+from rockjax._batch.batch import run_batch
+from rockjax._batch.scenes import broadcast
+
+from .measure import Family, family, options, podium, report, shortest, show
+
+FAMILIES = ("rigid", "T_s = 0.5 s")
+MOTIONS: dict[str, Callable[[Family], rj.AbstractExcitation]] = {
+    **{
+        name: lambda scenes, name=name: getattr(rj, name)(scenes.a_p, scenes.T_p)
+        for name in ("Ricker", "AntisymmetricRicker", "OneSine", "OneCosine", "HalfSine")
+    },
+    "MavroeidisPapageorgiou": lambda scenes: rj.MavroeidisPapageorgiou(
+        scenes.a_p * scenes.T_p / (2 * np.pi), 1 / scenes.T_p, 2.0, 0.3
+    ),
+    "Gabor": lambda scenes: rj.Gabor(scenes.a_p, scenes.T_p, 2.0, 0.3),
+    "GroundMotion of two": lambda scenes: rj.GroundMotion(
+        rj.OneSine(scenes.a_p, scenes.T_p), rj.OneSine(0.3 * scenes.a_p, 0.4 * scenes.T_p)
+    ),
+}
+
+
+def motions(points: int = 100) -> None:
+    rows: list[dict[str, Any]] = []
+    for name in FAMILIES:
+        for motion, make in MOTIONS.items():
+            scenes = family(name, points)
+            structure, motions, how = podium(scenes), make(scenes), options(1e-8)
+            trials = float(np.mean(rj.peak_responses(structure, motions, options=how).stats.steps))
+            each = shortest(lambda: rj.peak_responses(structure, motions, options=how)) / len(scenes)  # noqa: B023
+            row = {"family": name, "motion": motion, "us": each * 1e6, "trials": trials}
+            rows.append(row | {"ns a trial": each * 1e9 / trials})
+            print(rows[-1], flush=True)
+    report("motions", rows)
+
+
+# -------------------------------------------------------------------------------- restrainers
+RATIOS = np.linspace(1, 10, 100)
+ALPHA = math.atan(0.15)
+STRUCTURES = {
+    "solitary block": rj.Podium(ALPHA, 1.5),
+    "rigid": rj.Podium(ALPHA, 1.5, 10.0, rj.Rigid(100.0)),
+    "elastic": rj.Podium(ALPHA, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
+}
+PRESTRESS, STIFFNESS, DAMPING = 0.18, 0.5, 1.4  # of a column's share of the weight
+
+
+def restrained(runs: int = 7) -> None:
+    cases: dict[tuple[str, bool], tuple[rj.Podium, np.ndarray]] = {}
+    for name, plain in STRUCTURES.items():
+        eta = 0.0 if plain.superstructure is None else plain.superstructure.eta
+        weight = float(plain.gamma + eta) + 0.5
+        devices = rj.Tendon(PRESTRESS * weight, STIFFNESS * weight), rj.Damper(DAMPING * weight)
+        cases[name, False] = plain, RATIOS
+        cases[name, True] = plain.replace(restrainers=devices), RATIOS * (1 + PRESTRESS)
+
+    def spectrum(case: tuple[rj.Podium, np.ndarray]):
+        how = rj.Options(outputs=("peak_rotation",))
+        return rj.rocking_spectrum(case[0], rj.Ricker, RATIOS, case[1], options=how)
+
+    def seconds(case: tuple[rj.Podium, np.ndarray]) -> float:
+        began = time.perf_counter()
+        spectrum(case)
+        return time.perf_counter() - began
+
+    trials = {key: float(spectrum(case).steps.mean()) for key, case in cases.items()}
+    best = dict.fromkeys(cases, math.inf)
+    for _ in range(runs):  # in turn: what slows the machine for a while slows all of them
+        best = {key: min(best[key], seconds(case)) for key, case in cases.items()}
+    rows = [
+        {
+            "structure": name,
+            "steps without": trials[name, False],
+            "with": trials[name, True],
+            "µs a scene without": 1e6 * best[name, False] / RATIOS.size**2,
+            "restrained": 1e6 * best[name, True] / RATIOS.size**2,
+            "ratio": best[name, True] / best[name, False],
+        }
+        for name in STRUCTURES
+    ]
+    report("restrained", rows)
+
+
+# -------------------------------------------------------------------------------- scaling
+def scaling() -> None:
+    resident = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MiB, the largest so far
+    rows = []
+    for name in FAMILIES:
+        structure, how = podium(family(name, 2)), options(1e-8)
+        for points in (32, 100, 316, 1000):
+            scenes = family(name, points)
+            motions = rj.Ricker(scenes.a_p, scenes.T_p)
+            if points == 32:
+                rj.peak_responses(structure, motions, options=how)  # compiles
+            before = resident()
+            batch, _ = broadcast("scaling", structure, motions, jax.tree.map(np.asarray, rj.State()), None)
+            best = np.inf
+            for _ in range(1 if points == 1000 else 3):
+                began = time.perf_counter()
+                _, _, tally = run_batch(batch, how, False)
+                best = min(best, time.perf_counter() - began)
+            row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
+            rows.append(
+                row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": resident() - before}
+            )
+            print(rows[-1], flush=True)
+    report("scaling", rows)
+
+
+# -------------------------------------------------------------------------------- processors
+POINTS = (100, 316, 1000)  # along both axes
+
+
+def timed(path: str, devices: str) -> None:
+    """Times and answers of all batches, into a file; by the devices of JAX where one is named."""
+    here = jax.local_devices()
+    found: dict[str, Any] = {"name": f"{len(here)} × {here[0].device_kind}"}
+    who: dict[str, Any] = {"devices": here} if devices == "devices" else {}
+    for name in FAMILIES:
+        structure, how = podium(family(name, 2)), options(1e-8)
+        for points in POINTS:
+            scenes = family(name, points)
+            pulses = rj.Ricker(scenes.a_p, scenes.T_p)
+            solve = lambda: rj.peak_responses(structure, pulses, options=how, **who)  # noqa: B023
+            found[f"{name} {points} s"] = shortest(solve, 2)
+            peaks = solve()
+            found[f"{name} {points} peaks"] = peaks.peak_rotation
+            found[f"{name} {points} overturned"] = peaks.overturned
+    np.savez(path, **found)
+
+
+def processors(option: str = "", parts: str = "") -> None:
+    """Both in processes of their own, which differ in what JAX finds."""
+    host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": parts} if option == "--host-devices" else {}
+    sides = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": host}
+    with tempfile.TemporaryDirectory() as folder:
+        for side, environment in sides.items():
+            path = str(Path(folder) / f"{side}.npz")
+            command = [sys.executable, "-m", "benchmarks.cost", "timed", path, side]
+            subprocess.run(command, check=True, env=os.environ | environment)
+        here, there = (dict(np.load(Path(folder) / f"{side}.npz")) for side in sides)
+    rows = []
+    for label in FAMILIES:
+        for points in POINTS:
+            key = f"{label} {points}"
+            same = here[f"{key} overturned"] == there[f"{key} overturned"]
+            difference = np.abs(here[f"{key} peaks"] - there[f"{key} peaks"])[same]
+            a, b = float(here[f"{key} s"]), float(there[f"{key} s"])
+            row = {"family": label, "scenes": points**2, "threads [1/s]": points**2 / a}
+            row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "apart": float(difference.max())}
+            rows.append(row | {"other class": int((~same).sum()), "devices": str(there["name"])})
+    if host:
+        show(rows)
+    else:
+        report("processors", rows)
+
+
+COMMANDS = {
+    "motions": motions,
+    "restrained": restrained,
+    "scaling": scaling,
+    "processors": processors,
+    "timed": timed,
+}
+
+if __name__ == "__main__":
+    command, *given = sys.argv[1:]
+    COMMANDS[command](*(map(int, given) if command in ("motions", "restrained") else given))
