@@ -159,5 +159,5 @@ print(f"{1e3 * seconds:.2f} ms for one scene")
 # ## Next
 #
 # - [Performance](../docs/performance.md): methods, other solvers, batches up to a million scenes
-# - [Trust](../docs/stress.md): how the estimates were calibrated, and the hard cases
+# - [Verification](../docs/verification.md): how the estimates were calibrated, and the hard cases
 # - [Sharp bits](../docs/sharp-bits.md): what makes a program compile again

@@ -19,7 +19,7 @@ from rockjax._checks import float_type
 from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
-# The true error is below this times the estimate, but for one scene in a hundred (docs/stress.md).
+# The true error is below this times the estimate, but for one scene in a hundred (docs/verification.md).
 SAFETY = 10.0
 FINER = 0.1
 # Where two solutions of chaotic rocking agree, it is by chance: the closer they have to, the rarer it is.

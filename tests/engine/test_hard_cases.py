@@ -1,5 +1,5 @@
 """Hard cases, each with its expected outcome; the first words of each docstring are its row in
-docs/stress.md."""
+docs/verification.md."""
 
 import math
 
