@@ -318,7 +318,7 @@ TEMPLATE = r"""# Reproduction
 Published numbers beside those of rockjax. `python docs/reproduction.py` writes this page; only the references are
 typed by hand. Tolerances are `rtol=1e-10`, `atol=1e-12`, the method is `dopri8`. Symbols and equation numbers are
 those of the [model](model.md). Where a number of the paper does not follow from the paper's equations, this page
-says so. Nothing in rockjax is tuned to reach it.
+states it. Nothing in rockjax is tuned to reach it.
 
 ## The paper
 

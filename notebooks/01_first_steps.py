@@ -145,7 +145,7 @@ print(
 )
 
 # %% [markdown]
-# A spectrum is an `xarray.Dataset`. It knows its units and what it was made with, and goes to a file with
+# A spectrum is an `xarray.Dataset`. It holds units and parameters, and is written to a file with
 # `spectrum.to_netcdf("spectrum.nc")`.
 
 # %%

@@ -132,7 +132,7 @@ ax = plots.fragility(fragility)
 # ## What shifts the median
 #
 # The derivatives of each capacity give that of the median, by the implicit function theorem at the maximum
-# of the likelihood. One per cent more slenderness or size raises the median by so many per cent:
+# of the likelihood. The change of the median in per cent for one per cent more slenderness or size:
 
 # %%
 for name in fragility.parameter.values:

@@ -101,9 +101,9 @@ legend = ax.legend()
 # tolerance down to rounding. Scenes close to the overturning boundary are the exception: there small errors
 # become large ones.
 #
-# ## What is asked for
+# ## Outputs
 #
-# A scene ends as soon as nothing that is wanted can change any more. Rotation alone is decided early. To
+# A scene ends as soon as no requested output can change. Rotation alone is final early. To
 # count impacts to the end, all of the rocking has to be followed.
 
 # %%

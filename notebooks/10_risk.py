@@ -103,7 +103,7 @@ ax.set(xlabel=r"$\tan\alpha$", ylabel="probability of overturning", yscale="log"
 # ## A design for a target
 #
 # The slimmest block that overturns with a probability of at most 5 %. The search follows one set of rays
-# through failing motions, with exact derivatives; an independent sample has the last word.
+# through failing motions, with exact derivatives; an independent sample verifies the answer.
 
 
 # %%
