@@ -1,26 +1,37 @@
-"""True errors on records against their estimates: `python -m benchmarks.calibration [scenes] [--records
-FOLDER]`.
+"""Error estimates and confidence intervals against the truth: `python -m benchmarks.calibration
+errors|intervals`.
 
-Random structures of ordinary proportions under synthetic records, and under those in a folder
-(`benchmarks/boundaries.py` says which), at amplitudes from just above what lifts the columns to eight times
-that. Each scene is solved as asked for with its error estimate and again at `TRUTH`, which stands for the
-truth. Scenes whose class differs from that of the truth are counted by themselves: a peak is then no longer a
-number with an error.
+`errors [scenes] [--records FOLDER]`: random structures of ordinary proportions under synthetic records, and
+under those in a folder (`benchmarks/boundaries.py` says which), at amplitudes from just above what lifts the
+columns to eight times that. Each scene is solved as asked for with its error estimate and again at `TRUTH`,
+which stands for the truth. Scenes whose class differs from that of the truth are counted by themselves: a
+peak is then no longer a number with an error.
+
+`intervals [trials]`: how often intervals of fragility curves hold the truth. Capacities are drawn from a
+lognormal distribution, some of them censored; a fit and its 90 % intervals are found for each sample, with
+the functions of `rockjax.fragility`. For stripes each record survives again at levels above its capacity, by
+chance. Samples without a fit, with fewer than two capacities that differ, are drawn but do not count.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import warnings
 from pathlib import Path
 
+import jax
 import numpy as np
+import xarray
+from scipy.special import ndtri
 
 import rockjax as rj
 from rockjax._results import code_of
+from rockjax._studies.intervals import Capacities, of_capacities
+from rockjax._studies.lognormal import fit_capacities, fit_counts
 
 from .boundaries import motions, recorded
-from .measure import keep, show
+from .measure import keep, report
 
 QUANTITIES = ("peak_rotation", "peak_shear")
 TOLERANCES = (1e-4, 1e-6, 1e-8)
@@ -64,61 +75,138 @@ def compared(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
         other = np.asarray(peak.overturned) != np.asarray(truth.overturned)
         undecided = np.asarray(peak.errors.undecided)
         stands = answered & lifted & ~other & ~np.asarray(truth.overturned)
-        row = {
-            "records": source,
-            "structure": kind,
-            "rtol": rtol,
-            "scenes": n,
-            "no answer": int((~answered).sum()),
-        }
-        row |= {
-            "flips": int((answered & other).sum()),
-            "unflagged": int((answered & other & ~undecided).sum()),
-        }
+        row = {"records": source, "structure": kind, "rtol": rtol, "scenes": n}
+        row |= {"no answer": int((~answered).sum()), "flips": int((answered & other).sum())}
+        row["unflagged"] = int((answered & other & ~undecided).sum())
         row |= {"undecided": float(np.mean(undecided)), "compared": int(stands.sum())}
         for name in QUANTITIES:
             error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(truth, name)))[stands]
             estimate = np.asarray(getattr(peak.errors, name))[stands]
             ratio = np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300)
-            row |= {
-                f"{name}: over 1 x": float(np.mean(ratio > 1)),
-                f"{name}: over 10 x": float(np.mean(ratio > 10)),
-            }
-            row |= {f"{name}: over 100 x": float(np.mean(ratio > 100)), f"{name}: most": float(np.max(ratio))}
-            row |= {
-                f"{name}: median error": float(np.median(error)),
-                f"{name}: largest error": float(np.max(error)),
-            }
-            # What stands out: how large an error is that an estimate misses.
-            row |= {f"{name}: largest beyond 10 x": float(np.max(np.where(ratio > 10, error, 0.0)))}
+            for factor in (1, 10, 100):
+                row[f"{name}: over {factor} x"] = float(np.mean(ratio > factor))
+            row |= {f"{name}: most": float(np.max(ratio)), f"{name}: median error": float(np.median(error))}
+            row[f"{name}: largest error"] = float(np.max(error))
+            # How large an error is that an estimate misses.
+            row[f"{name}: largest beyond 10 x"] = float(np.max(np.where(ratio > 10, error, 0.0)))
         rows.append(row)
     return rows
 
 
-def main() -> None:
-    arguments = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    arguments.add_argument(
-        "scenes", nargs="?", type=int, default=2000, help="of each kind of structure and of record"
-    )
-    arguments.add_argument("--records", type=Path, help="a folder of records, *.dat")
-    given = arguments.parse_args()
+def errors(scenes: int, folder: Path | None) -> None:
     suites = {"synthetic": motions(40)}
-    if given.records is not None:
-        suites["recorded"] = recorded(given.records, 40)
+    if folder is not None:
+        suites["recorded"] = recorded(folder, 40)
     rows = []
     for source, records in suites.items():
         for kind in ("rigid", "elastic"):
-            rows += compared(source, kind, records, given.scenes)
+            rows += compared(source, kind, records, scenes)
             keep("calibration", rows)
-    show(
-        rows,
-        {
-            key: "" if isinstance(y, str) else "d" if isinstance(y, int) else ".3g"
-            for key, y in rows[0].items()
-        },
+    report("calibration", rows)
+
+
+# ----------------------------------------------------------------------------------------------- intervals
+CONFIDENCE = 0.9
+DISPERSION = 0.4
+BATCH = 500
+FRACTILES = (0.1, 0.9)  # where the band is looked at
+AGAIN, SPAN = 0.3, 0.7  # chance of surviving a level above the capacity, up to so much in ln(x)
+
+_fits = jax.jit(jax.vmap(fit_capacities))
+
+
+def _held(bounds, truth) -> np.ndarray:
+    return (bounds[0] <= truth) & (truth <= bounds[1])
+
+
+def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
+    """Coverage with `count` records, of which a share `censored` is expected above the limit."""
+    rng = np.random.default_rng(seed)
+    limit = np.exp(DISPERSION * ndtri(1 - censored)) if censored else 1e6
+    held = []
+    for _ in range(-(-trials // BATCH)):
+        drawn = np.exp(DISPERSION * rng.normal(size=(BATCH, count)))
+        drawn = np.where(drawn < limit, drawn, np.inf)
+        median, dispersion = (np.asarray(y) for y in _fits(drawn, np.full_like(drawn, limit)))
+        good = np.isfinite(median)
+        z = ndtri(FRACTILES)[:, None]
+        found = of_capacities(
+            Capacities.of(drawn[good], limit),
+            median[good],
+            dispersion[good],
+            np.exp(DISPERSION * z),
+            CONFIDENCE,
+        )
+        truth = zip((found.log_median, found.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
+        held.append(np.stack([*(_held(y, value) for y, value in truth), *_held(found.probit, z)]))
+    share = np.concatenate(held, axis=1)
+    return _row("capacities", count, f"{censored:.0%} censored", share)
+
+
+def stripes(count: int, levels: int, again: float, trials: int, seed: int = 0) -> dict:
+    """Coverage of counts at `levels`, with a chance `again` of surviving above the capacity."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.25, 3.0, levels)
+
+    def overturned(count: int) -> np.ndarray:
+        log = DISPERSION * rng.normal(size=(count, 1))
+        spared = (rng.random((count, levels)) < again) & (np.log(x) < log + SPAN)
+        return (np.log(x) >= log) & ~spared
+
+    many = 400_000
+    truth = fit_counts(x, overturned(many).sum(axis=0).astype(float), np.full(levels, float(many)))
+    median, dispersion = (float(y) for y in truth)
+    z = ndtri(FRACTILES)
+    held = []
+    for _ in range(trials):
+        try:
+            curve = rj.fragility(
+                _analysis(x, overturned(count)), method="stripes", at=median * np.exp(dispersion * z)
+            )
+        except ValueError:
+            continue
+        (a, b), (c, d) = curve["interval"].values
+        share = [a <= median <= b, c <= dispersion <= d]
+        held.append([*share, *_held((curve["lower"].values, curve["upper"].values), FRACTILES)])
+    return _row("stripes", count, f"{levels} levels, {again:.0%} again", np.transpose(held))
+
+
+def _analysis(x: np.ndarray, overturned: np.ndarray) -> xarray.Dataset:
+    """What `fragility` looks at of an analysis."""
+    first = np.where(overturned.any(axis=1), x[np.argmax(overturned, axis=1)], np.nan)
+    return xarray.Dataset(
+        {"capacity": ("record", first), "overturned": (("record", "intensity"), overturned)},
+        coords={"intensity": ("intensity", x, {"units": "1"})},
+        attrs={"kind": "incremental-dynamic-analysis", "measure": "scale"},
     )
+
+
+def _row(method: str, count: int, case: str, held: np.ndarray) -> dict:
+    names = ("median", "dispersion", *(f"P = {p:g}" for p in FRACTILES))
+    shares = dict(zip(names, held.mean(axis=1).tolist(), strict=True))
+    return {"method": method, "records": count, "case": case, "samples": held.shape[1], **shares}
+
+
+def intervals(trials: int) -> None:
+    warnings.filterwarnings("ignore", "fragility: the intervals rest on")
+    rows = []
+    for count in (5, 10, 40):
+        rows += [capacities(count, censored, trials) for censored in (0.0, 0.25, 0.5, 0.75)]
+    for count in (5, 10, 40):
+        rows += [stripes(count, 12, again, trials // 2) for again in (0.0, AGAIN)]
+    report("coverage", rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("what", choices=("errors", "intervals"))
+    parser.add_argument("number", nargs="?", type=int, default=2000, help="scenes of each kind, or trials")
+    parser.add_argument("--records", type=Path, help="a folder of records, *.dat")
+    given = parser.parse_args()
+    if given.what == "errors":
+        errors(given.number, given.records)
+    else:
+        intervals(given.number)
 
 
 if __name__ == "__main__":

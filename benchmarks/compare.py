@@ -18,7 +18,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import PERIODS, Family, errors, family, keep, options, podium, rockjax_peaks, shortest, show
+from .measure import PERIODS, Family, errors, family, options, podium, report, rockjax_peaks, shortest
 
 TARGETS = (1e-6, 1e-8, 1e-10)
 TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]
@@ -73,16 +73,8 @@ def families(points: int, names: list[str]) -> list[dict]:
             if ours is None:
                 continue
             own = shortest(lambda s=whole, r=ours: rockjax_peaks(s, r)) / len(whole)
-            rows.append(
-                {
-                    "family": name,
-                    "error": target,
-                    "peer": "rockjax",
-                    "rtol": ours,
-                    "us": own * 1e6,
-                    "ratio": 1.0,
-                }
-            )
+            row = {"family": name, "error": target, "peer": "rockjax", "rtol": ours}
+            rows.append(row | {"us": own * 1e6, "ratio": 1.0})
             for peer in names:
                 solve, count, runs = peers()[peer]
                 if target < 1e-8 and count:
@@ -118,31 +110,14 @@ def job() -> list[dict]:
 
         tolerances = [max_tolerance(solve, panels[8:], target) for solve in (rockjax_peaks, numba_loop.solve)]
         times = [shortest(lambda r=tolerances[0]: ours(r)), shortest(lambda r=tolerances[1]: theirs(r))]
-        rows.append(
-            {
-                "error": target,
-                "rtol": tolerances[0],
-                "rockjax [s]": times[0],
-                "rtol numba": tolerances[1],
-                "numba [s]": times[1],
-                "ratio": times[1] / times[0],
-            }
-        )
+        row = {"error": target, "rtol": tolerances[0], "rockjax [s]": times[0]}
+        row |= {"rtol numba": tolerances[1], "numba [s]": times[1], "ratio": times[1] / times[0]}
+        rows.append(row)
         print(rows[-1], flush=True)
     default = shortest(
         lambda: rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(1e-8))
     )
-    rows.append(
-        {
-            "error": None,
-            "rtol": 1e-8,
-            "rockjax [s]": default,
-            "rtol numba": None,
-            "numba [s]": None,
-            "ratio": None,
-        }
-    )
-    return rows
+    return [*rows, {"error": None, "rtol": 1e-8, "rockjax [s]": default}]
 
 
 def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
@@ -155,21 +130,8 @@ def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
 def main(points: int = 40, *names: str) -> None:
     began = time.perf_counter()
     rows = families(int(points), list(names) or list(peers()))
-    keep(f"compare-{points}", rows)
-    show(rows, {"family": "", "error": ".0e", "peer": "", "rtol": ".1e", "us": ".2f", "ratio": ".1f"})
-    whole = job()
-    keep("fig6", whole)
-    show(
-        whole,
-        {
-            "error": ".0e",
-            "rtol": ".1e",
-            "rockjax [s]": ".2f",
-            "rtol numba": ".1e",
-            "numba [s]": ".2f",
-            "ratio": ".2f",
-        },
-    )
+    report(f"compare-{points}", rows)
+    report("fig6", job())
     print(f"{time.perf_counter() - began:.0f} s")
 
 

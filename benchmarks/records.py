@@ -155,9 +155,8 @@ def main() -> None:
     rows = precision(suite, peer)
     keep("records", [*beside, *rows])
     draw(rows)
-    show(beside, {key: ".1f" if "[" in key else "" for key in beside[0]})
-    forms = {"us": ".1f", "median": ".0e", "p99": ".0e", "max": ".0e", "flips": "d"}
-    show(rows, {"family": "", "by": "", "rtol": ".0e"} | forms)
+    show(beside)
+    show(rows)
 
 
 if __name__ == "__main__":

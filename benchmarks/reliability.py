@@ -19,7 +19,7 @@ from jax.scipy.stats import norm
 
 import rockjax as rj
 
-from .measure import keep, show
+from .measure import report, show
 
 ROOT2, COV, SEEDS = math.sqrt(2.0), 0.1, 3
 OURS = ("importance", "line", "subset")
@@ -154,24 +154,11 @@ def main(names: list[str]) -> None:
                 [solve(problem, method, seed) for seed in range(1 if method == "FORM" else SEEDS)]
             )
             off = np.abs(runs[:, 0] / problem.probability - 1)
-            rows.append(
-                {
-                    "problem": name,
-                    "d": problem.dimension,
-                    "P": problem.probability,
-                    "by": who,
-                    "method": method,
-                    "evaluations": float(np.mean(runs[:, 1])),
-                    "error": float(np.mean(off)),
-                }
-            )
-            print(rows[-1], flush=True)
-    if not names:
-        keep("reliability", rows)
-    show(
-        rows,
-        {"problem": "", "d": "d", "P": ".3e", "by": "", "method": "", "evaluations": ".0f", "error": ".3f"},
-    )
+            row = {"problem": name, "d": problem.dimension, "P": problem.probability, "by": who}
+            row |= {"method": method, "evaluations": float(np.mean(runs[:, 1])), "error": float(np.mean(off))}
+            rows.append(row)
+            print(row, flush=True)
+    report("reliability", rows) if not names else show(rows)
 
 
 if __name__ == "__main__":

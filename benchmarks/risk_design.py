@@ -202,11 +202,10 @@ STUDIES: dict[str, dict[str, Row]] = {
     "curves": {f"λ of {1e3 * y:.0f} mm": frequency_point(y) for y in WIDTHS}
     | {f"P of {1e3 * y:.0f} mm": probability_point(y) for y in (0.45, 0.5, 0.55, 0.6, 0.65)},
 }
-FORMATS = {
-    "study": "", "case": "", "tan α": ".5f", "objective": ".5f", "satisfied": "d", "spread": ".1e",
-    "price": ".4f", "limit": ".0e", "sampled": ".2e", "from": ".2e", "to": ".2e", "evaluations": "d",
-    "scenes": "d", "cpu s": ".0f",
-}  # fmt: skip
+COLUMNS = (
+    "study", "case", "tan α", "objective", "satisfied", "spread", "price", "limit", "sampled", "from", "to",
+    "evaluations", "scenes", "cpu s",
+)  # fmt: skip
 
 
 def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str, str, Row]]:
@@ -255,7 +254,7 @@ def main() -> None:
         rows.append({"study": study, "case": case} | row())
         print(rows[-1], flush=True)
         keep("risk-design", rows)
-    show(rows, FORMATS)
+    show(rows, COLUMNS)
     picture(rows)
 
 

@@ -133,19 +133,12 @@ def main(names: list[str], again: int = 3) -> None:
             first = run(name, folder)
             later = [run(name, folder) for _ in range(again)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
-        row = {
-            "what": name,
-            "first CPU [s]": first[1],
-            "later CPU [s]": cpu,
-            "later [J of CPU]": cpu / unit[1],
-        }
+        row = {"what": name, "first CPU [s]": first[1]}
+        row |= {"later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
         rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
         print(rows[name], flush=True)
         keep("startup", list(rows.values()))
-    show(
-        list(rows.values()),
-        {"what": "", **{name: ".2f" for name in next(iter(rows.values())) if name != "what"}},
-    )
+    show(list(rows.values()))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import keep, show
+from .measure import report
 
 OUTPUTS = ("peak_rotation",)
 RUNS = 3
@@ -91,14 +91,8 @@ def overhead(folder: Path) -> list[dict]:
     for chunk in sizes:
         each = scenes.size // number[chunk]
         label = f"{each} (default)" if chunk is None else str(each)
-        rows.append(
-            {
-                "scenes a chunk": label,
-                "chunks": number[chunk],
-                "s": best[chunk],
-                "over the batch": best[chunk] / batch - 1,
-            }
-        )
+        row = {"scenes a chunk": label, "chunks": number[chunk], "s": best[chunk]}
+        rows.append(row | {"over the batch": best[chunk] / batch - 1})
     slope = (best[sizes[0]] - best[None]) / (number[sizes[0]] - number[None])
     print(f"{slope * 1e3:.0f} ms a chunk")
     return rows
@@ -212,28 +206,12 @@ def large(scenes: int, store: Path) -> list[dict]:
 
 def main() -> None:
     if sys.argv[1:2] == ["large"]:
-        rows = large(int(float(sys.argv[2])), Path(sys.argv[3]))
-        keep("sweeps-large", rows)
-        show(rows, {key: "d" if isinstance(y, int) else ".0f" for key, y in rows[0].items()})
+        report("sweeps-large", large(int(float(sys.argv[2])), Path(sys.argv[3])))
         return
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        wanted = sys.argv[1:] or ["overhead", "processes", "memory"]
-        if "overhead" in wanted:
-            rows = overhead(folder)
-            keep("sweeps-overhead", rows)
-            show(rows, {"scenes a chunk": "", "chunks": "d", "s": ".2f", "over the batch": ".1%"})
-        if "processes" in wanted:
-            rows = processes(folder)
-            keep("sweeps-processes", rows)
-            show(rows, {"workers": "", "s": ".2f", "scenes / s": ".0f", "over one": ".2f"})
-        if "memory" in wanted:
-            rows = memory(folder)
-            keep("sweeps-memory", rows)
-            show(
-                rows,
-                {"scenes": "d", "first tenth [MiB]": ".0f", "last tenth [MiB]": ".0f", "most [MiB]": ".0f"},
-            )
+    studies = {"overhead": overhead, "processes": processes, "memory": memory}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in sys.argv[1:] or studies:
+            report(f"sweeps-{name}", studies[name](Path(folder)))
 
 
 if __name__ == "__main__":
