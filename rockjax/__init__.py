@@ -29,8 +29,8 @@ def __getattr__(name: str) -> Any:
 
 
 def _is_command() -> bool:
-    """Whether this process is the command line, `rockjax …` or `python -m rockjax …`: its help needs no
-    JAX."""
+    """Return whether this process is the command line (`rockjax …`, `python -m rockjax …`), whose help needs
+    no JAX."""
     if _sys.argv[:1] == ["-m"]:
         return ("-m", "rockjax") in zip(_sys.orig_argv, _sys.orig_argv[1:], strict=False)
     return _os.path.basename(_sys.argv[0] if _sys.argv else "") in ("rockjax", "rockjax.exe")

@@ -1,5 +1,4 @@
-"""What packages built on rockjax add to it: entry points of the group `rockjax.extensions`, loaded where they
-are used.
+"""Extensions by packages built on rockjax: entry points of the group `rockjax.extensions`, loaded on use.
 
 rockjax imports none of them: `design` answers the command `rockjax design`, `design-chart` draws the files of
 that kind.
@@ -14,8 +13,7 @@ GROUP = "rockjax.extensions"
 
 
 def extension(name: str) -> Any:
-    """What is registered under a name. Raises `ImportError` where no installed package has registered
-    anything."""
+    """Load the extension registered under a name. Raises `ImportError` if no installed package has one."""
     for entry in entry_points(group=GROUP, name=name):
         return entry.load()
     raise ImportError(

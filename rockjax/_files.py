@@ -1,4 +1,4 @@
-"""Files are written whole or not at all: under a temporary name beside the target, then renamed."""
+"""Atomic file writes: under a temporary name beside the target, then renamed."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CONVENTIONS = "CF-1.8"  # of the units, flags and names in files; the earliest w
 def write_dataset(
     path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
 ) -> Path:
-    """Write a dataset as netCDF, and others as groups of the same file, whole or not at all."""
+    """Write a dataset as netCDF, and others as groups of the same file, atomically."""
 
     data.attrs.setdefault("Conventions", CONVENTIONS)
 
@@ -64,7 +64,7 @@ def write_dataset(
 
 
 def write_figure(path: str | Path, figure: Figure) -> Path:
-    """Write a picture, whole or not at all, and close it."""
+    """Write a picture atomically and close it."""
     from matplotlib.pyplot import close
 
     try:

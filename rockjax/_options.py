@@ -1,4 +1,4 @@
-"""How a scene is solved."""
+"""Options of the solution of a scene."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Numbers that can be what they say, and hardly are: units of another system, dimensions in millimetres.
+"""Warnings about values that suggest a unit error: units of another system, dimensions in millimetres.
 
-Said once what was understood, never an error. Only host values are looked at; nothing here runs inside a
-trace.
+A warning states what was understood; it is never an error. Only host values are checked; nothing here runs
+inside a trace.
 """
 
 from __future__ import annotations

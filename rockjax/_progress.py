@@ -69,8 +69,8 @@ class Bar(tqdm):
 
 
 def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
-    """What can be updated, to be used as a context: `progress` itself if it can, else a bar, shown if it is
-    true."""
+    """Return a progress bar as a context: `progress` itself if it has `update`, else a bar, shown if
+    `progress` is true."""
     if hasattr(progress, "update"):
         return contextlib.nullcontext(progress)
     if not progress:

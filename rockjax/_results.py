@@ -1,4 +1,4 @@
-"""How a scene ends, states, and what a scene cost."""
+"""Results, states and statistics of scenes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ._checks import as_number
 
 
 class RESULTS(eqx.Enumeration):
-    """How a scene ended."""
+    """Named results of a scene."""
 
     settled = "No wanted output can change any more."
     end_of_time = "The scene reached t_end."
@@ -84,7 +84,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class State(Module):
-    """Where the structure is: rotation, its rate, displacement of the top mass relative to the ground, its
+    """State of the structure: rotation, its rate, displacement of the top mass relative to the ground, its
     rate.
 
     `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an
@@ -103,7 +103,7 @@ REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 
 class Stats(Module):
-    """What a scene cost: accepted `steps`, `rejected` trials (for accuracy, or to land on an event),
+    """Cost of a scene: accepted `steps`, `rejected` trials (for accuracy, or to land on an event),
     `end_time` [s]."""
 
     steps: Int[Array, "*batch"]

@@ -1,5 +1,4 @@
-"""What `optimise` needs of rockjax beyond its public face, in one place. Not for users: it changes without
-notice."""
+"""Names that `optimise` uses beyond the public face. Not for users: they change without notice."""
 
 from ._boundaries.boundary import BOUNDARY
 from ._boundaries.crossings import scan

@@ -35,7 +35,7 @@ class Shaking(NamedTuple):
 
 
 class AbstractLookahead(Module):
-    """What is still to come of one excitation; everything here is a constant for derivatives."""
+    """Bounds of the rest of an excitation; everything here is a constant for derivatives."""
 
     @abc.abstractmethod
     def next_exceedance(self, t: Value, piece: Index) -> Value:
@@ -80,7 +80,7 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
-        """What is to come; `threshold` is given where the engine will ask for exceedances."""
+        """Return bounds of the rest; `threshold` is given where the engine will ask for exceedances."""
 
     @property
     def panels(self) -> tuple[int, tuple[Number, ...]]:
@@ -94,7 +94,7 @@ class AbstractExcitation(Module):
         return 16, ((end - start) / 20, (end - start) / 80)
 
     def scaled(self, factor) -> Self:
-        """The same motion times a factor."""
+        """Return the motion times a factor."""
         raise NotImplementedError(
             f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`"
         )
@@ -115,8 +115,8 @@ class AbstractExcitation(Module):
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
-        """The same motion in a form whose programs serve more of its kind, whatever the length of a
-        record."""
+        """Return the motion in a form whose compiled programs serve its whole kind, whatever the length of
+        a record."""
         return self
 
     @property

@@ -164,8 +164,8 @@ class GroundMotion(AbstractExcitation):
         return self._together(i - back(first >= other, i), j - back(other >= first, j))
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Where breakpoints of both end a piece: how far that of the horizontal motion moves past the other,
-        zero in value, and the piece between them."""
+        """Return how far the horizontal breakpoint moves past the vertical one that ends the piece too (zero in
+        value), and the piece between them."""
         i, j = self.parts(index)
         first, other = self._ends(index)
         tied = jax.lax.stop_gradient((first == other) & jnp.isfinite(first))
@@ -240,7 +240,7 @@ class OfAmplitude(AbstractExcitation):
 
 
 class PairLookahead(AbstractLookahead):
-    """What is to come of both components; what it says of one is of the horizontal one."""
+    """Bounds of the rest of both components; those of a single component are of the horizontal one."""
 
     motion: GroundMotion
     horizontal: AbstractLookahead

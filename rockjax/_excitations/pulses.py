@@ -34,8 +34,8 @@ _HALVINGS, _NEWTON_STEPS = 10, 5
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Where the increasing f passes zero in [lo, hi], to rounding, from the side on which f > 0; hi where it
-    does not.
+    """Return the root of an increasing f in [lo, hi], to rounding, from the side on which f > 0; hi without
+    one.
 
     Halvings, Newton's steps, and halvings again of what these leave: a few, unless f hardly rises at its
     zero.
@@ -223,8 +223,8 @@ class AbstractPulse(AbstractExcitation):
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
     def _passed(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
-        """Where |s| passes the level on each monotone interval, as it rises to the top at its end or falls
-        from that at its start; anything where the top is lower."""
+        """Return where |s| passes the level on each monotone interval, as it rises to the top at its end or
+        falls from that at its start; any number where the top is lower."""
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NOTHING)
         sign = np.sign(tops[high]) if rises else -np.sign(tops[high])

@@ -44,8 +44,7 @@ def filled_up(samples, *sizes: int):
 
 
 class Sampling(NamedTuple):
-    """How a motion is sampled: first sample at `start` [s], `count` of them every `dt` [s], times `scale`
-    [–]."""
+    """Sampling of a motion: first one at `start` [s], `count` samples every `dt` [s], times `scale` [–]."""
 
     start: Any
     dt: Any
@@ -59,19 +58,19 @@ class AbstractSampled(AbstractExcitation):
     @property
     @abc.abstractmethod
     def sampling(self) -> Sampling:
-        """Of one motion, or arrays for a batch of them."""
+        """Return the sampling of one motion, or arrays for a batch of them."""
 
     @property
     @abc.abstractmethod
     def table(self) -> Float[Array, "*table n"]:
-        """Where the samples are kept, unscaled [m/s²]."""
+        """Return the array that holds the samples, unscaled [m/s²]."""
 
     @abc.abstractmethod
     def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
         """Entry i of this motion in a table of the form of `table`."""
 
     def counts_of_rows(self) -> Int[Array, "*rows 1"]:
-        """How many of a row of the table are samples, for every row of it."""
+        """Return the number of samples in each row of the table."""
         return jnp.asarray(self.sampling.count)[..., None]
 
     @abc.abstractmethod
@@ -164,7 +163,7 @@ class AbstractSampled(AbstractExcitation):
 
 
 class SampledLookahead(AbstractLookahead):
-    """What is to come of a sampled motion, from sums and maxima over the samples still to come."""
+    """Bounds of the rest of a sampled motion, from sums and maxima over its samples."""
 
     record: AbstractSampled
     threshold: Value | None

@@ -136,7 +136,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
         return self._bounds()[1]
 
     def _bounds(self) -> tuple[Value, Value]:
-        """Of |ü_g| and |d²ü_g/dt²|."""
+        """Return bounds of |ü_g| and |d²ü_g/dt²|."""
         # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
         omega = 2 * math.pi * motion.f_p
@@ -197,7 +197,7 @@ class Gabor(AbstractExcitation):
         return self._bounds()[1]
 
     def _bounds(self) -> tuple[Value, Value]:
-        """Of |ü_g| and |d²ü_g/dt²|."""
+        """Return bounds of |ü_g| and |d²ü_g/dt²|."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
         # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the

@@ -22,7 +22,7 @@ def _plain(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Whether a component is the vertical one: `Up`, `U-D`, `UD1`, `VERT.`, `VRT`, `DWN`, `HNZ`, `BHZ00` …"""
+    """Return whether a component is vertical: `Up`, `U-D`, `UD1`, `VERT.`, `VRT`, `DWN`, `HNZ`, `BHZ00` …"""
     return any(_is_vertical(_plain(part)) for part in (name, (name.split() or [""])[0], name.split(".")[-1]))
 
 
@@ -31,7 +31,7 @@ def _is_vertical(plain: str) -> bool:
 
 
 def points_down(name: str) -> bool:
-    """Whether a vertical component is positive downwards."""
+    """Return whether a vertical component is positive downwards."""
     return any(_DOWN.fullmatch(_plain(part)) for part in (name, (name.split() or [""])[0]))
 
 

@@ -150,7 +150,7 @@ def _is_other(value) -> bool:
 
 
 def _advice(value) -> str:
-    """How to make a motion of what is none."""
+    """Return advice on how to convert a value to a motion."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return f"; give it its numbers: rockjax.{value.__name__}(a_p, T_p)"
     if isinstance(value, str | bytes | Path):

@@ -186,5 +186,5 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
 
 
 def _is_symbol(words: str) -> bool:
-    """Whether a heading is a symbol such as a_g or a(t), whose index is no unit."""
+    """Return whether a heading is a symbol such as a_g or a(t), whose index is no unit."""
     return re.fullmatch(r"[a-zü]+(?:_g|\(t\))", words, re.I) is not None and len(words) <= 4

@@ -94,7 +94,7 @@ class PulseFit:
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def rest(self, motion: Motion) -> Motion:
-        """What a record is besides the pulse: the motion less the pulse (host)."""
+        """Return the motion less the pulse (host)."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
@@ -242,7 +242,7 @@ def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
 
 
 def _tidy(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
-    """The same pulse with A ≥ 0 and −π < ν ≤ π."""
+    """Return the same pulse with A ≥ 0 and −π < ν ≤ π."""
     turned = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
     nu = turned - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(turned / (2 * math.pi) - 0.5))
     return dataclasses.replace(pulse, A=jnp.abs(pulse.A), nu=nu)

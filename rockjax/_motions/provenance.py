@@ -1,4 +1,4 @@
-"""Which record a result is of: its name and source, and numbers that tell it from others."""
+"""Identity of the record of a result: its name, source and distinguishing numbers."""
 
 from __future__ import annotations
 

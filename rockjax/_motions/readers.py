@@ -101,7 +101,7 @@ def read_suite(
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file begins like a table of files, not like a motion."""
+    """Return whether a file begins like a table of files, not like a motion."""
     try:
         if path.suffix.lower() != ".csv":
             return False

@@ -1,4 +1,4 @@
-"""Which motions are components of one station."""
+"""Grouping of motions as components of one station."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _of_depth(motion: M, others: list[M]) -> list[M]:
-    """Of several instruments at a station, that of the same number (EW1 and UD1, EW2 and UD2)."""
+    """Return the instrument of the same number at a station (EW1 and UD1, EW2 and UD2)."""
     if len(others) < 2:
         return others
     number = lambda of: re.search(r"\d*$", _component(of).split()[0] if _component(of) else "")

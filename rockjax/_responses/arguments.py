@@ -74,7 +74,7 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """What can be said of concrete numbers together."""
+    """Check concrete numbers against each other."""
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
@@ -110,9 +110,9 @@ IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly
 
 
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Of a pulse that cannot lift the columns, and would if its amplitude were in g.
+    """Warn of a pulse that cannot lift the columns but would if its amplitude were in g.
 
-    Only where it has two digits, as amplitudes do that are typed: what was worked out is taken at its word.
+    Only amplitudes of at most two digits are doubted, as people type them; computed ones are not.
     """
     size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     if size is None or not IN_G[0] <= abs(size) < IN_G[1] or float(f"{float(size):.2g}") != float(size):

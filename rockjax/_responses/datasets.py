@@ -1,4 +1,4 @@
-"""What a file of results says of itself: parameters, tolerances and versions, for its attributes."""
+"""Attributes of result files: parameters, tolerances and versions."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 
 
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    """What a spectrum is of, for the attributes of a file."""
+    """Return the parameters of a spectrum as attributes of a file."""
     return {
         "pulse": getattr(pulse, "__name__", repr(pulse)),
         **describe_podium(podium),
@@ -166,7 +166,7 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 
 def describe_versions() -> dict[str, str]:
-    """What the numbers were made with, for the attributes of a file."""
+    """Return the versions that computed a result as attributes of a file."""
     # Diffrax itself takes long to import.
     return {
         "rockjax_version": _version.__version__,

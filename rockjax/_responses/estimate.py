@@ -1,8 +1,7 @@
-"""How wrong a scene may be: how far it is from a second solution of the same scene, at another tolerance.
+"""Estimated errors: differences from a second solution of the same scene at another tolerance.
 
-A tenth of the tolerance where there is room for it: then the difference is the error of the first solution,
-but for a tenth. Close to rounding ten times the tolerance: then it is that of the second one, and errs on the
-safe side.
+The second solution has a tenth of the tolerance, so that the difference is the error of the first to a tenth.
+Close to rounding it has ten times the tolerance, and the difference errs on the safe side.
 """
 
 from __future__ import annotations
@@ -45,10 +44,10 @@ def companion(options: Options) -> Options:
 
 
 def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
-    """Whether the two solutions have gone ways of their own, after impacts from which columns can overturn.
+    """Return whether the two solutions have parted after impacts from which columns can overturn.
 
-    Where rocking is chaotic, both may have the same peak, from before, and stand by chance. A solution that
-    goes on for longer may have one impact more. Where both overturn, they do so at times of their own.
+    In chaotic rocking both may survive by chance with the same earlier peak. The longer solution may have one
+    more impact. Where both overturn, their times are compared.
     """
     apart, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     one_more = xp.minimum(abs(apart - last[0]), abs(apart + last[1]))

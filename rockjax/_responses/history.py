@@ -29,7 +29,7 @@ POINTS = 10  # of Gauss–Legendre on one step of the history: far below the err
 
 
 class Energies(Module):
-    """Where the energy is and went, per N m_c [m²/s²].
+    """Balance of energy, per N m_c [m²/s²].
 
     initial + input = mechanical + impacts + damping + dampers + residual:
 
@@ -60,7 +60,7 @@ Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
 class _Sample(NamedTuple):
-    """What a quantity is computed from."""
+    """Inputs of a quantity of the history."""
 
     sigma: Value
     ground: Value
@@ -82,7 +82,7 @@ def deformation(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
 
 
 def drift(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    """Of each story."""
+    """Return the drift of each story."""
     deformations = deformation(c, sigma, ground, x, v)
     weights = drift_weights(present(present(c.several).floors))
     return jnp.sum(weights * deformations[None, :], axis=-1)

@@ -1,4 +1,4 @@
-"""What every scene answers: peaks, in lines, as the table of a notebook and as a dataset."""
+"""Peaks of a scene: as fields, as lines of text, as the table of a notebook and as a dataset."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ VARIABLES = {
 
 
 class AbstractPeak(Module):
-    """What every scene answers.
+    """Peaks and result of a scene.
 
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached
       [s]
@@ -286,7 +286,7 @@ def _text(peak: AbstractPeak) -> str:
 
 
 def _html(peak: AbstractPeak) -> str:
-    """The same as a table."""
+    """Return the peaks as an HTML table."""
     headline, rows = _account(peak)
     return f"<p><b>{escape(headline)}</b></p>" + (tables.html(rows) if rows else "")
 

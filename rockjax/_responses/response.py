@@ -280,7 +280,7 @@ def _dataset(
 
 
 def _dims(name: str, dimensions: int) -> tuple[str, ...]:
-    """Of a series: modes or stories come after time."""
+    """Return the dimensions of a series: modes or stories come after time."""
     if dimensions == 1:
         return ("time",)
     return "time", STORIES if name in ("drift", "floor_acceleration") else MODES

@@ -44,7 +44,7 @@ class Sensitivities(Module):
 
 
 def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> Sensitivities | None:
-    """Those of wanted peaks from the answers of lanes, None where no parameters are named."""
+    """Collect the sensitivities of requested peaks from the answers of lanes; None without parameters."""
     if not names:
         return None
     wanted = {peak: floats.get(slope_name(peak)) if peak in outputs else None for peak in SENSITIVE}
@@ -52,15 +52,14 @@ def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> 
 
 
 def slope_name(answer: str) -> str:
-    """What the derivatives of an answer are called."""
+    """Return the name of the derivatives of an answer."""
     return f"{answer}_sensitivity"
 
 
 def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
-    """Where a motion keeps single numbers, by the names of parameters of a scene.
+    """Return where a motion holds its single numbers, by parameter name.
 
-    Of a pair those of the horizontal motion have their own names, those of the vertical one are
-    `vertical.…`.
+    Numbers of the vertical motion of a pair are named `vertical.…`.
     """
     if isinstance(motion, GroundMotion):
         of_each = {part: numbers_of(getattr(motion, part)) for part in PARTS}
@@ -122,6 +121,6 @@ def _kept(motion: AbstractExcitation, place: str) -> Any:
 
 
 def _as_is(now: Any, changed: Any) -> Any:
-    """What is now to the last digit, with the derivatives of what it has changed into."""
+    """Return `now` to the last digit, with the derivatives of `changed`."""
     constant = jax.lax.stop_gradient
     return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), now, changed)

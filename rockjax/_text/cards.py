@@ -1,4 +1,4 @@
-"""What structures, motions and options say of themselves: in lines, and as the table of a notebook."""
+"""Text and HTML representations of structures, motions and options."""
 
 from __future__ import annotations
 
@@ -70,8 +70,7 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meanings(cls: type) -> dict[str, str]:
-    """What the docstring says of the fields, inherited or own, in bullets such as "- `A`, `B`: meaning; `C`:
-    meaning"."""
+    """Read the meaning of fields from docstring bullets such as "- `A`, `B`: meaning; `C`: meaning"."""
     found = {}
     described = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
     for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", described, re.M):

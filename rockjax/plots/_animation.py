@@ -120,7 +120,7 @@ def _ffmpeg() -> str:
 
 
 def _displacement(data: xarray.Dataset) -> np.ndarray:
-    """Of the ground over the times of a history, from rest [m]."""
+    """Return the ground displacement over the times of a history, from rest [m]."""
     from scipy.integrate import cumulative_trapezoid
 
     t = data["time"].values
@@ -257,7 +257,7 @@ class _Floor(NamedTuple):
 
 
 def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
-    """What sways on the beam: the floors of a building, or one mass; of modes without floors the first."""
+    """Return the swaying masses on the beam: the floors of a building, one mass, or the first mode."""
     if "drift" in data:
         sways = data["drift"].values.cumsum(axis=1).T
         known = getattr(podium_of(data.attrs).superstructure, "heights", None)

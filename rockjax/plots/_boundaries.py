@@ -126,7 +126,7 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tup
 
 
 def _jumps(curve: np.ndarray) -> np.ndarray:
-    """Where a curve jumps from one place to the next: the indices of the places before."""
+    """Return the indices before jumps of a curve."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     around = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * around))

@@ -115,8 +115,7 @@ def fragility(
 
 
 def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """What the shares at the levels are, and why they are less than those of the first overturning where they
-    are."""
+    """Describe the observed shares, and why they may be less than those of the first overturning."""
     first = np.searchsorted(capacity, levels, side="right") / records
     if np.all(observed >= first - 1e-9):
         return "share overturned at a level"

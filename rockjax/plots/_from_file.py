@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """How to draw one picture of a dataset.
+    """One picture of a dataset.
 
     - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
     - `default`: drawn where no picture is asked for by name

@@ -60,7 +60,7 @@ def time_limits(data: xarray.Dataset) -> tuple[float, float]:
 
 
 def vibrates(attributes: Mapping[str, Any]) -> bool:
-    """Whether there is something elastic on the columns, from the attributes of a file."""
+    """Return whether the superstructure is elastic, from the attributes of a file."""
     return attributes["superstructure"] != "none" and attributes.get("T_s_s", 0.0) > 0
 
 
@@ -247,7 +247,7 @@ def saddle(podium: Podium) -> float:
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
 
-    In full contact (θ = 0) it is what is asked of the frame, −q/q_up of Eq. (9), between −1 and 1. While
+    In full contact (θ = 0) it is the demand on the frame, −q/q_up of Eq. (9), between −1 and 1. While
     rocking it is the moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls
     from 1 to 0 at θ = α, of the vertical inertia of beam, columns and superstructure, Eq. (15), and of
     restrainers. The thick line is what weights and tendons do at rest.

@@ -99,7 +99,7 @@ def _restrainers(attributes: Mapping[str, Any]) -> str:
 
 
 def mass_of(panels: xarray.Dataset, ratio: float) -> str:
-    """What stands on the columns, from η/γ."""
+    """Return the name of the superstructure from η/γ."""
     if ratio == 0:
         return "solitary block" if _is_block(panels) else "no superstructure"
     if math.isinf(ratio):

@@ -1,4 +1,4 @@
-"""How pictures look: colours, lines, labels, and the frame that a figure of ours is made in."""
+"""Style of the pictures: colours, lines, labels and the layout of figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What networks and databases write, a module for each format; a new one is a module more, and a line in
+"""File formats of networks and databases, one module each; a new one adds a module and a line in
 `FORMATS`.
 
 Judged for this: gmprocess reads them all and brings over a hundred packages, quakeio brings OpenSees for one

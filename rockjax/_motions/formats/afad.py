@@ -1,5 +1,4 @@
-"""What Turkey's AFAD, and the Earthquake Department before it, wrote as text: three components beside each
-other."""
+"""Text files of Turkey's AFAD and of the Earthquake Department before it: three components side by side."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""What the readers of all formats share: samples as they come out of a file, and numbers with the line they
-stand in.
+"""Shared parts of the readers: samples in the units of a file, and numbers with their line.
 
-Whatever is wrong with a file is a `ValueError` of one line that names the file, the line where there is one,
-and the cause.
+Any fault of a file raises a one-line `ValueError` that names the file, the line if there is one, and the
+cause.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ Component = int | str | None
 
 @dataclasses.dataclass
 class Samples:
-    """What a file holds, in its own units: `units` is None and `dt` is None where it does not say them."""
+    """Samples of a file in its own units; `units` and `dt` are None where the file does not state them."""
 
     values: np.ndarray
     dt: float | None
@@ -73,7 +72,7 @@ def alone(path: Path, component: Component, samples: Samples) -> Samples:
 
 
 def _is_same(asked: int | str, name: str) -> bool:
-    """Whether a component is meant by a name, which for a vertical one may be any of its usual names."""
+    """Return whether a name means a component; a vertical one may have any of its usual names."""
     if plain(asked) == plain(name):
         return True
     both = is_vertical(str(asked)) and is_vertical(name)
@@ -81,7 +80,7 @@ def _is_same(asked: int | str, name: str) -> bool:
 
 
 def raw(text: str) -> bool:
-    """Whether a header says that the data are uncorrected."""
+    """Return whether a header marks the data as uncorrected."""
     return _RAW.search(text) is not None
 
 
@@ -90,7 +89,7 @@ def plain(name: int | str) -> str:
 
 
 def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
-    """Which of several channels, (number, name), is meant."""
+    """Choose one of several channels (number, name) by the requested component."""
     if component is None and len(channels) == 1:
         return 0
     if isinstance(component, int):
@@ -139,7 +138,7 @@ def _value(word: str) -> float | None:
 
 
 def _cause(word: str) -> str:
-    """What is wrong with a word in the place of a number, as far as it shows."""
+    """Describe what is wrong with a word in the place of a number."""
     if word.casefold() in _GAPS:
         return ": a gap"
     if set(word) == {"*"}:

@@ -62,7 +62,7 @@ def _cells(text: str) -> list[str]:
 
 
 def _is_heading(cells: list[str]) -> bool:
-    """Whether a row names columns: it begins like no number, or leaves the first name out, as pandas does."""
+    """Return whether a row names columns: no number first, or no first name, as pandas writes it."""
     if not cells[0]:
         return all(_NUMBER_LIKE.match(cell) is None or re.fullmatch(r"\d{1,3}", cell) for cell in cells[1:])
     return _NUMBER_LIKE.match(cells[0]) is None
@@ -243,7 +243,7 @@ def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
 
 
 def _rises(values: np.ndarray) -> bool:
-    """Whether a column rises in about equal steps, as times do."""
+    """Return whether a column rises in about equal steps, as times do."""
     steps = np.diff(values)
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
 

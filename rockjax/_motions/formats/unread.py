@@ -28,7 +28,7 @@ def _is_spectra(path: Path, lines: list[str]) -> bool:
 
 
 def _is_usc(path: Path, lines: list[str]) -> bool:
-    """Whether a file is laid out as USC's: the lengths of its lines of text stand in columns 73 and 74."""
+    """Return whether a file has USC's layout: the lengths of its text lines in columns 73 and 74."""
     header = lines[2:12]
     lengths = len(header) == 10 and all(re.fullmatch(r"\s?\d{1,2}", line[72:74]) for line in header)
     of_usc = lengths or re.search(r"\bUSC\s*#", " ".join(lines[:12]), re.I) is not None
