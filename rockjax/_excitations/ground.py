@@ -164,7 +164,7 @@ class GroundMotion(AbstractExcitation):
         return self._together(i - back(first >= other, i), j - back(other >= first, j))
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return how far the horizontal breakpoint moves past the vertical one that ends the piece too (zero in
+        """Return how far the horizontal breakpoint moves past the vertical one of the same piece end (zero in
         value), and the piece between them."""
         i, j = self.parts(index)
         first, other = self._ends(index)
