@@ -1,5 +1,4 @@
-"""What every method of design shares: what it is told of a point, what it says of its way, how it looks
-around at its end.
+"""What the parts of a search tell each other: what holds at a point, iterates, ends.
 
 A descent is a coroutine: it yields points and is sent what holds there, so that many descents are evaluated
 as one batch.
@@ -7,15 +6,13 @@ as one batch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
 
 from ._quadratic import Vector
-from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
-
-LOOKS, REACHES = 4, (0.02, 0.06, 0.2, 0.5)  # how often and how far a descent looks around at its end
+from ._results import CONVERGED, INFEASIBLE, STALLED
 
 
 class Evaluation(NamedTuple):
@@ -85,29 +82,6 @@ class End(NamedTuple):
 
 
 Descent = Generator[Vector, Evaluation, End]
-Descend = Callable[[Vector, Rules, list[Iterate], int, int], Descent]
-"""One descent of a method: from x, under rules; its iterates are kept as those of a start, numbered on."""
-
-
-def descend(once: Descend, x: Vector, rules: Rules, history: list[Iterate], start: int) -> Descent:
-    """Minimise from x in [0, 1]ⁿ by a method; yields points, is sent `Evaluation`s there.
-
-    Responses have ripples, and what satisfies the targets may be in several pieces: a descent looks around at
-    its end, and goes on from a better point if it sees one.
-    """
-    end = yield from once(x, rules, history, start, 0)
-    for _ in range(LOOKS):
-        if end.result in (NOT_FINITE, OUT_OF_ITERATIONS):
-            break
-        other = yield from _look_around(end, rules)
-        if other is None:
-            break
-        again = yield from once(other, rules, history, start, end.iterations)
-        if rank(again.there) >= rank(end.there):
-            end = end._replace(iterations=again.iterations)
-            break
-        end = again
-    return end
 
 
 def prepared(raw: Evaluation, rules: Rules) -> Evaluation:
@@ -134,21 +108,3 @@ def at_rest(here: Evaluation, residual: float, rules: Rules) -> int:
     if here.violation > rules.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * rules.tolerance else STALLED
-
-
-def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
-    """A better point some way off along an axis, None if there is none."""
-    best, found = rank(end.there), None
-    for reach in REACHES:
-        for k in range(len(end.x)):
-            for side in (-reach, reach):
-                x = end.x.copy()
-                x[k] += side
-                if not 0 <= x[k] <= 1:
-                    continue
-                there = prepared((yield x), rules)
-                if there.finite and rank(there) < best and (best[0] > 0 or there.violation == 0):
-                    best, found = rank(there), x
-        if found is not None:
-            break
-    return found

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import optax
 
 import rockjax as rj
 from rockjax.internal import bar as bar_of
 from rockjax.internal import of_kind, shown, single, whole
 
 from ._answer import Design, Effort, Found, Sampled, answer_of
-from ._descent import End, Evaluation, Iterate, Rules, descend, prepared, rank, scale_of
+from ._descent import End, Evaluation, Iterate, Rules, prepared, rank, scale_of
 from ._evaluator import Evaluator, problem_of, side_by_side, source_of, verified
 from ._failure import FailureProbability
-from ._methods import Method, method_of
+from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
+from ._gradients import GradientSteps, transformation_of
 from ._objectives import AbstractObjective, OfPodium
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
 from ._sampling import SampledTargets
-from ._sqp import descend_by_sqp
+from ._sqp import MAX_ITERATIONS, descend
 from ._stochastic import MAX_ITERATIONS as FRESH_ITERATIONS
-from ._stochastic import Search as FreshSearch
+from ._stochastic import FreshSearch
 from ._targets import AbstractScaleTarget, AbstractTarget
 from ._variables import Structure, Variables, variables
+
+if TYPE_CHECKING:
+    import optax
 
 REFINEMENTS = 3  # rounds that pull a design inside which only the accurate simulation finds outside
 SAMPLED_TOLERANCE = 1e-4  # finer ones mean nothing where a probability is sampled
@@ -58,15 +61,15 @@ def design(
     - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts.
       None looks for the nearest design that satisfies the targets
     - `targets`: what must hold. Those on the same motions share their simulations
-    - `method`: `"sqp"`, sequential quadratic programming, or an `optax.GradientTransformation` such as
-      `optax.adam(0.02)`, around which an augmented Lagrangian keeps the targets; in scaled variables. The
-      first needs far fewer evaluations, the second may have `FreshSamples` in the place of suites
+    - `method`: `"sqp"`, sequential quadratic programming. An `optax.GradientTransformation` such as
+      `optax.adam(0.02)`, or `"adam"` for just that, takes `max_iterations` steps on an augmented Lagrangian
+      in scaled variables first, and may have `FreshSamples` in the place of suites
     - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins; at least 1e-4 where a
       target is sampled [–]
-    - `max_iterations`: of every start; None gives 60 to `"sqp"`, 1000 to a gradient transformation, with
-      `FreshSamples` 300
+    - `max_iterations`: of every start; None gives 60 to `"sqp"`, 100 steps to a gradient transformation,
+      with `FreshSamples` 300
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
     A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose
@@ -74,7 +77,7 @@ def design(
     [`rockjax.Interrupted`][], whose `partial` is the best design seen until then, verified like any other.
     """
     began = time.perf_counter()
-    chosen = method_of(method)
+    transformation = transformation_of(method)
     of_kind("design", "options", options, rj.Options, "rockjax.Options")
     targets = (targets,) if isinstance(targets, AbstractTarget) else targets
     if isinstance(targets, str) or not isinstance(targets, Iterable):
@@ -95,18 +98,19 @@ def design(
         varied, objective, tuple(t for k, t in enumerate(targets) if k not in sampled.targets)
     )
     fresh = any(source_of(target) is not None for target in targets)
-    _check_fresh(chosen, targets, objective)
+    _check_fresh(transformation, targets, objective)
     if max_iterations is None:
-        max_iterations = FRESH_ITERATIONS if fresh else chosen.max_iterations
+        by_default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
+        max_iterations = FRESH_ITERATIONS if fresh else by_default
     points = _points(varied, starts, seed)
     # At most: the first evaluation, one an iteration, and those that verify.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled, options, points, tolerance, bar)
         search: _Search | FreshSearch
-        if chosen.transformation is not None and fresh:
-            search = FreshSearch(chosen.transformation, evaluate, points, tolerance, max_iterations)
+        if transformation is not None and fresh:
+            search = FreshSearch(transformation, evaluate, points, tolerance, max_iterations)
         else:
-            search = _Search(chosen, evaluate, points, tolerance, max_iterations)
+            search = _Search(transformation, evaluate, points, tolerance, max_iterations)
         stopped = search.run(options)
     effort = evaluate.effort(search.iterations, time.perf_counter() - began)
     sizes = _names(targets, evaluate.sizes)
@@ -120,9 +124,14 @@ class _Search:
     """All starts of a design: first evaluation, descents side by side, verification."""
 
     def __init__(
-        self, method: Method, evaluate: Evaluator, points: np.ndarray, tolerance: float, max_iterations: int
+        self,
+        transformation: optax.GradientTransformation | None,
+        evaluate: Evaluator,
+        points: np.ndarray,
+        tolerance: float,
+        max_iterations: int,
     ):
-        self.method, self.evaluate, self.points = method, evaluate, points
+        self.transformation, self.evaluate, self.points = transformation, evaluate, points
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.history: list[Iterate] = []
         self.ended: dict[int, End] = {}
@@ -138,11 +147,18 @@ class _Search:
         except KeyboardInterrupt:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
         self.scale = scale_of([e for e in first if e.finite])
-        rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, self.max_iterations)
-        once = self.method.descend
+        steps = 0 if self.transformation is None else self.max_iterations
+        most = steps + MAX_ITERATIONS if steps else self.max_iterations
+        rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, most)
+        points = self.points
         try:
-            descents = {k: descend(once, self.points[k], rules, self.history, k) for k in starts}
-            side_by_side(descents, evaluate, self.points, first, self.ended)
+            if self.transformation is not None:
+                how = evaluate, points, first, self.tolerance, self.history
+                GradientSteps(self.transformation, *how).walk(steps, np.array([e.finite for e in first]))
+                points = np.stack([x for x, _ in evaluate.best])
+                first = [there for _, there in evaluate.best]
+            descents = {k: descend(points[k], rules, self.history, k, steps) for k in starts}
+            side_by_side(descents, evaluate, points, first, self.ended)
             self.correct(rules)
             evaluate.verifies(accurate)
             self.verify()
@@ -155,24 +171,16 @@ class _Search:
 
     def verify(self) -> None:
         """What holds at the ends in the accurate simulation; designs that stopped just outside there are
-        moved inside.
-
-        By sequential quadratic programming, whatever found them: so close to the end it takes a step or two.
-        """
+        moved inside, by a step or two."""
         tolerance = self.tolerance
         self.evaluations = self.checked()
+        rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
         nearly = SAMPLED if self.evaluate.sampled.targets else 1e3 * tolerance
         for _ in range(REFINEMENTS):
             missing = {k: _missing(self.ended[k], e, nearly) for k, e in enumerate(self.evaluations)}
             # Aim further inside by what is missing.
             again = {
-                k: descend(
-                    descend_by_sqp,
-                    self.ended[k].x,
-                    Rules(self.scale, tolerance + 2 * short, 1e-2, tolerance, 12),
-                    [],
-                    k,
-                )
+                k: descend(self.ended[k].x, rules._replace(shift=tolerance + 2 * short), [], k)
                 for k, short in missing.items()
                 if short
             }
@@ -201,7 +209,7 @@ class _Search:
                 return
             places, first = self.places, self.evaluate(self.places)
             again = {
-                k: descend(self.method.descend, x, rules, [], k)
+                k: descend(x, rules, [], k)
                 for k, x in enumerate(places)
                 if self.ended[k].result != NOT_FINITE
             }
@@ -230,7 +238,9 @@ class _Search:
         return Found(ends, self.evaluations, sizes, self.scale, self.history, effort)
 
 
-def _check_fresh(method: Method, targets: tuple, objective: AbstractObjective | None) -> None:
+def _check_fresh(
+    transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
+) -> None:
     """Raises `ValueError` for what has no meaning where motions do not stay."""
     right = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.averages]
     others = [t for t in targets if not any(t is other for other in right)]
@@ -244,7 +254,7 @@ def _check_fresh(method: Method, targets: tuple, objective: AbstractObjective | 
         return
     if any(isinstance(target, FailureProbability) for target in targets):
         raise ValueError("design: FailureProbability and FreshSamples cannot be targets of one design")
-    if method.transformation is None:
+    if transformation is None:
         raise ValueError(
             "design: with FreshSamples give a gradient transformation such as method=optax.adam(0.02); "
             "quadratic programming compares values, which are of other motions each time"

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._descent import Descent, End, Evaluation, Iterate, Rules, at_rest, prepared
+from ._descent import Descent, End, Evaluation, Iterate, Rules, at_rest, prepared, rank
 from ._optimality import Seen, linear_models, nearby, optimality
 from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
@@ -25,11 +25,33 @@ MAX_ITERATIONS = 60
 ACCEPT, GOOD = 1e-3, 0.75  # parts of the predicted decrease
 LARGEST_PENALTY = 1e6
 CUTS = 12  # trials remembered
+LOOKS, REACHES = 4, (0.02, 0.06, 0.2, 0.5)  # how often and how far a descent looks around at its end
 NOISE = 1e-11  # of the merit: decreases below are rounding
 
 
-def descend_by_sqp(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int) -> Descent:
-    """One descent from x; iterations are numbered from `first`."""
+def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int = 0) -> Descent:
+    """Minimise from x in [0, 1]ⁿ; yields points, is sent `Evaluation`s there.
+
+    `history` gets the iterates of the start, numbered from `first`. Responses have ripples, and what
+    satisfies the targets may be in several pieces: a descent looks around at its end, and goes on from a
+    better point if it sees one.
+    """
+    end = yield from _descend(x, rules, history, start, first)
+    for _ in range(LOOKS):
+        if end.result in (NOT_FINITE, OUT_OF_ITERATIONS):
+            break
+        other = yield from _look_around(end, rules)
+        if other is None:
+            break
+        again = yield from _descend(other, rules, history, start, end.iterations)
+        if rank(again.there) >= rank(end.there):
+            end = end._replace(iterations=again.iterations)
+            break
+        end = again
+    return end
+
+
+def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int) -> Descent:
     here = prepared((yield x), rules)
     if not here.finite:
         return End(x, np.zeros(len(here.c)), NOT_FINITE, first, here)
@@ -44,6 +66,24 @@ def descend_by_sqp(x: Vector, rules: Rules, history: list[Iterate], start: int, 
             return search.end(result)
         search.iteration += 1
     return search.end(OUT_OF_ITERATIONS)
+
+
+def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
+    """A better point some way off along an axis, None if there is none."""
+    best, found = rank(end.there), None
+    for reach in REACHES:
+        for k in range(len(end.x)):
+            for side in (-reach, reach):
+                x = end.x.copy()
+                x[k] += side
+                if not 0 <= x[k] <= 1:
+                    continue
+                there = prepared((yield x), rules)
+                if there.finite and rank(there) < best and (best[0] > 0 or there.violation == 0):
+                    best, found = rank(there), x
+        if found is not None:
+            break
+    return found
 
 
 class _Merit(NamedTuple):

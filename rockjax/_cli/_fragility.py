@@ -163,7 +163,6 @@ def fragility(
         --intensity 0.5 12 --method stripes
       rockjax fragility --example fragility --levels 40
     """
-    report.pictures.apart()
     prepare(report)
     import numpy as np
 

@@ -74,7 +74,6 @@ def overturning(
       rockjax overturning --example spectrum --points 21
       rockjax overturning problem.toml --frequency 2 6
     """
-    report.pictures.apart()
     prepare(report)
     import numpy as np
 

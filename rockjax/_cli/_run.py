@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import inspect
 import logging
+import os
 import shlex
 import sys
 import time
@@ -16,8 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
-
-from ._pictures import Pictures
 
 if TYPE_CHECKING:
     import xarray
@@ -73,10 +72,10 @@ class Report(Flags):
     ] = False
 
     def __post_init__(self):
+        os.environ["MPLBACKEND"] = "Agg"  # pictures go to files: no screen is needed
         self.began = time.perf_counter()
         self.facts: dict[str, Any] = {}
         self.written: list[Path] = []
-        self.pictures = Pictures()
         self.status = 0
 
     def say(self, line: str) -> None:
@@ -111,10 +110,10 @@ class Report(Flags):
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:
         """Write the picture `rockjax.plots.<draw>(data)`."""
-        self.written += self.pictures.draw(path, draw, data)
+        from rockjax import plots
+        from rockjax._files import write_figure
 
-    def wait_for_pictures(self) -> None:
-        self.written += self.pictures.rest()
+        self.wrote(write_figure(path, getattr(plots, draw)(data).figure))
 
     def wrote(self, path: Path) -> None:
         self.written.append(path)
@@ -177,7 +176,6 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             warnings.showwarning = _speak
             try:
                 function(**own, **made)
-                report.wait_for_pictures()
             except KeyboardInterrupt as stopped:
                 there = ", ".join(map(str, report.written))
                 kept = f"written so far: {there}" if there else "nothing is kept"

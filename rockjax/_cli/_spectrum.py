@@ -72,7 +72,6 @@ def spectrum(
       rockjax spectrum --eta-over-gamma 5 --T-s 0,0.5 --sensitivities alpha,gamma
       rockjax spectrum problem.toml --points 200
     """
-    report.pictures.apart()
     prepare(report)
     import numpy as np
 
@@ -104,7 +103,6 @@ def spectrum(
         with report.progress(total, "scenes") as bar:
             how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
             spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
-        report.draw(to.picture("rotation"), "spectra", joined(spectra, ratios, periods, zeta))
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
         panels = joined(spectra, ratios, periods, zeta)
         report.write(to.data(), panels)
@@ -112,6 +110,7 @@ def spectrum(
         raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
     except KeyboardInterrupt:
         raise interrupted(to.prefix, spectra) from None
+    report.draw(to.picture("rotation"), "spectra", panels)
     report.draw(to.picture("overturning"), "overturning_curves", panels)
     if parameters:
         report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)

@@ -309,9 +309,9 @@ def test_seed_decides_the_starts():
     [
         (
             {"method": "simplex"},
-            "method must be 'sqp' or a gradient transformation of Optax such as optax.adam",
+            "method must be 'sqp', 'adam' or a gradient transformation of Optax such as optax.adam",
         ),
-        ({"method": optax.adam}, "method must be 'sqp' or a gradient transformation"),
+        ({"method": optax.adam}, "method must be 'sqp', 'adam' or a gradient transformation"),
         ({"method": optax.lbfgs()}, r"has to evaluate the objective by itself.*linesearch=None"),
         ({"starts": 0}, "starts must be a whole number"),
         ({"tolerance": 1.0}, "tolerance must be in"),
@@ -379,7 +379,7 @@ def test_progress_is_told():
     assert counter.count >= len(answer.history)
 
 
-# Gradient transformations, beside what the quadratic programming finds
+# Gradient transformations, whose steps the quadratic programming finishes
 
 ADAM = optax.adam(0.02)
 BOX = {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}
@@ -387,33 +387,43 @@ CIRCLE = Analytic(lambda p: 1 - (p.alpha**2 + (p.R / 5) ** 2) / 0.1, "circle")
 FLOOR = Analytic(lambda p: p.R / 1.2 - 1, "floor")
 
 
-def test_adam_and_the_quadratic_programming_find_the_same_design():
-    ask = lambda method: optimise.design(
-        BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), starts=2, method=method
-    )
-    expected, answer = ask("sqp"), ask(ADAM)
-    assert result_name(answer.result) == "converged"
-    assert answer.satisfied
-    assert [start.satisfied for start in answer.starts] == [True] * 2
-    assert np.isclose(answer.objective, expected.objective, rtol=1e-5)
-    for name, value in expected.variables.items():
-        assert np.isclose(answer.variables[name], value, rtol=1e-4)
-    for name, prices in expected.multipliers.items():
-        assert prices[0] > 0.01
-        assert np.allclose(answer.multipliers[name], prices, rtol=0.01)
+def _area(podium):
+    return -podium.alpha * podium.R
 
 
 @pytest.mark.parametrize(
     "transformation",
-    [optax.sgd(0.05, momentum=0.9), optax.rmsprop(0.02), optax.lbfgs(0.5, linesearch=None), optax.adam(1e-4)],
-    ids=["momentum", "rmsprop", "lbfgs", "small steps"],
+    [
+        "adam",
+        optax.sgd(0.05, momentum=0.9),
+        optax.lbfgs(0.5, linesearch=None),
+        optax.chain(optax.adam(0.02), optax.contrib.reduce_on_plateau()),
+    ],
+    ids=["adam", "momentum", "lbfgs", "of the value"],
 )
-def test_any_transformation_meets_a_minimax_at_its_kink(transformation):
-    worst = lambda p: jnp.stack([(p.R - 1) ** 2 + p.alpha, (p.R - 1.5) ** 2 + 0.5 - p.alpha])
-    answer = optimise.design(BLOCK, BOX, worst, method=transformation)
+def test_a_transformation_and_the_quadratic_programming_find_the_same_design(transformation):
+    ask = lambda method, **how: optimise.design(
+        BLOCK, BOX, _area, (CIRCLE, FLOOR), starts=2, method=method, **how
+    )
+    expected, answer = ask("sqp"), ask(transformation, max_iterations=30)
     assert result_name(answer.result) == "converged"
-    assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [0.25, 1.25], atol=1e-3)
-    assert np.isclose(answer.objective, 0.3125, atol=1e-5)
+    assert [start.satisfied for start in answer.starts] == [True] * 2
+    assert np.isclose(answer.objective, expected.objective, rtol=1e-5)
+    for name, prices in expected.multipliers.items():
+        assert prices[0] > 0.01
+        assert np.allclose(answer.multipliers[name], prices, rtol=0.01)
+    for k in range(2):
+        iterations = [row.iteration for row in answer.history if row.start == k]
+        assert iterations == sorted(iterations)
+        assert answer.starts[k].iterations >= iterations[-1] >= 30
+
+
+def test_steps_of_adam_lead_close_to_the_design():
+    answer = optimise.design(BLOCK, BOX, _area, (CIRCLE, FLOOR), method=ADAM)
+    steps = [row for row in answer.history if row.iteration < 100]
+    assert len(steps) == 100
+    assert steps[-1].objective == pytest.approx(answer.objective, rel=0.03)
+    assert len(answer.history) < 115
 
 
 def test_adam_ends_in_a_named_result():
@@ -422,24 +432,10 @@ def test_adam_ends_in_a_named_result():
     unreachable = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, [wide, slim], method=ADAM)
     assert result_name(unreachable.result) == "infeasible"
     assert np.isclose(unreachable.variables["alpha"], 0.25, atol=1e-4)
-    assert np.isnan(unreachable.multipliers["wide"]).all()
-
-    jump = Analytic(lambda p: jnp.where(p.alpha > 0.2371, 0.5 + p.alpha, -0.5 + p.alpha))
-    stalled = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, jump, method=ADAM)
-    assert result_name(stalled.result) == "stalled"
-    assert stalled.satisfied
-    assert 0.2371 < stalled.variables["alpha"] < 0.24
 
     hole = Analytic(lambda p: jnp.where(p.alpha < 0.1, jnp.nan, p.alpha / 0.2 - 1))
     lost = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, hole, method=ADAM)
     assert result_name(lost.result) == "not_finite"
-
-    short = optimise.design(
-        BLOCK, BOX, lambda p: -p.alpha * p.R, (CIRCLE, FLOOR), method=ADAM, max_iterations=30
-    )
-    assert result_name(short.result) == "out_of_iterations"
-    assert short.satisfied  # the best on the way, not the last
-    assert len(short.history) <= 30
 
 
 def test_adam_keeps_within_bounds_and_leaves_what_is_not_finite():
@@ -464,15 +460,6 @@ def test_ctrl_c_keeps_the_best_of_adam_too():
         assert best.satisfied
         seen.append(best.objective)
     assert seen[1] < seen[0]
-
-
-@pytest.mark.slow
-def test_adam_sizes_a_column_as_the_quadratic_programming_does():
-    expected, answer = studies.slimmest(0, count=2), studies.slimmest(0, count=2, method=ADAM)
-    assert answer.satisfied
-    assert np.isclose(answer.objective, expected.objective, rtol=1e-4)
-    prices = [sum(values.sum() for values in a.multipliers.values()) for a in (expected, answer)]
-    assert np.isclose(prices[1], prices[0], rtol=0.03)
 
 
 # Targets
