@@ -1,10 +1,11 @@
 """Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations
 [words] [--list] [--every K]`.
 
-One after another, every sign, coefficient, power and comparison in the equations of motion, the guard, the
-impact map and the formulas of the structures is changed in a copy of the project, and the tests are run on it
-until one fails: first those that know the file best, then those of the equations themselves, then those of
-what follows from them. With `--list` nothing is run: how many there are. With `--every` a sample of them.
+One after another, every sign, coefficient, power and comparison in the equations of motion, the certificate,
+the guard, the impact map and the formulas of the structures is changed in a copy of the project, and the
+tests are run on it until one fails: first those that know the file best, then those of the equations
+themselves, then those of what follows from them. With `--list` nothing is run: how many there are. With
+`--every` a sample of them.
 """
 
 from __future__ import annotations
@@ -29,84 +30,16 @@ from tqdm import tqdm
 from .measure import keep, show
 
 ROOT = Path(__file__).parent.parent
-FUNCTIONS = {
-    "_engine/coefficients.py": ("coefficients", "_vibration", "_several", "_restraint"),
-    "_engine/model.py": (
-        "beam",
-        "beam_acceleration",
-        "acceleration",
-        "uplift_demand",
-        "impact",
-        "shear",
-        "_elongation",
-        "_restraint",
-        "restraint_at_most",
-        "beam_absolute",
-        "_carried",
-        "drift_weights",
-        "floor_accelerations",
-        "_weight",
-        "_relief",
-        "horizontal_demand",
-        "demand_jet",
-    ),
-    "_engine/energy.py": (
-        "potential",
-        "energy",
-        "energy_after",
-        "power",
-        "restoring_moment",
-        "rotational_inertia",
-        "spin_with_inerters",
-        "_restrained_potential",
-        "damper_power",
-        "_with_restrainers",
-        "vertical_impulse",
-    ),
-    "_restrainers/base.py": ("reach", "force", "potential", "power", "apparent_mass", "slope"),
-    "_restrainers/tendon.py": ("_force", "_potential", "of_block"),
-    "_restrainers/damper.py": ("_growth", "_force", "_power", "of_block"),
-    "_restrainers/inerter.py": ("of_block",),
-    "_restrainers/dimensions.py": ("restrainers_of",),
-    "_restrainers/together.py": ("prestress", "stability_angle", "_search"),
-    "_engine/settled.py": (
-        "certificate",
-        "_some",
-        "_demand_of_springs",
-        "of_sum",
-        "of_each",
-        "_angular_at_most",
-        "_several_stand",
-        "_steepest",
-    ),
-    "_structures/building.py": ("modal_analysis", "uniform", "modes", "_analysis"),
-    "_excitations/ground.py": ("past", "before", "tie", "next_exceedance"),
-    "_structures/restitution.py": ("factor",),
-    "_structures/superstructures.py": (
-        "omega_s",
-        "largest_uplifted_square",
-        "uplifted_squares",
-        "_bordered",
-        "_squares_of_jvp",
-    ),
-    "_structures/podium.py": (
-        "p",
-        "width",
-        "height",
-        "uplift_demand",
-        "restitution_factor",
-        "uplift_ground_acceleration",
-        "critical_stiffness",
-        "uplifted_frequency",
-        "_lifted",
-        "_restrained_frequency",
-        "equivalent_block",
-        "from_dimensions",
-    ),
-    "_engine/scene.py": ("default_end",),
-    "_engine/transitions.py": ("contact_mode", "after_impact"),
-    "_engine/guard.py": ("broken", "_margin", "_paths"),
-}
+FILES = [
+    f"{folder}/{name}.py"
+    for folder, names in {
+        "_engine": "coefficients energy guard model settled transitions",
+        "_restrainers": "base damper dimensions inerter tendon together",
+        "_structures": "building podium restitution superstructures",
+        "_excitations": "ground",
+    }.items()
+    for name in names.split()
+]
 # Changes that change nothing, or nothing that can be held against them: (file, part of the line, change) and
 # why.
 HARMLESS: dict[tuple[str, str, str], str] = {
@@ -168,11 +101,12 @@ class Mutant(NamedTuple):
 
 
 def mutants() -> Iterator[Mutant]:
-    for file, functions in FUNCTIONS.items():
+    for file in FILES:
         text = (ROOT / "rockjax" / file).read_text()
         tree = ast.parse(text)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and node.name in functions:
+        classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+        for node in [*tree.body, *(method for one in classes for method in one.body)]:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith(("__", "_repr")):
                 yield from _of_function(file, text, tree, node)
 
 
@@ -285,7 +219,7 @@ def main() -> None:
         counts = collections.Counter((m.file, m.function) for m in chosen)
         listed = [{"file": file, "function": name, "changes": k} for (file, name), k in counts.items()]
         total = {"file": "all", "function": "", "changes": len(chosen)}
-        show([*listed, total], {"file": "", "function": "", "changes": "d"})
+        show([*listed, total])
         return
     chosen = chosen[:: given.every]
     copies: queue.Queue[Path] = queue.Queue()
@@ -328,14 +262,9 @@ def main() -> None:
             where = f"{mutant.file}:{mutant.line}"
             survivors.append({"where": where, "change": mutant.change, "line": mutant.text, "why": why})
     table = list(rows.values())
-    table.append(
-        {
-            "file": "all",
-            "function": "",
-            **{k: sum(r[k] for r in table) for k in ("changes", "noticed", "harmless")},
-        }
-    )
-    show(table, {"file": "", "function": "", "changes": "d", "noticed": "d", "harmless": "d"})
+    sums = {k: sum(r[k] for r in table) for k in ("changes", "noticed", "harmless")}
+    table.append({"file": "all", "function": ""} | sums)
+    show(table)
     print("\nnot noticed:" if survivors else "\nevery change is noticed")
     for row in survivors:
         print(f"  {row['where']}  {row['change']}:  {row['line']}  {row['why']}")

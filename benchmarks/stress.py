@@ -1,14 +1,12 @@
-"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--store FOLDER] [--every
-K]`.
+"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--control] [--every K]
+[--store FOLDER]`.
 
-With a store every batch is a sweep of its own in that folder: stopped at any moment, the same command goes
-on, and with everything solved it makes the report anew. Boundaries on records come with it
-(`benchmarks/campaign.py`). With `--so-far` nothing is solved: a report of the batches that are whole.
-
-Random structures, motions, initial states, tolerances and methods, in groups that one program serves. Every
-scene is solved three times: as asked for with its error estimate (a second solve), and at a far tighter
-tolerance, which stands for the truth. A sample of the scenes, and of those that run out of steps, goes
-to an implementation that shares nothing with the project.
+Random structures, motions, initial states, tolerances and methods, in groups that one program serves; with
+`--control` restrainers, vertical motion and several modes. Every scene is solved three times: as asked for
+with its error estimate (a second solve), and at a far tighter tolerance, which stands for the truth. A sample
+of the scenes goes to an implementation that shares nothing with the project. With a store every batch is a
+sweep of its own in that folder: stopped at any moment, the same command goes on, and with everything solved
+it makes the report anew.
 
 What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that
 change unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python
@@ -22,7 +20,6 @@ import dataclasses
 import itertools
 import math
 import multiprocessing
-import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -36,25 +33,22 @@ import numpy as np
 from tqdm import tqdm
 
 import rockjax as rj
-from rockjax._engine.scene import default_end
 from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES
 from tests import reference
 
 from . import stress_control as control
-from .campaign import Answers, Kept, scan
 from .measure import keep, log_uniform, show, some
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # the tolerance of the truth, over that of the scene
-PER_BOUNDARY = 5000  # scenes of the campaign for each boundary on a record
 TRUTH_STEPS = 50_000  # of the truth
 ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
-MOST_STEPS = 300_000_000  # of those that are left, with `--again` unless it says otherwise
 VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
-PATIENCE = 60  # seconds that the independent implementation gets for a scene that has run out of steps
 PER_GROUP = 3  # tolerances
+CHUNK = 65536  # scenes of a sweep: as much as a stop costs at most
+Answers = dict[str, np.ndarray]
 SUPERSTRUCTURES = ("none", "rigid", "elastic")
 LAWS = ("paper", "compatible", "given")
 PULSES = ("Ricker", "AntisymmetricRicker", "OneSine", "OneCosine", "HalfSine")
@@ -125,11 +119,16 @@ class Batch:
     def solve(self, options: rj.Options) -> rj.Peak:
         return rj.peak_responses(self.podium, self.motion, initial=self.initial, options=options)
 
-    def answers(self, options: rj.Options, kept: Kept | None, name: str) -> Answers:
+    def answers(self, options: rj.Options, store: Path | None, name: str) -> Answers:
         """The same as named arrays, from a store where there is one."""
-        if kept is None:
+        if store is None:
             return {name: values for name, values, _ in peak_variables(self.solve(options), options.outputs)}
-        return kept.solve(name, (self.podium, self.motion), initial=self.initial, options=options)
+        data = rj.sweep(
+            self.podium, self.motion, store=store / f"{name}.zarr", chunk=CHUNK, progress=False,
+            initial=self.initial, options=options,
+        )  # fmt: skip
+        assert not isinstance(data, rj.SweepPlan)
+        return {str(key): np.asarray(values) for key, values in data.data_vars.items()}
 
 
 def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
@@ -249,8 +248,6 @@ class Findings:
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
     beyond: int = 0  # more vibration than has to be followed
     within: int = 0  # out of steps all the same
-    left: int = 0  # out of `MOST_STEPS` as well
-    exhausted: list[Job] = dataclasses.field(default_factory=list)  # out of steps
     seconds: float = 0.0
 
     def fail(self, cause: str, bad: np.ndarray, line: Callable[[int], str]) -> None:
@@ -354,41 +351,6 @@ def vibration(of: Batch) -> np.ndarray:
     return np.broadcast_to(frequency * (quiet - start + after) * np.maximum(1.0, 0.5 * damping), shape)
 
 
-def solved_by_reference(job: Job) -> bool:
-    """Whether the independent implementation answers within its time."""
-    group, rtol, n, seed, k = job
-    podium, motion, initial = scene(batch(group, rtol, n, seed), k)
-
-    def late(*_: object) -> None:
-        raise TimeoutError
-
-    signal.signal(signal.SIGALRM, late)
-    signal.alarm(PATIENCE)
-    try:
-        by_reference(podium, motion, initial, float(default_end(podium, motion)))
-    except TimeoutError:
-        return False
-    finally:
-        signal.alarm(0)
-    return True
-
-
-def asked_again(of: Batch, left: np.ndarray, most: int, kept: Kept | None, name: str) -> int:
-    """How many of the scenes are answered where far more steps are allowed.
-
-    Ten times the default first, then ten times that, and so on: most are answered by the first, and need not
-    wait for the one that takes an hour. The longest vibrations begin first.
-    """
-    asked, left = left.size, left[np.argsort(-vibration(of)[left], kind="stable")]
-    steps = ASKED_STEPS
-    while left.size and steps < most:
-        steps = min(10 * steps, most)
-        options = of.options.replace(outputs=QUANTITIES, max_steps=steps)
-        answers = Batch(*scene(of, left), options).answers(options, kept, f"{name}-{steps:.0e}")
-        left = left[np.isin(answers["result"], OUT_OF_STEPS)]
-    return asked - left.size
-
-
 def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Callable[[int], str]) -> None:
     code, true_code = peak["result"], truth["result"]
     found.scenes += code.size
@@ -435,10 +397,8 @@ def run(
     group: Group,
     per_group: int,
     seed: int,
-    kept: Kept | None = None,
-    so_far: bool = False,
+    store: Path | None = None,
     steps: int = ASKED_STEPS,
-    again: int = 0,
 ) -> Findings:
     found = Findings()
     began = time.perf_counter()
@@ -452,24 +412,18 @@ def run(
     for rtol in tolerances:
         of = batch(group, rtol, n, seed)
         name = f"{group.name.replace(', ', '-').replace(' ', '-')}-{rtol:g}"
-        if so_far and kept is not None and not (kept.whole(f"{name}-asked") and kept.whole(f"{name}-truth")):
-            continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
-            peak = of.answers(of.options.replace(max_steps=steps), kept, f"{name}-asked")
+            peak = of.answers(of.options.replace(max_steps=steps), store, f"{name}-asked")
             tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
             finer = of.options.replace(
                 rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=TRUTH_STEPS
             )
-            truth = of.answers(finer, kept, f"{name}-truth")
+            truth = of.answers(finer, store, f"{name}-truth")
             out = np.isin(peak["result"], OUT_OF_STEPS)
             beyond = vibration(of) > VIBRATION
             found.beyond += int(beyond.sum())
             found.within += int((out & ~beyond).sum())
-            found.left += int(out.sum())
-            if again and out.any():
-                found.left -= asked_again(of, np.flatnonzero(out), again, kept, f"{name}-again")
-            found.exhausted += [(group, rtol, n, seed, int(k)) for k in np.flatnonzero(out)]
         judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     found.seconds = time.perf_counter() - began
     return found
@@ -495,7 +449,6 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
                 },
                 "beyond": sum(f.beyond for f in several),
                 "within, out of steps": sum(f.within for f in several),
-                "left": sum(f.left for f in several),
                 "not finite": sum(f.results.get("not_finite", 0) for f in several),
                 "within 10 x": float(np.mean(ratios <= 10)),
                 "undecided": sum(f.undecided for f in several) / total,
@@ -506,15 +459,6 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-FORMATS = {
-    "scenes": "", "number": "d", "settled": "d", "end_of_time": "d", "overturned": "d", "out of steps": "d",
-    "chattering": "d", "too stiff": "d", "beyond": "d", "within, out of steps": "d", "left": "d",
-    "not finite": "d",
-    "within 10 x": ".4f", "undecided": ".4f", "flips": "d", "unflagged": "d",
-    "trials median": ".0f", "trials most": "d",
-}  # fmt: skip
 
 
 def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[str, Any]:
@@ -541,38 +485,6 @@ def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[
     return answer
 
 
-def of_exhausted(jobs: list[Job], seed: int, number: int) -> dict[str, Any]:
-    """Whether the independent implementation solves scenes that the default number of steps left without an
-    answer."""
-    fit = [job for job in jobs if job[0].motion in (*PULSES, "Rest")]
-    chosen = [fit[k] for k in np.random.default_rng(seed).permutation(len(fit))[:number]]
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
-        solved = list(tqdm(pool.map(solved_by_reference, chosen), total=len(chosen), unit=" exhausted"))
-    print(
-        f"\nout of the default steps: "
-        f"{len(jobs)}; {len(chosen)} tried in {PATIENCE} s each, {sum(solved)} solved"
-    )
-    for k in np.flatnonzero(solved):
-        print(f"    solved: {repeat(*chosen[k])}")
-    return {"exhausted": len(jobs), "tried": len(chosen), "solved by the reference": sum(solved)}
-
-
-def boundaries(kept: Kept, seed: int, structures: int) -> dict[str, Any]:
-    """Overturning boundaries of random structures on records, against scans of all that is below them."""
-    found = []
-    for top, motion in itertools.product(("rigid", "elastic"), ("record", "coarse record")):
-        group = Group(top, "paper", motion)
-        rng = np.random.default_rng([seed, *group.name.encode()])
-        podium = podiums(rng, group, -(-structures // 4))
-        record = motions(rng, group, podium, len(podium.alpha))
-        assert isinstance(record, rj.Record)
-        record = rj.Record(record.acceleration, record.dt, podium.g * np.tan(podium.alpha))
-        found.append(scan(kept, f"boundaries-{top}-{motion.replace(' ', '-')}", podium, record))
-    answer = {key: sum(part[key] for part in found) for key in found[0]}
-    print("\nboundaries on records:", answer)
-    return answer
-
-
 def main() -> None:
     arguments = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -589,25 +501,12 @@ def main() -> None:
     arguments.add_argument(
         "--control", action="store_true", help="restrainers, vertical motion and several modes instead"
     )
-    arguments.add_argument("--store", type=Path, help="a folder to keep everything in, and to go on from")
+    arguments.add_argument("--store", type=Path, help="a folder of sweeps, to go on from")
     arguments.add_argument(
         "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
     )
-    arguments.add_argument(
-        "--again",
-        nargs="?",
-        type=float,
-        const=MOST_STEPS,
-        default=0,
-        metavar="TRIALS",
-        help=f"ask those out of steps once more, with so many; {MOST_STEPS:.0e} unless given",
-    )
-    arguments.add_argument("--so-far", action="store_true", help="report what is solved, and solve no more")
     given = arguments.parse_args()
-    if given.so_far and given.store is None:
-        arguments.error("--so-far is of a --store")
     scenes, seed, words = int(given.scenes), given.seed, given.words
-    kept = None if given.store is None else Kept(given.store)
     every_group = control_groups() if given.control else groups()
     chosen = [
         group for group in every_group if all(word in group.name.replace(",", "").split() for word in words)
@@ -620,15 +519,10 @@ def main() -> None:
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(
-                number, group, per_group, seed, kept, given.so_far, given.steps, int(given.again)
-            )
+            found[group] = run(number, group, per_group, seed, given.store, given.steps)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))
-    found = {group: f for group, f in found.items() if f.scenes}
-    if not found:
-        raise SystemExit("no batch is whole yet")
     parts = {"all": list(found.values())}
     for top in control.TOPS if given.control else SUPERSTRUCTURES:
         parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
@@ -639,7 +533,7 @@ def main() -> None:
     for method in OTHERS:
         parts[method] = [f for g, f in found.items() if g.method == method]
     rows = table({name: some for name, some in parts.items() if some})
-    show(rows, FORMATS)
+    show(rows)
     failures: dict[str, int] = {}
     for f in found.values():
         for cause, count in f.failures.items():
@@ -652,16 +546,11 @@ def main() -> None:
             print(f"    {line}")
     compared = chosen if given.control else list(groups())
     beside = compared_with_reference(seed, given.references if not words else 0, compared)
-    exhausted = [job for f in found.values() for job in f.exhausted if not job[0].controlled]
-    beside |= of_exhausted(exhausted, seed, given.references // 10)
-    if kept is not None and not given.so_far and not given.control:
-        beside |= boundaries(kept, seed, max(1, scenes // PER_BOUNDARY))
     slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - began:.0f} s")
     if not words:
-        name = "stress" if kept is None else "campaign"
-        keep(name + "-control" * given.control, [*rows, {"failures": failures, **beside}])
+        keep("stress" + "-control" * given.control, [*rows, {"failures": failures, **beside}])
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ def cells(notebook: Path) -> list[tuple[str, str]]:
     return [(marks[mark], text) for mark, text in zip(rest[::2], rest[1::2], strict=True)]
 
 
-@pytest.mark.slow(but=["01_first_steps", "02_the_paper"])
+@pytest.mark.slow(but=["01_first_steps"])
 @by_name
 def test_notebooks_run(notebook, tmp_path, monkeypatch):
     if "optimise.explore" in notebook.read_text():

@@ -36,7 +36,7 @@ def test_code_of_the_readme_runs(capsys):
     assert "peak rotation" in capsys.readouterr().out
 
 
-@pytest.mark.slow(but=["control", "getting-started", "gradients", "sharp-bits", "theory"])
+@pytest.mark.slow(but=["getting-started"])
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
 def test_code_of_the_pages_runs(page, tmp_path, monkeypatch):
     """The blocks of a page follow one another."""
