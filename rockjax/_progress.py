@@ -9,7 +9,7 @@ from typing import Any
 
 from tqdm.auto import tqdm  # a widget in notebooks
 
-from ._programs.compiling import present_compilation
+from ._programs.program import present_compilation
 
 TICK = 1.0  # s: so long a bar may stand without its clock being moved on
 

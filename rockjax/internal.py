@@ -23,7 +23,7 @@ from ._parameters.variants import find, has, parameters_of, read, varied
 from ._problem import Reader, load_table
 from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
 from ._problem_keys import whole as whole_number
-from ._programs.kind import TracedFunction
+from ._programs.key import TracedFunction
 from ._programs.program import KeptProgram
 from ._progress import bar
 from ._responses.datasets import describe_options

@@ -10,8 +10,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import _progress
-from rockjax._programs.compiling import compiling, present_compilation
-from rockjax._programs.program import anew
+from rockjax._programs.program import compiling, forget, present_compilation
 from rockjax._progress import bar
 
 
@@ -115,7 +114,9 @@ def test_batches_say_that_they_compile(monkeypatch):
     monkeypatch.setattr(_progress, "TICK", 0.05)
     shown = io.StringIO()
     scenes = rj.Podium(0.15, [1.5, 2.0]), rj.OneSine(4.0, 1.0)
-    with anew(), contextlib.redirect_stderr(shown):
+    monkeypatch.setenv("ROCKJAX_CACHE", "off")
+    forget()
+    with contextlib.redirect_stderr(shown):
         rj.peak_responses(*scenes, progress=True)
     assert "compiling the program for batches of this kind of scene [" in shown.getvalue()
     last = shown.getvalue().split("\r")[-1]

@@ -6,12 +6,12 @@ those that are still running. Accelerators have lanes by the thousand, each devi
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import threading
 import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, wait
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -22,7 +22,7 @@ from rockjax._checks import float_type
 from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
-from rockjax._machine.threads import borrowed_pool
+from rockjax._machine.threads import submit
 from rockjax._module import filled
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
@@ -37,7 +37,6 @@ from rockjax._structures import Podium
 from .chunk import LaneLayout
 from .exchange import Done
 from .executors import AbstractExecutor, executor
-from .packed import Packed, on_host
 from .reach import SCALE
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
@@ -216,50 +215,48 @@ def run_batch(
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
     idle, advance = who.program(scenes, options, lane_layout)
-    answers = _Answers(scenes)
+    answers = _Answers(scenes, lane_layout.lanes)
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
     todo = deque(_chunks(scenes, lane_layout, who))
 
-    def ends() -> Iterator[tuple[Done | Packed, int]]:
-        held = idle
+    def ends() -> Iterator[Done]:
+        lanes = idle
         while not stopped.is_set():
-            lanes = held.width
-            fewer = lanes < idle.width  # for the last scenes of a thread
             if who.hosts > 1 and len(todo) < 2 * who.hosts:
                 # Calls return at once: a thread that is ahead would take what another has the time for.
-                jax.block_until_ready(held.lanes)
+                jax.block_until_ready(lanes)
             with lock:
-                numbers = todo.popleft() if todo and not fewer else NOTHING
+                numbers = todo.popleft() if todo else NOTHING
                 # With no further chunk for this thread, the lanes run to their ends.
-                last = fewer or len(todo) < who.hosts
-            held, done = advance(held, numbers, last)
-            yield done, lanes
-            if last and not np.any(on_host(done).left):
-                if not todo:
-                    return
-                held = idle
+                last = len(todo) < who.hosts
+            lanes, done = advance(lanes, numbers, last)
+            yield done
+            if last and not todo and not np.any(np.asarray(done.left)):
+                return
 
     def work() -> None:
         # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
         for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
-            number = answers.keep(*cast(tuple[Done | Packed, int], ended))
+            number = answers.keep(cast(Done, ended))
             with _REPORTING:
                 bar.update(number)
 
     from rockjax._progress import bar as bar_of
 
     threads = min(who.hosts, len(todo))
-    others = borrowed_pool(threads) if threads > 1 else contextlib.nullcontext()
-    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar, others as pool:
+    futures: list[Future] = []
+    with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar:
         try:
-            if pool is None:
+            if threads == 1:
                 work()
             else:
-                for future in [pool.submit(work) for _ in range(threads)]:
+                futures += [submit(work) for _ in range(threads)]
+                for future in futures:
                     future.result()
         except BaseException as error:
             stopped.set()
+            wait(futures)
             if stop is None or not isinstance(error, KeyboardInterrupt):
                 raise
     answers.close()
@@ -270,17 +267,17 @@ class _Answers:
     """What the threads of a batch have found so far; the codes of scenes that have not ended are
     INTERRUPTED."""
 
-    def __init__(self, scenes: SceneBatch):
-        self.scenes = scenes
+    def __init__(self, scenes: SceneBatch, lanes: int):
+        self.scenes, self.lanes = scenes, lanes  # of each device
         self.floats: dict[str, np.ndarray] = {}
         self.integers: dict[str, np.ndarray] = {}
         self.useful = self.possible = 0
         self._lock = threading.Lock()
         self._closed = False
 
-    def keep(self, ended: Done | Packed, lanes: int) -> int:
-        """Write the scenes that ended in so many lanes; how many they are."""
-        done: Done = on_host(ended)
+    def keep(self, ended: Done) -> int:
+        """Write the scenes that ended and return how many they are."""
+        done = jax.tree.map(np.asarray, ended)
         used = np.reshape(done.used, (-1, 1))
         several = used.size > 1  # devices, one after another; the rows of one are the first
         rows = (np.arange(done.which.size // used.size) < used).ravel() if several else slice(used.item())
@@ -290,7 +287,7 @@ class _Answers:
                 return 0
             # Devices wait for the one that has most to do.
             self.useful += int(np.sum(done.useful))
-            self.possible += int(np.max(done.trials)) * lanes
+            self.possible += int(np.max(done.trials)) * self.lanes
             # The code last: without it a scene has not ended, should Ctrl-C come in between.
             for whole, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
                 for name in sorted(part, key="code".__eq__):
@@ -302,8 +299,8 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Take nothing more: Ctrl-C while a thread is being started can leave it out of those that a pool
-        waits for."""
+        """Take nothing more: Ctrl-C while threads start can leave one out of those that are waited
+        for."""
         with self._lock:
             self._closed = True
 

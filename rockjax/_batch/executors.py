@@ -7,7 +7,6 @@ import contextlib
 import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -19,23 +18,14 @@ from rockjax._programs.program import KeptProgram
 
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
-from .lanes import advance, idle, in_fewer
-from .packed import Packed, packed
+from .lanes import advance, idle
 from .scenes import Numbers, SceneBatch
 
-
-class Held(NamedTuple):
-    """Lanes with their scenes, and how many lanes a device has."""
-
-    lanes: Packed | Lanes
-    width: int
-
-
 # (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
-Program = Callable[[Held, Numbers, bool], tuple[Held, Done | Packed]]
+Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
 
-FEW = 8  # lanes for the last scenes of a batch, …
-MANY_TRIALS = 30_000  # … looked at after so many trials, some tenths of a second: Ctrl-C stops between them
+# Trials of the last scenes of a batch in one call, some tenths of a second: Ctrl-C stops between calls.
+MANY_TRIALS = 30_000
 ALL_TRIALS = np.iinfo(np.int32).max
 
 # The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
@@ -50,7 +40,7 @@ class AbstractExecutor(abc.ABC):
     platform: str
 
     @abc.abstractmethod
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         """Lanes to begin with, and what goes on with them through some scenes; if none follow, until all
         have ended, or until it is time to look at those that are left.
 
@@ -71,23 +61,14 @@ class ThreadExecutor(AbstractExecutor):
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
-        few = layout._replace(lanes=FEW, size=FEW)
-        # Lanes that take no further scenes end with their chunk. Where derivatives come along, rounding
-        # differs with the lanes beside them.
-        narrows = layout.refill and not layout.sensitivities and layout.lanes > FEW
-
-        def go(held: Held, numbers: Numbers, last: bool) -> tuple[Held, Done | Packed]:
-            here = few if held.width < layout.lanes else layout
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
+        def go(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
             most = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
-            leaves = scenes.part(numbers, here.size)
+            leaves = scenes.part(numbers, layout.size)
             with self._cores():
-                lanes, done = _on_one(held.lanes, leaves, *numbers, most, options, layout=here)
-            if last and narrows and here is layout and 0 < done.tree().left <= FEW:
-                return Held(packed(in_fewer(lanes.tree(), FEW)), FEW), done
-            return Held(lanes, here.lanes), done
+                return _on_one(lanes, leaves, *numbers, most, options, layout=layout)
 
-        return Held(idle(scenes, options, layout), layout.lanes), go
+        return idle(scenes, options, layout), go
 
 
 class DeviceExecutor(AbstractExecutor):
@@ -100,7 +81,7 @@ class DeviceExecutor(AbstractExecutor):
         self.platform = devices[0].platform
         self.mesh = Mesh(np.array(devices), ("scenes",))
 
-    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Held, Program]:
+    def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
         # What is common to all scenes goes to the devices once.
         leaves = [
@@ -111,27 +92,19 @@ class DeviceExecutor(AbstractExecutor):
         places = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def go(held: Held, numbers: Numbers, last: bool) -> tuple[Held, Done | Packed]:
+        def go(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
             own, parts = numbers.dealt(self.devices), scenes.part(numbers, layout.size, self.devices)
             parts, first, count = jax.device_put((parts, own.first, own.scenes), (places, dealt, dealt))
             most = ALL_TRIALS if last or not layout.refill else 0
-            lanes, done = call(held.lanes, parts, first, own.stride, count, most, options, layout=layout)
-            return Held(lanes, layout.lanes), done
+            return call(lanes, parts, first, own.stride, count, most, options, layout=layout)
 
-        blank = idle(scenes, options, layout).tree()
+        blank = idle(scenes, options, layout)
         blank = jax.tree.map(lambda y: np.concatenate([y] * self.devices), blank)  # one after another
-        return Held(jax.device_put(blank, dealt), layout.lanes), go
-
-
-def _advance_packed(
-    held: Packed, leaves, first, stride, count, most, options: Options, layout: LaneLayout
-) -> tuple[Packed, Packed]:
-    lanes, done = advance(held.tree(), leaves, first, stride, count, most, options, layout)
-    return packed(lanes), packed(done)
+        return jax.device_put(blank, dealt), go
 
 
 _on_one = KeptProgram(
-    _advance_packed,
+    advance,
     donate=[0],
     compiler_options=_COMPILER["cpu"],
     words="the program for batches of this kind of scene",

@@ -22,13 +22,12 @@ from rockjax._engine.samples import past_sample
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
-from rockjax._programs.kept import remembered
+from rockjax._programs.program import KeptProgram
 from rockjax._responses.sensitivities import SENSITIVE, slope_name
 from rockjax._types import Flag
 
 from .chunk import Chunk, LaneLayout, automaton, made_ready, makes_trials, prepared
 from .exchange import Answers, Done, Lanes, Loop, exchanged, room_for
-from .packed import Packed, packed
 from .reach import least_reach
 from .scenes import Numbers, SceneBatch
 
@@ -156,13 +155,7 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
     }, integers
 
 
-def in_fewer(held: Lanes, lanes: int) -> Lanes:
-    """The scenes that are still running, no more than so many, in so many lanes (host)."""
-    order = np.argsort(held.held < 0, kind="stable")[:lanes]
-    return jax.tree.map(lambda y: y[order], held)
-
-
-def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Packed:
+def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
     """Lanes that hold nothing, for a program that takes chunks of these scenes."""
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
@@ -173,18 +166,16 @@ def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Packed:
 
 
 @functools.lru_cache(maxsize=256)
-def _blank_lanes(*plan) -> Packed:
-    """Lanes without a scene; finding their shapes needs tracing, so they are kept like
-    programs."""
-    shapes = functools.partial(_shapes_of_lanes, *plan)
-    none: Lanes = remembered(
-        "lanes", plan, lambda: jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), shapes())
-    )
-    code = np.full_like(none.lane.code, results.END_OF_TIME)
-    return packed(none._replace(lane=none.lane._replace(code=code), held=np.full_like(none.held, -1)))
+def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
+    """Lanes without a scene."""
+    plan = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
+    return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **plan))
 
 
-def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout):
+@KeptProgram
+def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
+    """The same as a program: only tracing tells the shapes of lanes."""
+
     def hold(leaves, numbers):
         chunk = prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
         parts = [y[: layout.lanes] for y in chunk.parts]
@@ -193,4 +184,7 @@ def _shapes_of_lanes(shapes, option_types, option_structure, layout: LaneLayout)
         return _turned(Lanes(lane, parts, number, slopes, _unlimited(layout)))
 
     numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
-    return jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
+    lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
+    lanes = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), lanes)
+    code = jnp.full_like(lanes.lane.code, results.END_OF_TIME)
+    return lanes._replace(lane=lanes.lane._replace(code=code), held=jnp.full_like(lanes.held, -1))

@@ -14,7 +14,7 @@ from rockjax import _results as results
 from rockjax._batch.batch import LANES, bare_responses
 from rockjax._batch.executors import workers
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.threads import meanwhile
+from rockjax._machine.threads import submit
 from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._structures import Podium
@@ -68,7 +68,7 @@ def scanned_soon(
         for reaches in _programs(plane, x, max(y_range), options):
             margins(plane, x[:1], np.full(1, min(y_range)), looking(options, width, np), reaches=reaches)
 
-    meanwhile(look)
+    submit(look)
 
 
 class Scan(NamedTuple):

@@ -26,16 +26,16 @@ def cache(
       rockjax cache
       rockjax cache --clear
     """
-    from rockjax._programs import folder
+    from rockjax._programs import store
 
-    place = folder.path() / "programs"
+    place = store.folder()
     if clear:
-        removed = folder.clear(place)
+        removed = store.clear()
         report.say(f"removed {removed} programs from {place}")
         report.facts |= {"removed": removed}
-    entries = folder.entries(place)
-    size, limit = sum(entry.size for entry in entries) / 2**20, folder.limit() / 2**20
-    why = folder.why_unused(place)
+    entries = store.entries()
+    size, limit = sum(entry.size for entry in entries) / 2**20, store.limit() / 2**20
+    why = store.why_unused()
     report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {place}")
     if entries and not clear:
         days = (time.time() - entries[0].used) / 86400

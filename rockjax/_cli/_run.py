@@ -219,12 +219,12 @@ def prepare(report: Report | None = None) -> None:
     """Compiled programs are kept between runs."""
     import jax
 
-    from rockjax._programs import folder, kind
+    from rockjax._programs import key, store
 
-    if folder.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
+    if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         # What is traced anew in every run; this process is our own. Of another version nothing is taken: what
         # comes from here cannot be kept as a program.
-        jax.config.update("jax_compilation_cache_dir", str(folder.path() / "jax" / kind.source()[:16]))
+        jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report is not None and report.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)
@@ -264,13 +264,13 @@ def _beside_bars(line: str) -> None:
 
 
 def _programs() -> str:
-    from rockjax._programs import folder
-    from rockjax._programs.kept import COUNTS
+    from rockjax._programs import store
+    from rockjax._programs.program import COUNTS
 
     kept = _MADE["kept"] + COUNTS["loaded"]
     return (
         f"{_MADE['programs']:.0f} programs in {_MADE['seconds']:.1f} s of compiling, side by side; "
-        f"{kept:.0f} were kept from before in {folder.path()}"
+        f"{kept:.0f} were kept from before in {store.root()}"
     )
 
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._module import Module
-from rockjax._programs.settings import nans_allowed
+from rockjax._programs.program import nans_allowed
 from rockjax._text.cards import card, readable
 from rockjax._types import Index, Number, Value
 

@@ -1,2 +1,1 @@
-"""Compiled programs, kept between processes: what has been traced and compiled once is only loaded from then
-on."""
+"""Compiled programs, stored between processes: later ones load them and neither trace nor compile."""

@@ -6,26 +6,36 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
+import operator
+import pickle
 import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from pathlib import Path
+from concurrent.futures import Future, wait
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.core import Tracer
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-from rockjax._machine.threads import meanwhile
+from rockjax._machine.threads import submit
 
-from . import folder, kind
-from .compiling import compiling
-from .kept import ANEW, COUNTS, QUICK, compile_quickly, keep, load, store
-from .settings import ARRAYS, nans_allowed, present_settings, types_here, usual
-from .turns import is_mine, turn
+from . import key as keys
+from . import store
 
+ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
+COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process
 _LOG = logging.getLogger("rockjax")
-_NUMBERS = ARRAYS | bool | int | float
-_PATIENCE = 2.0  # s of compiling, after which it is said
-AHEAD = "rockjax program ahead"  # name of threads that make one before it is called
+_PATIENCE = 2.0  # s of compiling, after which a message says so
+# Settings that a program is traced under and that may change within a process.
+_SETTINGS = operator.attrgetter(
+    "jax_enable_x64",
+    "jax_default_matmul_precision",
+    "jax_numpy_dtype_promotion",
+    "jax_numpy_rank_promotion",
+)
+# Level 1 takes a quarter less time to compile than JAX's level 3; the programs are as fast.
+_LEVEL = {"xla_backend_optimization_level": 1}
 
 
 class _Fixed(NamedTuple):
@@ -37,13 +47,13 @@ class _Fixed(NamedTuple):
 
 
 class KeptProgram:
-    """A compiled function of pytrees of arrays and numbers; what else is in them, and `fixed` arguments, is
-    compiled in.
+    """A compiled function of pytrees of arrays and numbers; all else in them, and keyword arguments, is
+    static.
 
-    Known arguments on the CPU run a program that is kept between processes (see `folder`): loading it needs
-    neither tracing nor compiling, and it gives the same answers to the last bit. Everything else, traced
-    arguments above all, goes through `jax.jit` as ever. With `arrays_only`, numbers of Python are compiled in
-    as well.
+    Concrete arguments on the CPU run a program that is stored between processes: it is loaded without tracing
+    and compiling, and gives the same answers to the last bit. All others, traced ones above all, go through
+    `jax.jit`. `donate` are the numbers of arguments whose buffers are reused; with `arrays_only` numbers
+    of Python are static, too; `words` is what a progress bar calls the program.
     """
 
     def __init__(
@@ -58,193 +68,259 @@ class KeptProgram:
     ):
         functools.update_wrapper(self, function)
         self.name = name or f"{function.__module__}.{function.__qualname__}"
-        self._words = words  # what a progress bar calls it
-        self._function, self._donate, self._options = function, tuple(donate), compiler_options or {}
-        self._kept_options = QUICK | self._options
-        self._how = f"donated {self._donate}, compiler options {self._kept_options}"
-        self._passed = ARRAYS if arrays_only else _NUMBERS
-        self._traced: dict[_Fixed, Any] = {}
+        self._words, self._function, self._donate = words, function, tuple(donate)
+        self._options = compiler_options or {}
+        self._passed = ARRAYS if arrays_only else ARRAYS | bool | int | float
+        self._jits: dict[_Fixed, Any] = {}
         self._ready: dict[Hashable, Callable] = {}
-        self._making: dict[Hashable, threading.Lock] = {}
-        self._lock = threading.Lock()
+        self._locks: dict[Hashable, threading.Lock] = {}
         _ALL.append(self)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         passed, fixed = self._split(arguments, named)
-        types = types_here(passed)
+        types = _types(passed)
         if types is None:
-            return self._jitted(fixed)(*passed)
+            return self._jit(fixed)(*passed)
         with nans_allowed():
-            return self._run(passed, fixed, types)
-
-    def _run(self, passed: list, fixed: _Fixed, types: Hashable) -> Any:
-        if not usual():
-            return self._jitted(fixed)(*passed)
-        key = fixed, types, present_settings()
-        ready = self._ready.get(key) or self._make(key, passed, fixed)
-        try:
-            return ready(*passed)
-        except jax.errors.JaxRuntimeError as error:
-            if "NOT_FOUND" not in str(error):
-                raise
-            _LOG.debug("a kept program is not whole: %s", error)
-        return self._make_again(key, passed, fixed)(*passed)
+            if not _on_one_cpu():
+                return self._jit(fixed)(*passed)
+            key = fixed, types, _SETTINGS(jax.config)
+            return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def ahead(self, *arguments: Any, **named: Any) -> None:
-        """Load or compile, while something else goes on, what will be called with arguments of these
-        kinds."""
+        """Load or compile, in another thread, what will be called with arguments of these kinds."""
         passed, fixed = self._split(arguments, named)
-        types = types_here(passed)
-        if types is None or not usual():
-            return
-        key = fixed, types, present_settings()
-        if key in self._ready:
-            return
+        key = fixed, _types(passed), _SETTINGS(jax.config)
 
         def make() -> None:
-            if present_settings() == key[2]:  # a thread has the usual ones
-                self._make(key, passed, fixed)
+            if _SETTINGS(jax.config) == key[2]:  # other threads have the usual ones
+                self._make(key, passed)
 
-        meanwhile(make, AHEAD)
+        if key[1] is not None and key not in self._ready and _on_one_cpu():
+            submit(make)
 
     def traced(self, *arguments: Any, **named: Any) -> Any:
-        """The same through `jax.jit`, for those who trace."""
+        """Call the function through `jax.jit`."""
         passed, fixed = self._split(arguments, named)
-        return self._jitted(fixed)(*passed)
+        return self._jit(fixed)(*passed)
+
+    def forget(self) -> None:
+        """Drop the programs that this process holds; those in the store stay."""
+        for held in (self._jits, self._ready, self._locks):
+            held.clear()
 
     def _split(self, arguments: tuple, named: dict[str, Any]) -> tuple[list, _Fixed]:
         leaves, structure = jax.tree.flatten(arguments)
         passes = [type(y) is np.ndarray or isinstance(y, self._passed) for y in leaves]
         passed = [y for y, goes in zip(leaves, passes, strict=True) if goes]
-        kept = tuple(None if goes else y for y, goes in zip(leaves, passes, strict=True))
-        return passed, _Fixed(structure, kept, tuple(sorted(named.items())))
+        static = tuple(None if goes else y for y, goes in zip(leaves, passes, strict=True))
+        return passed, _Fixed(structure, static, tuple(sorted(named.items())))
 
-    def _jitted(self, fixed: _Fixed) -> Any:
-        """The function of what is passed alone."""
-        with self._lock:
-            if fixed not in self._traced:
-                self._traced[fixed] = self._of_passed(fixed)
-            return self._traced[fixed]
+    def _jit(self, fixed: _Fixed) -> Any:
+        """Return the jitted function of the passed leaves alone."""
+        if fixed not in self._jits:
 
-    def _of_passed(self, fixed: _Fixed) -> Any:
-        def function(*passed):
-            rest = iter(passed)
-            leaves = [next(rest) if y is None else y for y in fixed.leaves]
-            return self._function(*jax.tree.unflatten(fixed.structure, leaves), **dict(fixed.named))
+            def function(*passed):
+                rest = iter(passed)
+                leaves = [next(rest) if y is None else y for y in fixed.leaves]
+                return self._function(*jax.tree.unflatten(fixed.structure, leaves), **dict(fixed.named))
 
-        function.__name__ = self._function.__name__
-        argument = [k for k, part in enumerate(fixed.structure.children()) for _ in range(part.num_leaves)]
-        passed = [k for k, y in zip(argument, fixed.leaves, strict=True) if y is None]
-        donated = [i for i, k in enumerate(passed) if k in self._donate]
-        return jax.jit(function, donate_argnums=donated, compiler_options=self._options or None)
+            function.__name__ = self._function.__name__
+            argument = [
+                k for k, part in enumerate(fixed.structure.children()) for _ in range(part.num_leaves)
+            ]
+            passed = [k for k, y in zip(argument, fixed.leaves, strict=True) if y is None]
+            donated = [i for i, k in enumerate(passed) if k in self._donate]
+            jitted = jax.jit(function, donate_argnums=donated, compiler_options=self._options or None)
+            return self._jits.setdefault(fixed, jitted)
+        return self._jits[fixed]
 
-    def _make(self, key: Hashable, passed: list, fixed: _Fixed) -> Callable:
-        with self._lock:
-            lock = self._making.setdefault(key, threading.Lock())
-        # One thread compiles and the others wait for it, but for one that is tracing what calls this.
-        with contextlib.nullcontext() if is_mine() else lock:
+    def _make(self, key: Any, passed: list) -> Callable:
+        """Load or compile the program of a key."""
+        # One thread does and others wait, except one that is tracing: the first may wait for it to end.
+        lock = self._locks.setdefault(key, threading.Lock())
+        with contextlib.nullcontext() if _THREAD.tracing else lock:
             if key not in self._ready:
-                self._ready[key] = self._kept(passed, fixed)
+                self._ready[key] = self._load_or_compile(passed, key[0])
             return self._ready[key]
 
-    def _make_again(self, key: Hashable, passed: list, fixed: _Fixed) -> Callable:
-        """In the place of a program that lacks some of its code: XLA notices only when it is run."""
-        with self._lock:
-            lock = self._making.setdefault(key, threading.Lock())
-        with lock:
-            lowered = self._jitted(fixed).lower(*passed)
-            place = store()
-            if place:
-                folder.discard(place, self._text(passed, fixed) or self._text_of(lowered))
-            self._ready[key], _ = compile_quickly(lowered, self._kept_options)
-            return self._ready[key]
-
-    def _kept(self, passed: list, fixed: _Fixed) -> Callable:
-        """The program from the folder; compiled, and kept there, where there is none."""
-        place = store()
-        text = self._text(passed, fixed) if place else None
-        found = load(place, text) if place and text else None
+    def _load_or_compile(self, passed: list, fixed: _Fixed) -> Callable:
+        options = _LEVEL | self._options
+        how = f"{self.name}\ndonated {self._donate}, {options}"
+        stored, text = store.enabled(), None
+        with contextlib.suppress(keys.Unknown):
+            if stored:
+                what = f"{keys.describe(tuple(fixed))}\n{keys.shapes(passed)}"
+                text = f"{how}\n{keys.source()}\n{keys.machine()}\n{what}"
+        found = _load(text) if text else None
         if found is not None:
             return found
-        with _said(place), compiling(self._words):
-            with turn():
-                lowered = self._jitted(fixed).lower(*passed)
-            if place and not text:
-                text = self._text_of(lowered)
-                found = load(place, text)
+        with compiling(self._words):
+            with _tracing():
+                lowered = self._jit(fixed).lower(*passed)
+            if stored and not text:  # with the user's own classes: known by what tracing has made of them
+                text = f"{how}\n{keys.machine()}\n{lowered.as_text()}"
+                found = _load(text)
             if found is not None:
                 return found
-            compiled, whole = compile_quickly(lowered, self._kept_options)
+            _listen()
+            _THREAD.from_jax = False
+            compiled = lowered.compile(compiler_options=options)
         COUNTS["compiled"] += 1
-        if place and text and whole:
-            keep(place, text, compiled)
+        # XLA does not write out the code of what it has loaded itself, from JAX's own cache.
+        if text and not _THREAD.from_jax:
+            _WRITING.append(submit(_write, text, compiled))
         return compiled
-
-    def _text(self, passed: list, fixed: _Fixed) -> str | None:
-        try:
-            what = f"{kind.describe(tuple(fixed))}\n{kind.numbers(passed)}"
-            return f"{self.name}\n{self._how}\n{kind.source()}\n{kind.machine()}\n{what}"
-        except kind.Unknown as unknown:
-            _LOG.debug("%s is traced in every process: no name in all of them has %s", self.name, unknown)
-            return None
-
-    def _text_of(self, lowered: Any) -> str:
-        """With classes of the user's own, a program is known by what tracing has made of them."""
-        return f"{self.name}\n{self._how}\n{kind.machine()}\n{lowered.as_text()}"
-
-    def forget(self) -> None:
-        """Let go of what this process holds."""
-        with self._lock:
-            self._traced.clear()
-            self._ready.clear()
-            self._making.clear()
 
 
 _ALL: list[KeptProgram] = []
+_WRITING: list[Future] = []  # programs on their way into the store
+
+
+class _Thread(threading.local):
+    tracing = False  # whether this thread has its turn to trace
+    from_jax = False  # whether what it compiled last came from JAX's own cache
+
+
+_THREAD = _Thread()
+_TURN = threading.RLock()
+
+
+@contextlib.contextmanager
+def _tracing() -> Iterator[None]:
+    """Trace inside, one thread at a time: threads that trace at once delay each other's compilation."""
+    with _TURN:
+        before, _THREAD.tracing = _THREAD.tracing, True
+        try:
+            yield
+        finally:
+            _THREAD.tracing = before
+
+
+@functools.cache
+def _listen() -> None:
+    def happened(event: str, **_) -> None:
+        _THREAD.from_jax |= event == "/jax/compilation_cache/cache_hits"
+
+    jax.monitoring.register_event_listener(happened)
+
+
+def _load(text: str) -> Callable | None:
+    """Return a stored program, None where there is none that can be used."""
+    content = store.read(text)
+    if content is None:
+        return None
+    try:
+        program, arguments, answers = pickle.loads(content)
+        if b"lapack" in program:
+            _find_lapack()
+        found = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
+    except Exception as error:  # another library's format, a class that is gone
+        _LOG.debug("a stored program cannot be loaded: %r", error)
+        store.discard(text)
+        return None
+    COUNTS["loaded"] += 1
+    return found
+
+
+@functools.cache
+def _find_lapack() -> None:
+    """Register LAPACK with XLA. JAX does so when it lowers the first program that needs it; one that is only
+    loaded would call a missing function and end the process."""
+    jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
+
+
+def _write(text: str, compiled: Any) -> None:
+    """Store a program, where that is possible."""
+    try:
+        content = serialize(compiled)
+        # A tree of modules is none any more once it is stored, and would fail when the program is called.
+        answers = pickle.loads(pickle.dumps(content[2]))
+        jax.tree.unflatten(answers, range(answers.num_leaves))
+        store.write(text, pickle.dumps(content))
+    except Exception as error:  # a full disk, a program that cannot be serialised
+        _LOG.debug("a program cannot be stored: %r", error)
+
+
+def finish_writing() -> None:
+    """Wait until all programs that were compiled are in the store."""
+    wait(_WRITING)
+    _WRITING.clear()
 
 
 def forget() -> None:
-    """Let go of all programs that this process holds; those in the folder stay."""
+    """Drop all programs that this process holds, JAX's as well; those in the store stay."""
     for program in _ALL:
         program.forget()
-
-
-@contextlib.contextmanager
-def anew() -> Iterator[None]:
-    """Inside, everything is traced and compiled anew and nothing is kept: for those who exchange parts of the
-    package."""
-    ANEW.set()
-    forget()
     jax.clear_caches()
-    try:
-        yield
-    finally:
-        forget()
-        jax.clear_caches()
-        ANEW.clear()
+
+
+_PRESENT: list[str] = []
+_SAID = threading.Event()
 
 
 @contextlib.contextmanager
-def _said(place: Path | None) -> Iterator[None]:
-    """Say, once in a process, that what takes so long is compiling."""
-    timer = threading.Timer(_PATIENCE, _say, [place])
+def compiling(what: str) -> Iterator[None]:
+    """Name what is compiled inside, for progress bars; once in a process a message says what takes so
+    long."""
+    _PRESENT.append(what)
+    timer = threading.Timer(_PATIENCE, _say)
     timer.daemon = True
     timer.start()
     try:
         yield
     finally:
         timer.cancel()
+        _PRESENT.remove(what)
 
 
-_SAID = threading.Event()
+def present_compilation() -> str | None:
+    """Return the name of what is being compiled, of several the latest; None where nothing is."""
+    names = _PRESENT[-1:]  # another thread may take it away
+    return names[0] if names else None
 
 
-def _say(place: Path | None) -> None:
+def _say() -> None:
     if not _SAID.is_set():
         _SAID.set()
-        then = (
-            f"it is kept in {place}, and the next time only loaded"
-            if place
-            else "it is not kept (ROCKJAX_CACHE is off)"
-        )
+        kept = f"it is kept in {store.folder()}, and only loaded the next time"
+        then = kept if store.enabled() else "it is not kept (ROCKJAX_CACHE is off)"
         _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", then)
+
+
+@functools.cache
+def _cpu() -> Any:
+    return jax.local_devices(backend="cpu")[0]
+
+
+def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
+    """Return what a program is compiled for, of numbers and arrays; None unless all are concrete and on the
+    CPU."""
+    here, found = jax.sharding.SingleDeviceSharding(_cpu()), []
+    for y in leaves:
+        if isinstance(y, np.ndarray | np.generic):
+            found.append((y.shape, y.dtype, False))
+        elif isinstance(y, Tracer) or (isinstance(y, jax.Array) and y.sharding != here):
+            return None
+        else:
+            found.append((y.shape, y.dtype, y.weak_type) if isinstance(y, jax.Array) else type(y))
+    return tuple(found)
+
+
+def _on_one_cpu() -> bool:
+    """Return whether programs run on one CPU, as usual, and JAX's settings ask for nothing else."""
+    settings: Any = jax.config
+    usual = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"
+    debugged = settings.jax_disable_jit or settings.jax_check_tracer_leaks
+    return usual and not debugged and jax.process_count() == 1
+
+
+@contextlib.contextmanager
+def nans_allowed() -> Iterator[None]:
+    """Leave out JAX's search for NaN and inf inside: in answers they stand for "none" and "not wanted"."""
+    settings: Any = jax.config
+    if settings.jax_debug_nans or settings.jax_debug_infs:
+        with jax.debug_nans(False), jax.debug_infs(False):
+            yield
+    else:
+        yield

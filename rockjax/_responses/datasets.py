@@ -20,8 +20,7 @@ from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
 from rockjax._parameters.table import attribute, of_motion
-from rockjax._programs.program import KeptProgram
-from rockjax._programs.settings import ARRAYS
+from rockjax._programs.program import ARRAYS, KeptProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._structures import (

@@ -17,7 +17,7 @@ from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
-from rockjax._programs.settings import nans_allowed
+from rockjax._programs.program import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
 

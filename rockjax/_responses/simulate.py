@@ -17,7 +17,7 @@ from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._motions.motion import Motions
 from rockjax._motions.provenance import origin
 from rockjax._options import Options
-from rockjax._programs.settings import nans_allowed
+from rockjax._programs.program import nans_allowed
 from rockjax._results import REST, Errors, State
 from rockjax._structures import Podium
 

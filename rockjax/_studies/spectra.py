@@ -16,7 +16,7 @@ from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, of_kind, require, shown, texts
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
-from rockjax._machine.threads import TABLES, borrowed_pool, import_meanwhile
+from rockjax._machine.threads import TABLES, import_meanwhile, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.table import about
@@ -165,14 +165,13 @@ def rocking_spectra(
 
 def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
     """The answers of all kinds that were begun: one is compiled while another runs. Ctrl-C sets `stop`."""
-    with borrowed_pool(max(1, len(kinds))) as pool:
-        futures = []
-        try:
-            for members in kinds:
-                futures.append(pool.submit(solve, members))
-            concurrent.futures.wait(futures)
-        except KeyboardInterrupt:
-            stop.set()
+    futures = []
+    try:
+        for members in kinds:
+            futures.append(submit(solve, members))
+        concurrent.futures.wait(futures)
+    except KeyboardInterrupt:
+        stop.set()
     return [future.result() for future in futures]
 
 

@@ -244,7 +244,7 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     assert plan.lanes >= 1024
     leaves, numbers = scenes.part(Numbers(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(who.mesh).trace(
-        idle(scenes, how, plan).tree(), leaves, numbers, 1, numbers, 0, how, layout=plan
+        idle(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
     )
     text = program.lower(lowering_platforms=("cuda",)).as_text()
     assert "stablehlo.while" in text

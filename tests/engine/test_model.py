@@ -12,7 +12,7 @@ from rockjax._engine.energy import energy, energy_after, potential, power, resto
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.transitions import after_impact, contact_mode
-from rockjax._programs.settings import ARRAYS
+from rockjax._programs.program import ARRAYS
 from tests.scenes import PODIUMS, G
 
 ELASTIC = rj.Podium(alpha=0.25, R=1.7, gamma=3.0, superstructure=rj.Elastic(8.0, 0.6, 0.07), lam=0.29)

@@ -22,11 +22,9 @@ from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
-from rockjax._programs.kept import COUNTS, KEEPING
-from rockjax._programs.program import forget
+from rockjax._programs.program import COUNTS, finish_writing, forget
 from tests.compiling import compiled_by
 from tests.scenes import Stops, shaking
-from tests.threads import wait_for
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
 DRAWING = optimise.Dimensions(
@@ -88,7 +86,7 @@ def test_a_later_design_compiles_nothing(caplog):
     first = answer(3.0)
     assert first.satisfied
     before = dict(COUNTS)
-    wait_for(KEEPING)
+    finish_writing()
     forget()
     second = answer(3.2)
     assert {"loaded": before["loaded"] + 1, "compiled": before["compiled"]} == COUNTS

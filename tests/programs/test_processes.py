@@ -4,40 +4,89 @@ import os
 import subprocess
 import sys
 import textwrap
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 
-def run(script, tmp_path, **environment):
+def run(script, **environment):
     """What a script prints, without the programs' remarks."""
-    path = tmp_path / "script.py"
-    path.write_text(textwrap.dedent(script))
+    # Without a cache of JAX's own, unless it is given.
+    inherited = {name: y for name, y in os.environ.items() if not name.startswith("JAX_COMPILATION_CACHE")}
     ended = subprocess.run(
-        [sys.executable, "-W", "ignore", path],
-        env=os.environ | environment,
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(script)],
+        env=inherited | environment,
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=900,
     )
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.split()
 
 
-@pytest.mark.parametrize(
-    "made",
-    [
-        "rj.Podium(0.15, 1.5, 1.0)",
-        "rj.Podium(0.15, 1.5, 10.0, rj.Elastic(5.0, 0.5), restrainers=(rj.Damper(1.0, 0.5),))",
-        "rj.Podium.from_dimensions(0.45, 3.0, 1500.0, 30e3, top_mass=3e4, tendon_force=1e4)",
-        "rj.Podium(0.15, 1.5).replace(R=2.0)",
-    ],
-)
+SCENES = """
+import rockjax as rj, numpy as np
+from rockjax._programs.program import COUNTS
+podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(eta=100.0))
+peaks = rj.peak_responses(podium, rj.Ricker(np.array([1.0, 2.0, 3.0]), 1.0))
+alone = rj.peak_response(podium, rj.Ricker(2.0, 1.0)).peak_rotation
+print(*[float(y).hex() for y in (*peaks.peak_rotation, alone)], COUNTS["loaded"], COUNTS["compiled"])
+"""
+
+
+@pytest.mark.slow
+def test_several_processes_at_once(tmp_path):
+    """They write the same programs at the same time; all answer alike, and so do one that loads and one that
+    compiles for itself."""
+    with ThreadPoolExecutor() as pool:
+        both = list(pool.map(lambda _: run(SCENES, ROCKJAX_CACHE_DIR=str(tmp_path)), range(2)))
+    later = run(SCENES, ROCKJAX_CACHE_DIR=str(tmp_path))
+    alone = run(SCENES, ROCKJAX_CACHE="off")
+    assert both[0][:4] == both[1][:4] == later[:4] == alone[:4]
+    assert later[4:] == ["3", "0"]
+
+
+@pytest.mark.slow
+def test_programs_from_the_cache_of_jax_are_not_stored(tmp_path):
+    """Stored, they would be without their code: XLA writes out only what it has compiled itself."""
+    own = {"JAX_COMPILATION_CACHE_DIR": f"{tmp_path}/jax", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    first, again, *other = (
+        run(SCENES, ROCKJAX_CACHE_DIR=f"{tmp_path}/{folder}", **own)
+        for folder in ("one", "one", "two", "two")
+    )
+    assert again == [*first[:4], "3", "0"]
+    assert all(answers[:5] == [*first[:4], "0"] for answers in other)
+
+
+def test_a_program_that_needs_lapack_finds_it_in_a_later_process(tmp_path):
+    script = """
+        import numpy as np, jax, rockjax
+        from rockjax._programs.program import COUNTS, KeptProgram
+        solve = KeptProgram(lambda a, b: jax.numpy.linalg.solve(a, b), name="rockjax.solve")
+        print(*solve(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])), COUNTS["loaded"])
+    """
+    for loaded in ("0", "1"):
+        assert run(script, ROCKJAX_CACHE_DIR=str(tmp_path)) == ["1.0", "1.0", loaded]
+
+
+def test_importing_leaves_settings_of_jax_open():
+    """Until JAX's backend starts its platform can be chosen."""
+    script = """
+        import jax, rockjax
+        from jax.extend import backend
+        jax.config.update("jax_num_cpu_devices", 3)  # an error once it has started
+        print(len(backend.backends()["cpu"].devices()))
+    """
+    assert run(script) == ["3"]
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
-def test_structures_and_pulses_made_before_a_fork_serve_the_child(made, tmp_path):
-    script = f"""
+def test_structures_and_pulses_made_before_a_fork_serve_the_child():
+    script = """
         import os, faulthandler
         import rockjax as rj
-        podium, motion = {made}, rj.Ricker(3.0, 1.0)
+        podium = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(5.0, 0.5), restrainers=(rj.Damper(1.0, 0.5),))
+        motion = rj.Ricker(3.0, 1.0)
         if child := os.fork():
             os.waitpid(child, 0)
         else:
@@ -45,28 +94,10 @@ def test_structures_and_pulses_made_before_a_fork_serve_the_child(made, tmp_path
             print(float(rj.peak_response(podium, motion).peak_rotation) > 0, flush=True)
             os._exit(0)
     """
-    assert run(script, tmp_path) == ["True"]
+    assert run(script) == ["True"]
 
 
-def test_processes_that_are_spawned(tmp_path):
-    script = """
-        import multiprocessing
-        import rockjax as rj
-
-        def peak(given):
-            return float(rj.peak_response(*given).peak_rotation)
-
-        if __name__ == "__main__":
-            podium = rj.Podium(0.15, 1.5, 1.0)
-            here = [peak((podium, rj.Ricker(a, 1.0))) for a in (3.0, 3.7)]
-            with multiprocessing.get_context("spawn").Pool(2) as pool:
-                there = pool.map(peak, [(podium, rj.Ricker(a, 1.0)) for a in (3.0, 3.7)])
-            print(here == there)
-    """
-    assert run(script, tmp_path) == ["True"]
-
-
-def test_answers_are_the_same_while_jax_looks_for_nan(tmp_path):
+def test_answers_are_the_same_while_jax_looks_for_nan():
     script = """
         import jax
         import numpy as np
@@ -92,4 +123,4 @@ def test_answers_are_the_same_while_jax_looks_for_nan(tmp_path):
         print(len(plain) == len(searched))
         print(all(np.array_equal(a, b, equal_nan=True) for a, b in zip(plain, searched)))
     """
-    assert run(script, tmp_path) == ["True", "True"]
+    assert run(script) == ["True", "True"]

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._programs.kept import COUNTS, KEEPING
-from rockjax._programs.program import forget
+from rockjax._programs.program import COUNTS, finish_writing, forget
 from rockjax._risk import search
 from rockjax._risk.limit_state import OfFunction
 from rockjax._risk.structure import OPTIONS, OfStructure, limit_of
-from tests.threads import wait_for
 
 MOTION = rj.GaussianMotion(31, 0.08, 0.02)
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -57,7 +55,7 @@ def test_programs_of_slopes_are_kept():
     u = np.asarray(MOTION.samples(3, seed=4))
     of = lambda limit: OfStructure(BLOCK, MOTION, limit_of("test", limit, BLOCK)).with_sensitivities(u)
     first = of(("rotation", 0.3))
-    wait_for(KEEPING)
+    finish_writing()
     compiled = COUNTS["compiled"]
     forget()
     again = of(("rotation", 0.3))

@@ -1,0 +1,156 @@
+"""Cache keys of programs, as text: equal texts mean the same program, in every process.
+
+A key holds the structure of the arguments (classes, static fields, shapes and types of the numbers), the
+versions of the libraries, the source of this package, JAX's settings, and the processor. Classes and
+functions of the user's own have no key: they may change between processes while their names stay.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import jax
+import numpy as np
+
+_OWN = ("rockjax", "optimise")  # identified by their source
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # by their versions
+_NO_PROGRAMS = ("_cli", "plots")  # folders whose source is part of no program
+_PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
+_IRRELEVANT = ("cache", "log", "dump", "traceback", "profil", "hash")  # in names of JAX's settings
+
+
+class Unknown(Exception):
+    """Something has no key that means the same in every process."""
+
+
+class TracedFunction:
+    """A function of the user's own, identified by what tracing makes of it and of its derivatives.
+
+    `like`: trees of arrays, or of their shapes, as its arguments will be. Other arguments give the right
+    answer too, under the same key.
+    """
+
+    def __init__(self, function: Callable, *like: Any):
+        def with_derivatives(*primals):
+            return jax.jvp(function, primals, primals)
+
+        self.function = function
+        self.text = jax.jit(with_derivatives).lower(*like).as_text()
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TracedFunction) and self.text == other.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+
+def describe(value: Any) -> str:
+    """Return the key of a static part of the arguments. Raises `Unknown` where there is none."""
+    if value is None:
+        return "None"
+    if isinstance(value, TracedFunction):
+        return f"traced:{value.text}"
+    if isinstance(value, type | FunctionType):
+        return _name(value)
+    if isinstance(value, np.dtype):
+        return value.str
+    if isinstance(value, jax.tree_util.PyTreeDef):
+        return _structure(value)
+    name = _name(type(value))
+    if isinstance(value, bool | int | float | complex | str | bytes):
+        return f"{name}:{value!r}"
+    if isinstance(value, tuple | list | frozenset):
+        parts = map(describe, value)
+        return f"{name}({','.join(sorted(parts) if isinstance(value, frozenset) else parts)})"
+    if isinstance(value, dict):
+        return f"{name}({','.join(f'{describe(k)}={describe(v)}' for k, v in value.items())})"
+    if getattr(value, "__dict__", None) or any(
+        getattr(base, "__slots__", ()) for base in type(value).__mro__
+    ):
+        raise Unknown(f"{value!r}")
+    return f"{name}()"  # an object without fields
+
+
+def _name(thing: Any) -> str:
+    """Return the full name of a class or function at the top of a module whose source or version is known."""
+    module, name = thing.__module__ or "", thing.__qualname__  # None in code run from a text
+    found = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    if module.split(".")[0] not in (*_OWN, *_LIBRARIES, "builtins") or found is not thing:
+        raise Unknown(f"{module}.{name}")
+    return f"{module}.{name}"
+
+
+def _structure(tree: Any) -> str:
+    node = tree.node_data()
+    if node is None:
+        return "*" if tree.num_leaves else "-"
+    kind, static = node
+    children = ",".join(map(_structure, tree.children()))
+    return "None" if kind is type(None) else f"{_name(kind)}[{describe(static)}]({children})"
+
+
+def shapes(leaves: Iterable[Any]) -> str:
+    """Return shapes and types of arrays and numbers as text."""
+    kinds = map(jax.typeof, leaves)
+    return ";".join(f"{kind.dtype}{kind.shape}{'~' if kind.weak_type else ''}" for kind in kinds)
+
+
+def machine() -> str:
+    """Return what a program depends on besides what is traced: versions, settings, processor."""
+    settings = [
+        (name, getattr(jax.config, name, value))
+        for name, value in sorted(jax.config.values.items())
+        if not any(word in name for word in _IRRELEVANT)
+    ]
+    return f"{_versions()}\n{os.environ.get('XLA_FLAGS', '')} {settings!r}"
+
+
+@functools.cache
+def _versions() -> str:
+    device = jax.local_devices(backend="cpu")[0]
+    libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
+    try:  # what a compiler looks at; elsewhere the machine itself
+        lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
+        processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
+    except OSError:
+        processor = []
+    processor = processor or [platform.processor(), platform.node()]
+    return f"{libraries} {sys.version}\n{platform.system()} {platform.machine()} {processor} " + (
+        f"{device.device_kind} {device.client.platform_version}"
+    )
+
+
+@functools.cache
+def source() -> str:
+    """Return a hash of the package's source and of the tables of numbers in it.
+
+    Raises `Unknown` where there is no source to read.
+    """
+    digest = hashlib.sha256()
+    for package in _OWN:
+        spec = find_spec(package)
+        origin = spec.origin if spec else None
+        if origin is None or not Path(origin).is_file():
+            raise Unknown(f"no source of {package}")
+        folder = Path(origin).parent
+        for file in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
+            part = file.relative_to(folder)
+            if part.parts[0] not in _NO_PROGRAMS:
+                digest.update(f"{package}/{part.as_posix()}\0".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,176 @@
+"""The folder of stored programs: where it is, who may write to it, and how large it grows.
+
+Stored programs are executed, so the folder is used only if it belongs to this user and nobody else can write
+to it. Files are written atomically and carry a checksum. Beyond the size limit those unused for longest are
+deleted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import os
+import stat
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from rockjax._machine.environment import switched_off
+
+LIMIT = 2048  # MiB
+_DIGEST = 32  # bytes
+_LOG = logging.getLogger("rockjax")
+
+
+class Entry(NamedTuple):
+    """A stored program: its file, its size [bytes], and when it was last used [s since 1970]."""
+
+    path: Path
+    size: int
+    used: float
+
+
+def enabled() -> bool:
+    """Return whether programs are stored: not with `ROCKJAX_CACHE=off`."""
+    return not switched_off("ROCKJAX_CACHE")
+
+
+def root() -> Path:
+    """Return `ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder (`XDG_CACHE_HOME`, or the
+    platform's)."""
+    if chosen := os.environ.get("ROCKJAX_CACHE_DIR"):
+        return Path(chosen).expanduser()
+    if shared := os.environ.get("XDG_CACHE_HOME"):
+        return Path(shared) / "rockjax"
+    from platformdirs import user_cache_path
+
+    return user_cache_path("rockjax", appauthor=False)
+
+
+def folder() -> Path:
+    """Return the folder of the programs."""
+    return root() / "programs"
+
+
+def limit() -> int:
+    """Return the size that the folder may grow to [bytes], `ROCKJAX_CACHE_SIZE` in MiB.
+
+    Raises `ValueError` where that is no number ≥ 0.
+    """
+    text = os.environ.get("ROCKJAX_CACHE_SIZE", "").strip()
+    try:
+        size = float(text) if text else float(LIMIT)
+    except ValueError:
+        size = -1.0
+    if not 0 <= size < float("inf"):
+        raise ValueError(f"ROCKJAX_CACHE_SIZE must be a size in MiB, a number ≥ 0, got {text!r}")
+    return int(size * 2**20)
+
+
+def _why_unsafe(path: Path) -> str | None:
+    """Return why nothing is read from a folder or file, None if it can be trusted. Raises `OSError` if it
+    cannot be looked at."""
+    if not hasattr(os, "geteuid"):
+        return None  # Windows: the user's folders have access lists of their own
+    found = path.stat()
+    if found.st_uid != os.geteuid():
+        return f"{path} belongs to another user"
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"others can write to {path}; chmod go-w makes it usable"
+    return None
+
+
+def why_unused() -> str | None:
+    """Return why no program is stored, None if programs are."""
+    if not enabled():
+        return "ROCKJAX_CACHE is off"
+    try:
+        unsafe = _why_unsafe(folder())
+    except FileNotFoundError:
+        return None  # it is made when it is needed
+    except OSError as error:
+        return f"{folder()}: {error.strerror}"
+    usable = os.access(folder(), os.R_OK | os.W_OK | os.X_OK)
+    return unsafe or (None if usable else f"{folder()} cannot be written")
+
+
+def _file(key: str) -> Path:
+    return folder() / (hashlib.sha256(key.encode()).hexdigest() + ".program")
+
+
+def _digest(key: str, data: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + b"\0" + data).digest()
+
+
+def read(key: str) -> bytes | None:
+    """Return what is stored under a key; None if there is nothing, or nothing that can be trusted."""
+    file = _file(key)
+    try:
+        unsafe = _why_unsafe(file.parent) or _why_unsafe(file)
+        content = b"" if unsafe else file.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        unsafe, content = str(error), b""
+    if unsafe:
+        _LOG.debug("no stored programs are read: %s", unsafe)
+        return None
+    data = content[_DIGEST:]
+    if content[:_DIGEST] != _digest(key, data):
+        _LOG.debug("%s is damaged", file)
+        discard(key)
+        return None
+    with contextlib.suppress(OSError):  # a folder that can only be read
+        os.utime(file)  # used just now
+    return data
+
+
+def write(key: str, data: bytes) -> None:
+    """Store data under a key, and make room. Raises `OSError` where that is impossible, as with a full
+    disk."""
+    place, most = folder(), limit()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.mkdir(mode=0o700, exist_ok=True)
+    if unsafe := _why_unsafe(place):
+        raise PermissionError(unsafe)
+    if len(data) + _DIGEST > most:
+        return
+    handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=place)  # for this user only
+    try:
+        with os.fdopen(handle, "wb") as opened:
+            opened.write(_digest(key, data) + data)
+        os.replace(temporary, _file(key))
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    found = entries()
+    size = sum(entry.size for entry in found)
+    for entry in found:
+        if size > most:
+            size -= entry.size
+            entry.path.unlink(missing_ok=True)
+
+
+def discard(key: str) -> None:
+    """Delete what is stored under a key, if possible."""
+    with contextlib.suppress(OSError):
+        _file(key).unlink(missing_ok=True)
+
+
+def entries() -> list[Entry]:
+    """Return all stored programs, the one unused for longest first."""
+    found = []
+    for path in folder().glob("*"):  # also what a process that was killed has left half-written
+        with contextlib.suppress(OSError):  # another process has just deleted it
+            about = path.stat()
+            found.append(Entry(path, about.st_size, about.st_mtime))
+    return sorted(found, key=lambda entry: entry.used)
+
+
+def clear() -> int:
+    """Delete all stored programs and return how many there were. Raises `OSError` for one that cannot be."""
+    found = entries()
+    for entry in found:
+        entry.path.unlink(missing_ok=True)
+    return len(found)
