@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import Module, html, lines, of_kind
+from rockjax.internal import UNTIL_OVERTURNING, Module, html, lines, of_kind
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -54,6 +54,8 @@ class Design(Module):
       satisfied
     - `probabilities`: target → what an independent sample says, of targets on a probability of failure;
       `standard_errors`: target → standard errors of the margins, where they are of an independent sample
+    - `overturned`: target or objective on peaks of the superstructure → scenes of its suite in which the
+      columns overturn, where there are any: its peaks there are until overturning
     - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
     - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
     """
@@ -75,6 +77,7 @@ class Design(Module):
     minimised: str
     probabilities: dict[str, rj.FailureProbability] = eqx.field(static=True, default_factory=dict)
     standard_errors: dict[str, np.ndarray] = eqx.field(default_factory=dict)
+    overturned: dict[str, int] = eqx.field(static=True, default_factory=dict)
 
     @property
     def failing(self) -> dict[str, float]:
@@ -94,9 +97,9 @@ class Design(Module):
 def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     """Headline, rows of the variables, rows of the targets; the first row of each is its heading."""
     state = "satisfied" if design.satisfied else "not satisfied"
-    headline = (
-        f"{NAMES[int(design.result._value)]}, targets {state}; {design.minimised} = {design.objective:.6g}"
-    )
+    until = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
+    result = NAMES[int(design.result._value)]
+    headline = f"{result}, targets {state}; {design.minimised} = {design.objective:.6g}{until}"
     variables = [["variable", "value", "unit", "bounds"]]
     for name, value in design.variables.items():
         low, high = design.bounds[name]
@@ -141,6 +144,10 @@ def _remarks(design: Design) -> list[str]:
         remarks.append(
             f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}"
         )
+    remarks += [
+        f"{name}: the columns overturn in {count} of its scenes, whose peaks are {UNTIL_OVERTURNING}"
+        for name, count in design.overturned.items()
+    ]
     for name, errors in design.standard_errors.items():
         margin, error = float(np.min(design.margins[name])), float(np.max(errors))
         remarks.append(
@@ -215,6 +222,7 @@ def answer_of(
     prices = found.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
     sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
     bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
+    minimised = "distance from the start" if objective is None else objective.describe()
     # From the user's own structure, whose plain numbers stay what they are.
     structure = variables(given, bounds).structure(end.x)
     return Design(
@@ -232,9 +240,14 @@ def answer_of(
         best=best,
         bounds=bounds,
         units=dict(zip(varied.names, varied.units, strict=True)),
-        minimised="distance from the start" if objective is None else objective.describe(),
+        minimised=minimised,
         probabilities={list(found.sizes)[k]: p for k, p in by_sample.probabilities.items()},
         standard_errors={list(found.sizes)[k]: errors for k, errors in by_sample.errors.items()},
+        overturned={
+            name: int(count)
+            for name, count in zip([*found.sizes, minimised], there.overturned, strict=True)
+            if count
+        },
     )
 
 

@@ -85,6 +85,7 @@ def account(design) -> dict[str, Any]:
         "margins": design.margins,
         "multipliers": design.multipliers,
         "failing": design.failing,
+        "overturned": design.overturned,
         "starts": [outcome._asdict() | {"result": result_name(outcome.result)} for outcome in design.starts],
         "best": design.best,
         "stats": design.stats._asdict(),

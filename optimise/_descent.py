@@ -16,12 +16,14 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 
 
 class Evaluation(NamedTuple):
-    """Values f (k,), margins c (m,) and their Jacobians (k, n), (m, n) in scaled variables."""
+    """Values f (k,), margins c (m,) and their Jacobians (k, n), (m, n) in scaled variables; the number of
+    overturned scenes of each target and, last, of the objective, whose peaks are until overturning."""
 
     f: Vector
     c: Vector
     f_slope: Vector
     c_slope: Vector
+    overturned: Vector = np.zeros(0)
 
     @property
     def finite(self) -> bool:

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 import rockjax as rj
 from rockjax.internal import KeptProgram, Module, TracedFunction, as_float
@@ -52,23 +52,30 @@ class DesignProblem(Module):
 
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
-    ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]]]:
-        """Values of the objective and margins of every target."""
+    ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
+        """Values of the objective, margins of every target, and the overturned scenes of all of them, 0 of
+        those that read no peaks of the superstructure."""
         podium = self.variables.podium(x)
         peaks = [s.responses(podium, options, o) for s, o in zip(self.suites, self.outputs, strict=True)]
+        overturned = jnp.zeros(len(self.uses), int)
 
-        def of(item, use: Part | None, alone: Callable):
+        def of(k: int, item, alone: Callable):
+            nonlocal overturned
+            use = self.uses[k]
             if use is None:
                 return alone(podium, options)
             part = slice(use.first, use.first + use.size)
-            return item.read(jax.tree.map(lambda y: y[part], peaks[use.suite]), options)
+            own = jax.tree.map(lambda y: y[part], peaks[use.suite])
+            if item.until_overturning:
+                overturned = overturned.at[k].set(jnp.sum(own.overturned))
+            return item.read(own, options)
 
-        margins = [
-            jnp.atleast_1d(of(t, use, t.margins)) for t, use in zip(self.targets, self.uses, strict=False)
-        ]
+        margins = [jnp.atleast_1d(of(k, t, t.margins)) for k, t in enumerate(self.targets)]
         if self.objective is None:
-            return jnp.sum((x - self.variables.start()) ** 2)[None], margins
-        return of(self.objective, self.uses[-1], self.objective.values), margins
+            values = jnp.sum((x - self.variables.start()) ** 2)[None]
+        else:
+            values = of(len(self.targets), self.objective, self.objective.values)
+        return values, margins, overturned
 
 
 def problem_of(
@@ -148,14 +155,14 @@ def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractOb
     return jax.tree.map(named, objective, is_leaf=lambda part: isinstance(part, OfPodium))
 
 
-@functools.partial(KeptProgram, arrays_only=True)
+@functools.partial(KeptProgram, arrays_only=True, words="the design with its derivatives")
 def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
-    """(values, margins of every target), their Jacobians, and the values again, of all points."""
+    """Jacobians of (values, margins of every target), and what a problem says, of all points."""
 
     def at(x):
         def twice(x):
             answer = problem(x, options)
-            return answer, answer
+            return answer[:2], answer
 
         return jax.jacfwd(twice, has_aux=True)(x)
 
@@ -233,15 +240,17 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Evaluations at points (width, n), of which `count` are asked for."""
         slopes, values = _evaluated(self._redrawn(), self.options, as_float(points))
-        (f, margins), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
+        (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         margins, slopes = self._with_sampled(points, margins, slopes)
+        for k in self.sampled.targets:
+            overturned = np.insert(overturned, k, 0, axis=1)
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
         none = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
         c, c_slope = (
             np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True)
         )
-        found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, strict=True)]
+        found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, overturned, strict=True)]
         seen = list(zip(np.array(points), found, strict=True))
         self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
         self.bar.update(1)

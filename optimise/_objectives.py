@@ -76,6 +76,7 @@ class AbstractWorstPeak(AbstractWorst):
 
     suite: Suite
     words: ClassVar[str]
+    until_overturning: ClassVar[bool] = True
 
     def __init__(self, excitations):
         self.suite = Suite.of(excitations, type(self).__name__)

@@ -55,6 +55,7 @@ class AbstractResponses(Module):
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[tuple[str, ...]]  # of `rockjax.Options`
+    until_overturning: ClassVar[bool] = False  # whether it reads peaks that stop there
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -123,6 +124,7 @@ class AbstractPeakLimit(AbstractResponseTarget):
     suite: Suite
     name: Name = eqx.field(static=True)
     words: ClassVar[str]  # what stays at most {}
+    until_overturning: ClassVar[bool] = True
 
     def __init__(self, limit, excitations, name: Name = None):
         owner = type(self).__name__

@@ -27,7 +27,7 @@ from ._programs.key import TracedFunction
 from ._programs.program import KeptProgram
 from ._progress import bar
 from ._responses.datasets import describe_options
-from ._responses.peak import AbstractPeak
+from ._responses.peak import UNTIL_OVERTURNING, AbstractPeak
 from ._restrainers.damper import as_exponent
 from ._risk.rays import Rays, factor_of, probability_at, rays_at
 from ._risk.rocking import limit_state
@@ -46,6 +46,7 @@ __all__ = [
     "STRUCTURE",
     "TEXT",
     "TRUTH",
+    "UNTIL_OVERTURNING",
     "AbstractPeak",
     "AnyMotion",
     "AnyMotions",

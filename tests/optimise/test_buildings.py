@@ -10,6 +10,7 @@ import pytest
 
 import optimise
 import rockjax as rj
+from optimise._cli import account
 from optimise._suite import Suite
 from optimise._variables import variables
 from rockjax import _results as results
@@ -75,6 +76,25 @@ def test_a_design_under_a_motion_that_overturns_is_not_satisfied():
     )
     assert not found.satisfied
     assert found.failing["shear"] < 0
+    assert found.overturned == {"shear": 1}
+
+
+def test_a_design_marks_peaks_of_scenes_that_overturned():
+    """Without a target nothing else says that the columns do not survive the second motion."""
+    motions = [rj.OneSine(2.0, 0.8), rj.OneSine(9.0, 1.0)]
+    found = optimise.design(
+        PODIUM, {"gamma": (9.0, 11.0)}, optimise.WorstShear(motions), options=OPTIONS, max_iterations=1
+    )
+    assert found.overturned == {"worst peak shear / m_t g": 1}
+    assert f"worst peak shear / m_t g = {found.objective:.6g} (until overturning)" in str(found)
+    assert "the columns overturn in 1 of its scenes, whose peaks are until overturning" in str(found)
+    assert "until overturning" in found._repr_html_()
+    assert account(found)["overturned"] == found.overturned
+    upright = optimise.design(
+        PODIUM, {"gamma": (9.0, 11.0)}, optimise.WorstShear(motions[:1]), options=OPTIONS, max_iterations=1
+    )
+    assert not upright.overturned
+    assert "until overturning" not in str(upright)
 
 
 def test_scenes_without_an_answer_are_nan_in_all_their_stories(peaks, monkeypatch):
