@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax._checks import concrete
-from rockjax._engine.coefficients import SLIP, Coefficients, coefficients, present
+from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
 from rockjax._engine.energy import damper_power, energy, power, restoring_moment
 from rockjax._engine.flat import Nodes
 from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
@@ -68,67 +68,26 @@ class _Sample(NamedTuple):
     v: Vector
 
 
-def state(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    del sigma, ground
-    if c.vibration is None:
-        none = 0.0 * x[0]  # NaN where there is no state
-        return x[0], v[0], none, none
-    return x[0], v[0], x[1], v[1]
-
-
-def deformation(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    del ground
-    return 0.0 * x[0] if c.vibration is None else x[1] - beam(c, sigma, x[0], v[0])[0]
-
-
-def drift(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    """Return the drift of each story."""
-    deformations = deformation(c, sigma, ground, x, v)
-    weights = drift_weights(present(present(c.several).floors))
-    return jnp.sum(weights * deformations[None, :], axis=-1)
-
-
-def floor_acceleration(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    """Absolute, of each floor."""
+def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> dict[str, Any]:
+    """Return every quantity of a history at one instant, by name."""
     a = acceleration(c, sigma, ground, x, v)
-    return floor_accelerations(c, sigma, ground, x, v, a)
-
-
-def base_shear(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    """Over the weight of the superstructure."""
-    return shear(c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v))
-
-
-def mechanical_energy(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    del ground
-    return energy(c, sigma, x, v)
-
-
-def mode(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    del c, ground, v
-    return sigma + 0.0 * x[0]
-
-
-def _samples(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector):
-    """All of them in one program."""
-    theta, theta_dot, u_t, u_t_dot = state(c, sigma, ground, x, v)
-    of_stories = (
-        {
-            "drift": drift(c, sigma, ground, x, v),
-            "floor_acceleration": floor_acceleration(c, sigma, ground, x, v),
-        }
-        if c.several is not None and c.several.floors is not None
-        else {}
-    )
-    return of_stories | {
-        "theta": theta,
-        "theta_dot": theta_dot,
-        "u_t": u_t,
-        "u_t_dot": u_t_dot,
-        "deformation": deformation(c, sigma, ground, x, v),
-        "mode": mode(c, sigma, ground, x, v),
+    none = 0.0 * x[0]  # NaN where there is no state
+    found = {
+        "theta": x[0],
+        "theta_dot": v[0],
+        "u_t": none if c.vibration is None else x[1],
+        "u_t_dot": none if c.vibration is None else v[1],
+        "deformation": none if c.vibration is None else x[1] - beam(c, sigma, x[0], v[0])[0],
+        "base_shear": shear(c, sigma, ground, x, v, a),
+        "mechanical_energy": energy(c, sigma, x, v),
+        "mode": sigma + none,
         "restoring_moment": restoring_moment(c, sigma, ground, x, v),
     }
+    if c.several is not None and c.several.floors is not None:
+        weights = drift_weights(c.several.floors)
+        found["drift"] = jnp.sum(weights * found["deformation"][None, :], axis=-1)
+        found["floor_acceleration"] = floor_accelerations(c, sigma, ground, x, v, a)
+    return found
 
 
 # Few sizes, so that histories of many lengths share their programs: of a few times, of those of a dataset
@@ -194,7 +153,8 @@ def ground_acceleration(excitation: AbstractExcitation, t):
 
 
 @KeptProgram
-def along(scene: Solved, t, left, quantity):
+def along(scene: Solved, t, left) -> dict[str, Array]:
+    """All quantities at times t (n,), just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
@@ -202,7 +162,7 @@ def along(scene: Solved, t, left, quantity):
         here = _sample(c, excitation, nodes, method, _before(nodes, s, left), s)
         inside = (s >= nodes.t[0]) & (s <= end)
         x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
-        return quantity(c, here.sigma, here.ground, x, v)
+        return _quantities(c, here.sigma, here.ground, x, v)
 
     return jax.vmap(at)(t, left)
 
@@ -231,7 +191,7 @@ def balance(scene: Solved, t, left):
         )
         held = c.restraint
         by_dampers = () if held is None else (damper_power(c, held, here.sigma, here.x, here.v),)
-        return here, (*power(c, *here), *by_dampers, mechanical_energy(c, *here))
+        return here, (*power(c, *here), *by_dampers, energy(c, here.sigma, here.x, here.v))
 
     # One program of the step for all of them: compiling it is what takes time.
     nodes_of_rule, weights = np.polynomial.legendre.leggauss(POINTS)
@@ -248,7 +208,7 @@ def balance(scene: Solved, t, left):
     struck = jnp.isfinite(nodes.impact_time)
     lost = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
     given, *taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, *taken))
-    samples = jax.vmap(lambda here: _samples(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
+    samples = jax.vmap(lambda here: _quantities(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
     inside = (t >= nodes.t[0]) & (t <= end)
     parts = samples, mechanical[size:], given, lost[before], *taken
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float, concrete, from_host
-from rockjax._engine.energy import restoring_moment
 from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -91,13 +90,13 @@ class Response(AbstractPeak):
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
         """State at times t [s]."""
-        theta, theta_dot, *of_modes = self._map(t, history.state, left)
+        theta, theta_dot, *of_modes = self._at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one, u_i − u_b along a last
         axis of several modes."""
-        return self._over_modes(self._map(t, history.deformation))
+        return self._over_modes(*self._at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Drift of each story of a building [m], the lowest first, (C11).
@@ -105,7 +104,7 @@ class Response(AbstractPeak):
         Raises `ValueError` without stories.
         """
         self._check_stories("drift")
-        return self._map(t, history.drift)
+        return self._at(t, "drift")[0]
 
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Absolute horizontal acceleration of each floor of a building [m/s²], the lowest first.
@@ -113,11 +112,11 @@ class Response(AbstractPeak):
         Raises `ValueError` without stories.
         """
         self._check_stories("floor_acceleration")
-        return self._map(t, history.floor_acceleration)
+        return self._at(t, "floor_acceleration")[0]
 
     def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Shear between the beam and the superstructure over the weight of the latter, Eq. (7) [–]."""
-        return self._map(t, history.base_shear)
+        return self._at(t, "base_shear")[0]
 
     def _check_stories(self, name: str) -> None:
         top = self.podium.superstructure
@@ -132,11 +131,11 @@ class Response(AbstractPeak):
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
-        return self._map(t, history.mechanical_energy)
+        return self._at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """σ of the automaton: 0 in full contact, ±1 while rocking, with the sign of the rotation [–]."""
-        return self._map(t, history.mode)
+        return self._at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """The moment that holds the frame up, over its value at uplift [–].
@@ -145,7 +144,7 @@ class Response(AbstractPeak):
         forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls
         with the frame; and of the forces of restrainers.
         """
-        return self._map(t, restoring_moment)
+        return self._at(t, "restoring_moment")[0]
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
         """Energy that the dampers of the columns have taken up to times t, per N m_c [m²/s²]; by default at
@@ -190,12 +189,14 @@ class Response(AbstractPeak):
         impacts = {"impact_times": struck, "theta_dot_before": before, "theta_dot_after": after}
         return _dataset(self, t, samples, energies, impacts)
 
-    def _map(self, t: Float[ArrayLike, "*times"], quantity: Callable, left: bool = False) -> Any:
+    def _at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
+        """Quantities of these names at times t, along further axes those of modes or stories."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
-        values = history.along(self._scene(), times, flags, quantity)
+        found = history.along(self._scene(), times, flags)
         with nans_allowed():
-            return jax.tree.map(lambda y: _first(y, t.size).reshape(*t.shape, *y.shape[1:]), values)
+            values = [found[name] for name in names]
+            return [_first(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """All samples and energies at times t (n,), or before them where `left` (n,)."""
