@@ -3,7 +3,6 @@ answer."""
 
 from __future__ import annotations
 
-import functools
 import threading
 import time
 from collections.abc import Sequence
@@ -36,48 +35,40 @@ class Job(NamedTuple):
     precision: bool
     sensitivities: tuple[str, ...] = ()
 
-    def solve(self, k: int, threads: int | None, devices: Devices, progress: Any) -> ChunkRecord:
+    def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRecord:
         """Solve a chunk and write it, unless another process has done so by now."""
-        store, numbers = _opened(self.store, self.fingerprint, _Skeleton(self.skeleton))
+        store, numbers = _opened(self)
         if (row := store.row(k)) is not None:
             return row
         began = time.perf_counter()
         with precision(self.precision):
             box = numbers.box(store.layout.box(k))
-            peaks = solved(box, self.options, threads, devices, progress, self.sensitivities)
+            peaks = solved(box, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())
         answers = {name: values for name, (_, values, _) in variables.items()}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
         return store.write(k, answers, time.perf_counter() - began, float(trial_steps(peaks).sum()), failed)
 
 
-class _Skeleton(NamedTuple):
-    """Hashed by what it is, for the cache: the store's fingerprint tells it already."""
-
-    tree: Any
-
-    def __hash__(self) -> int:
-        return 0
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Skeleton)
+_OPENED: dict[tuple[str, str], tuple[Store, Numbers]] = {}  # by path and fingerprint
 
 
-@functools.lru_cache(maxsize=4)
-def _opened(path: str, fingerprint: str, skeleton: _Skeleton) -> tuple[Store, Numbers]:
+def _opened(job: Job) -> tuple[Store, Numbers]:
     """The store and its scenes, read once by each process. Raises `RuntimeError` where it is not what was
     asked for."""
+    path, key = job.store, (job.store, job.fingerprint)
+    if key in _OPENED:
+        return _OPENED[key]
     store = Store.open(path)
     if store is None:
         raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
-    if store.about["fingerprint"] != fingerprint:
+    if store.about["fingerprint"] != job.fingerprint:
         raise RuntimeError(f"{path}: is of another sweep")
     for name, text in describe_versions().items():
         if store.about.get(name, text) != text:
-            raise RuntimeError(
-                f"{path}: made with {name.removesuffix('_version')} {store.about[name]}, here is {text}"
-            )
-    return store, Numbers(store.inputs(), skeleton.tree, store.layout.shape)
+            raise RuntimeError(f"{path}: {name} is {store.about[name]} there, not {text}")
+    found = _OPENED[key] = store, Numbers(store.inputs(), job.skeleton, store.layout.shape)
+    return found
 
 
 def solved(
@@ -85,21 +76,19 @@ def solved(
     options: Options,
     threads: int | None,
     devices: Devices,
-    progress: Any,
     sensitivities: tuple[str, ...],
 ) -> Peak:
     """The batch of some scenes of a sweep, on a CPU by so many threads."""
-    podiums, excitations, initial, t_end = arguments
     stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
-    scenes, workers = (podiums, excitations, initial, t_end), _workers(devices, threads)
-    return responses(*scenes, options, progress, stop, sensitivities=sensitivities, **workers)
+    workers = _workers(devices, threads)
+    return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
 
 def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:
     """Who solves, as arguments of the batch."""
     if devices is None:
         return {"threads": threads}
-    return {"devices": jax.local_devices() if isinstance(devices, str) else devices}
+    return {"devices": jax.local_devices() if devices == "all" else devices}
 
 
 def cores_of(devices: Devices, threads: int | None) -> int:

@@ -67,24 +67,16 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(study.precision):
         names = study.sensitivities
-        solve = lambda which: solved(numbers.at(which), options, threads, devices, False, names)
-        few = scenes[:: max(1, count // low)]
-        solve(few)  # compiles
-        timed = []
-        for which in (few, scenes):
-            began = time.perf_counter()
-            peaks = solve(which)
-            timed.append((time.perf_counter() - began, trial_steps(peaks).sum()))
+        solve = lambda which: solved(numbers.at(which), options, threads, devices, names)
+        solve(scenes[:: max(1, count // low)])  # compiles
+        began = time.perf_counter()
+        peaks = solve(scenes)
+        seconds = time.perf_counter() - began
     steps = trial_steps(peaks)
     answers = data_variables(peaks, options.outputs, ())
     variables = {name: stored_as(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
     kept = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
-    (short, of_few), (seconds, of_all) = timed
-    # What a call costs besides its steps is not what a chunk costs.
-    slope = (seconds - short) / (of_all - of_few) if of_all > of_few else 0.0
-    per_step = (slope if slope > 0 else seconds / of_all) * min(
-        cores_of(devices, threads), -(-count // LANES)
-    )
+    per_step = seconds / steps.sum() * min(cores_of(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, per_step, variables, compressed_size(kept) / count, _resident())
 
 

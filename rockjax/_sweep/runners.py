@@ -6,7 +6,6 @@ import asyncio
 import concurrent.futures
 import contextlib
 import uuid
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,19 +30,13 @@ class LocalRunner:
         """Solve chunks; returns what stopped it."""
         try:
             for k in map(int, todo):
-                with bar.inside(k) as counts, _naming(job, bar):
-                    job.solve(k, None, self.devices, counts)
+                job.solve(k, None, self.devices)
+                bar.finished(k)
         except KeyboardInterrupt as stopped:
             return stopped
+        except OSError as error:
+            raise _unwritten(job, bar, error) from error
         return None
-
-
-@contextlib.contextmanager
-def _naming(job: Job, bar: ChunkProgress) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise _unwritten(job, bar, error) from error
 
 
 def _unwritten(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
@@ -87,13 +80,12 @@ class DaskRunner:
                 key = f"rockjax-{job.fingerprint}-{k}-{call}"
                 tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
             for task in as_completed(list(tasks)):
-                try:
-                    _result(task)
-                except OSError as error:
-                    raise _unwritten(job, bar, error) from error
+                _result(task)
                 bar.finished(tasks[task])
         except KeyboardInterrupt as stopped:
             return stopped
+        except OSError as error:
+            raise _unwritten(job, bar, error) from error
         finally:
             with contextlib.suppress(Exception):  # of a scheduler that is gone
                 self.client.cancel(list(tasks))
@@ -101,7 +93,7 @@ class DaskRunner:
 
 
 def _task(job: Job, k: int, devices: Devices) -> ChunkRecord:
-    return job.solve(k, 1, devices, False)
+    return job.solve(k, 1, devices)
 
 
 def _result(task: Any) -> Any:
@@ -134,14 +126,14 @@ class ChunkProgress:
 
         from rockjax._progress import ticking
 
-        self.expected, self.sizes = found.expected, found.layout.sizes()
+        self.expected = found.expected
         self.done, self.count = len(done), found.layout.number
         self.bar = tqdm(
             total=float(self.expected[todo].sum()),
             disable=not progress,
             bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
-        self._show()
+        self.bar.set_description_str(self._words(), refresh=False)
         self.ended = ticking(self.bar)
 
     def __enter__(self) -> ChunkProgress:
@@ -151,31 +143,11 @@ class ChunkProgress:
         self.ended.set()
         self.bar.close()
 
-    def _show(self) -> None:
-        self.bar.set_description_str(f"{self.done} of {self.count} chunks", refresh=False)
+    def _words(self) -> str:
+        return f"{self.done} of {self.count} chunks"
 
-    def finished(self, k: int, counted: float = 0.0) -> None:
-        """A chunk is through, of which so much has been counted."""
+    def finished(self, k: int) -> None:
+        """A chunk is through; rounding must not lead past the end."""
         self.done += 1
-        self._show()
-        self.step(float(self.expected[k]) - counted)
-
-    def step(self, steps: float) -> None:
-        """Expected steps that are through; rounding must not lead past the end."""
-        self.bar.update(min(steps, self.bar.total - self.bar.n))
-
-    @contextlib.contextmanager
-    def inside(self, k: int) -> Iterator[_Inside]:
-        """Counts the scenes of a chunk that is being solved."""
-        counts = _Inside(self, float(self.expected[k]) / float(self.sizes[k]))
-        yield counts
-        self.finished(k, counts.counted)
-
-
-class _Inside:
-    def __init__(self, bar: ChunkProgress, each: float):
-        self.bar, self.each, self.counted = bar, each, 0.0
-
-    def update(self, scenes: int) -> None:
-        self.counted += scenes * self.each
-        self.bar.step(scenes * self.each)
+        self.bar.set_description_str(self._words(), refresh=False)
+        self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -57,9 +57,8 @@ class SweepSpec(NamedTuple):
             "numbers": {name: digest(y) for name, y in self.numbers.named.items()},
             "labels": {name: digest(y) for name, y in self.labels.items()},
             "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
+            "sensitivities": list(self.sensitivities),
         }
-        if self.sensitivities:
-            about["sensitivities"] = list(self.sensitivities)
         return about | {"fingerprint": fingerprint(about)}
 
 
@@ -118,28 +117,16 @@ def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
-    if there.get("format") != here["format"]:
-        yield f"its format is {there.get('format')}, not {here['format']}"
-        return
-    for name in ("rockjax_version", "jax_version"):
-        if there[name] != here[name]:
-            yield f"made with {name.removesuffix('_version')} {there[name]}, this is {here[name]}"
-    for name in ("precision", "dims", "shape", "kinds"):
-        if there[name] != here[name]:
-            verb = "is" if name in ("precision", "shape") else "are"
-            yield f"its {name} {verb} {there[name]}, not {here[name]}"
-    if there["shape"] == here["shape"] and there["chunk"] != here["chunk"]:
-        yield f"its chunks are {there['chunk']}, not {here['chunk']}"
-    if there.get("sensitivities", []) != here.get("sensitivities", []):
-        now = here.get("sensitivities", [])
-        yield f"its sensitivities are {there.get('sensitivities', [])}, not {now}"
-    for name, value in here["options"].items():
-        if there["options"].get(name) != value:
-            yield f"options.{name} is {there['options'].get(name)} there, not {value}"
-    for group in ("numbers", "labels"):
-        for name in {**there[group], **here[group]}:
-            if there[group].get(name) != here[group].get(name):
-                yield f"{name} has other values" if group == "numbers" else f"the labels of {name} are others"
+    """What two sweeps differ in, in words: numbers and labels by their names, all else by its values."""
+    for name in here:
+        before, now = there.get(name), here.get(name)
+        if isinstance(before, dict) and isinstance(now, dict):
+            keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+            for key in keys:
+                of_options = f"options.{key}: {before.get(key)} there, {now.get(key)} here"
+                yield of_options if name == "options" else f"the {name} of {key} are others"
+        elif before != now and name != "fingerprint":
+            yield f"{name}: {before} there, {now} here"
 
 
 def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._checks import of_kind
+from rockjax._checks import of_kind, whole
 from rockjax._machine.memory import readable_bytes
 from rockjax._motions.convert import AnyMotions
 from rockjax._options import Options
@@ -26,7 +26,7 @@ from rockjax._structures import Podium
 from .chunks import Devices, Job
 from .pilot import Pilot
 from .runners import ChunkProgress, DaskRunner, LocalRunner
-from .store import ChunkLayout, ChunkRecord, Store, TakenError, located, require_place, require_zarr
+from .store import ChunkLayout, Store, TakenError, located, require_place, require_zarr
 from .study import SweepSpec, check_same, coords_of, study_of
 
 if TYPE_CHECKING:
@@ -86,16 +86,9 @@ def sweep(
     """
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
-    _check_chunk(chunk)
+    if chunk is not None:
+        whole("sweep", "chunk", chunk, 1)
     of_kind("sweep", "store", store, str | Path, "a folder or a URL")
-    if (
-        devices is not None
-        and devices != "all"
-        and (isinstance(devices, str) or not isinstance(devices, Sequence))
-    ):
-        raise ValueError(
-            f"sweep: devices must be 'all', some of jax.local_devices() or None, got {devices!r}"
-        )
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
@@ -121,16 +114,11 @@ def sweep(
             f"{bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
         )
         raise Interrupted(message, data) from stopped
-    failed = int(np.nansum(found.rows()[:, ChunkRecord._fields.index("failed")]))
+    failed = int(np.nansum(found.rows()[:, -1]))
     if failed:
         message = f"{failed} of {study.scenes} scenes ended without an answer; their result says why"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
     return data
-
-
-def _check_chunk(chunk) -> None:
-    if chunk is not None and (not isinstance(chunk, int) or chunk < 1):
-        raise ValueError(f"sweep: chunk must be a whole number of scenes ≥ 1, got chunk = {chunk!r}")
 
 
 def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None) -> Store:
