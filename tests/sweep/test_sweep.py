@@ -382,9 +382,7 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
         return create(*args)
 
     monkeypatch.setattr(Store, "create", another)
-    with pytest.raises(
-        ValueError, match=r"b\.zarr: is of another sweep: the numbers of structures.gamma"
-    ):
+    with pytest.raises(ValueError, match=r"b\.zarr: is of another sweep: the numbers of structures.gamma"):
         sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
