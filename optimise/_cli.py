@@ -72,7 +72,7 @@ def account(design) -> dict[str, Any]:
     }
     ratios |= {"width": float(podium.width), "height": float(podium.height)}
     if top is not None:
-        ratios |= {f"superstructure.{name}": float(getattr(top, name)) for name in vars(top)}
+        ratios |= {f"superstructure.{name}": value for name, value in vars(top).items()}
     return {
         "result": result_name(design.result),
         "satisfied": design.satisfied,
