@@ -35,7 +35,6 @@ def design_command(
     from rockjax.internal import as_json, write_figure, write_whole
 
     from ._pictures import before_after, convergence
-    from ._suite import Suite
     from ._variables import as_podium
 
     changes = {name: value for name, value in (("starts", starts), ("seed", seed)) if value is not None}
@@ -52,12 +51,25 @@ def design_command(
     written.append(write_figure(f"{output}-convergence{suffix}", figure))
     motions = [motion for group in problem.motions.values() for motion in group]
     if motions:
-        # The motion that comes closest to overturning the design.
-        margins = Suite.of(motions).margins(design.podium, problem.options)
-        before = as_podium(problem.podium)
-        picture = before_after(before, design, motions[int(np.nanargmin(margins))])
+        picture = before_after(as_podium(problem.podium), design, _decisive(problem, design, motions))
         written.append(write_figure(f"{output}-response{suffix}", picture))
     return design, written, stopped
+
+
+def _decisive(problem: Problem, design: Design, motions: list) -> Any:
+    """The motion with the least margin of the targets on single responses; without such a target the one
+    that comes closest to overturning the design."""
+    from ._suite import Suite
+    from ._targets import AbstractResponseTarget
+
+    found = []
+    for target, margins in zip(problem.targets, design.margins.values(), strict=True):
+        if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
+            each = margins.reshape(len(target.suite), -1).min(axis=1)
+            found.append((each.min(), target.suite.motion(int(np.argmin(each)))))
+    if found:
+        return min(found, key=lambda pair: pair[0])[1]
+    return motions[int(np.nanargmin(Suite.of(motions).margins(design.podium, problem.options)))]
 
 
 def account(design) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from rockjax.internal import of_kind, shown, single, whole
 
 from ._answer import Design, Effort, Found, Sampled, answer_of
 from ._descent import End, Evaluation, Iterate, Rules, prepared, rank, scale_of
-from ._evaluator import Evaluator, problem_of, side_by_side, source_of, verified
+from ._evaluator import Evaluator, problem_of, side_by_side, source_of
 from ._failure import FailureProbability
 from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
 from ._gradients import GradientSteps, transformation_of
@@ -111,7 +111,7 @@ def design(
             search = FreshSearch(transformation, evaluate, points, tolerance, max_iterations)
         else:
             search = _Search(transformation, evaluate, points, tolerance, max_iterations)
-        stopped = search.run(options)
+        stopped = search.run()
     effort = evaluate.effort(search.iterations, time.perf_counter() - began)
     sizes = _names(targets, evaluate.sizes)
     answer = answer_of(podium, varied, objective, search.found(sizes, effort), search.sampled)
@@ -138,10 +138,9 @@ class _Search:
         self.scale = 1.0
         self.evaluations: list[Evaluation] = []
 
-    def run(self, options: rj.Options) -> bool:
+    def run(self) -> bool:
         """Whether it was interrupted: then starts on their way end at the best that they have seen."""
         evaluate, starts = self.evaluate, range(len(self.points))
-        accurate = verified(options)
         try:
             first = evaluate(self.points)
         except KeyboardInterrupt:
@@ -160,10 +159,10 @@ class _Search:
             descents = {k: descend(points[k], rules, self.history, k, steps) for k in starts}
             side_by_side(descents, evaluate, points, first, self.ended)
             self.correct(rules)
-            evaluate.verifies(accurate)
+            evaluate.verifies()
             self.verify()
         except KeyboardInterrupt:
-            evaluate.verifies(accurate)
+            evaluate.verifies()
             self.ended |= {k: self.so_far(k, rules) for k in starts if k not in self.ended}
             self.evaluations = evaluate(self.places)
             return True

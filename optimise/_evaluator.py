@@ -30,24 +30,16 @@ VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
 RESAMPLED = 200  # samples of a sample, for its standard error
 
 
-class Part(NamedTuple):
-    """Motions of a suite: so many of them from one on."""
-
-    suite: int
-    first: int
-    size: int
-
-
 class DesignProblem(Module):
-    """What is differentiated. Suites are held once, and those that want the same are one; `uses` says which
-    one an item reads, and which part of it."""
+    """What is differentiated. All motions whose responses are read are one suite, each of them once; `uses`
+    says which part of it an item reads."""
 
     variables: Variables
     objective: AbstractObjective | None
     targets: tuple[AbstractTarget, ...]
-    suites: tuple[Suite, ...]
-    uses: tuple[Part | None, ...] = eqx.field(static=True)  # of the targets, then the objective
-    outputs: tuple[tuple[str, ...], ...] = eqx.field(static=True)  # of the suites
+    suite: Suite | None
+    uses: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)  # of the targets, then the objective
+    outputs: tuple[str, ...] = eqx.field(static=True)  # of the suite
     scenes: int = eqx.field(static=True)
 
     def __call__(
@@ -56,16 +48,15 @@ class DesignProblem(Module):
         """Values of the objective, margins of every target, and the overturned scenes of all of them, 0 of
         those that read no peaks of the superstructure."""
         podium = self.variables.podium(x)
-        peaks = [s.responses(podium, options, o) for s, o in zip(self.suites, self.outputs, strict=True)]
+        peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
         overturned = jnp.zeros(len(self.uses), int)
 
         def of(k: int, item, alone: Callable):
             nonlocal overturned
-            use = self.uses[k]
-            if use is None:
+            part = self.uses[k]
+            if part is None:
                 return alone(podium, options)
-            part = slice(use.first, use.first + use.size)
-            own = jax.tree.map(lambda y: y[part], peaks[use.suite])
+            own = jax.tree.map(lambda y: y[slice(*part)], peaks)
             if item.until_overturning:
                 overturned = overturned.at[k].set(jnp.sum(own.overturned))
             return item.read(own, options)
@@ -81,56 +72,31 @@ class DesignProblem(Module):
 def problem_of(
     varied: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
 ) -> DesignProblem:
-    simulated = _Simulated()
-    uses: list[Part | None] = []
+    suite: Suite | None = None
+    known: list[tuple[Suite, tuple[int, int]]] = []
+    uses: list[tuple[int, int] | None] = []
+    outputs: set[str] = set()
     stripped: list[Any] = []
     scenes = 0
     for item in (*targets, _named(varied, objective)):
+        part = None
         if isinstance(item, AbstractResponses):
-            uses.append(simulated.add(item.suite, item.outputs))
+            outputs |= set(item.outputs)
+            part = next((part for other, part in known if same(other, item.suite)), None)
+            if part is None:
+                first = 0 if suite is None else len(suite)
+                part = first, first + len(item.suite)
+                suite = item.suite if suite is None else suite.and_also(item.suite)
+                known.append((item.suite, part))
             item = eqx.tree_at(lambda i: i.suite, item, None)
-        else:
-            uses.append(None)
-            scenes += 0 if item is None else item.scenes
+        elif item is not None:
+            scenes += item.scenes
+        uses.append(part)
         stripped.append(_passed(item))
-    scenes += sum(map(len, simulated.suites))
     varied = dataclasses.replace(varied, base=_passed(varied.base))
-    return DesignProblem(
-        varied,
-        stripped[-1],
-        tuple(stripped[:-1]),
-        tuple(simulated.suites),
-        tuple(uses),
-        tuple(tuple(sorted(names)) for names in simulated.outputs),
-        scenes,
-    )
-
-
-class _Simulated:
-    """The suites that have to be simulated: a suite that several items share once, and suites of which one
-    wants all that the other does side by side, in one loop."""
-
-    def __init__(self):
-        self.suites: list[Suite] = []
-        self.outputs: list[set[str]] = []
-        self._known: list[tuple[Suite, Part]] = []
-
-    def add(self, suite: Suite, outputs: tuple[str, ...]) -> Part:
-        wanted = set(outputs)
-        part = next((part for known, part in self._known if same(known, suite)), None)
-        if part is None:
-            like = [k for k, names in enumerate(self.outputs) if names <= wanted or wanted <= names]
-            place = like[0] if like else len(self.suites)
-            if not like:
-                self.suites.append(suite)
-                self.outputs.append(set())
-            first = len(self.suites[place]) if like else 0
-            part = Part(place, first, len(suite))
-            self._known.append((suite, part))
-            if like:
-                self.suites[place] = self.suites[place].and_also(suite)
-        self.outputs[part.suite] |= wanted
-        return part
+    items = stripped[-1], tuple(stripped[:-1])
+    scenes += 0 if suite is None else len(suite)
+    return DesignProblem(varied, *items, suite, tuple(uses), tuple(sorted(outputs)), scenes)
 
 
 def _passed(item: Any) -> Any:
@@ -225,9 +191,10 @@ class Evaluator:
         bar,
     ):
         self.sampled, self.drawn, self.verifying = sampled, 0, 0
+        self.accurate = False  # whether a design is being verified
         self.sources = {k: s for k, t in enumerate(problem.targets) if (s := source_of(t)) is not None}
         self.width, self.inside, self.bar = len(points), inside, bar
-        self.options, self.certain = traced(options), problem
+        self.options, self.certain = options, problem
         objective = problem.objective
         self.problem = dataclasses.replace(
             problem,
@@ -238,8 +205,17 @@ class Evaluator:
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
-        """Evaluations at points (width, n), of which `count` are asked for."""
-        slopes, values = _evaluated(self._redrawn(), self.options, as_float(points))
+        """Evaluations at points (width, n), of which `count` are asked for. Accurate ones are of simulations
+        with the last word, and of targets as certain as they are meant, where their motions stay."""
+        options = verified(self.options) if self.accurate else self.options
+        problem = self.certain if self.accurate else self.problem
+        if self.sources:  # new motions
+            targets = list(problem.targets)
+            for k, source in self.sources.items():
+                targets[k] = _with(self.problem.targets[k], source.draw(self.drawn))
+            problem = dataclasses.replace(problem, targets=tuple(targets))
+            self.drawn += 1
+        slopes, values = _evaluated(problem, traced(options), as_float(points))
         (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         margins, slopes = self._with_sampled(points, margins, slopes)
         for k in self.sampled.targets:
@@ -256,28 +232,6 @@ class Evaluator:
         self.bar.update(1)
         return found
 
-    def _redrawn(self) -> DesignProblem:
-        """The problem with new motions where they do not stay."""
-        if not self.sources:
-            return self.problem
-        targets = list(self.problem.targets)
-        for k, source in self.sources.items():
-            targets[k] = _with(targets[k], source.draw(self.drawn))
-        self.drawn += 1
-        return dataclasses.replace(self.problem, targets=tuple(targets))
-
-    def accurately(self, points: np.ndarray, options: rj.Options) -> list[Evaluation]:
-        """Evaluations at points (width, n) with these options, and with targets on motions that stay as
-        certain as they are meant."""
-        before = self.options, self.problem
-        pairs = enumerate(zip(self.problem.targets, self.certain.targets, strict=True))
-        targets = tuple(rough if k in self.sources else certain for k, (rough, certain) in pairs)
-        self.options, self.problem = traced(options), dataclasses.replace(self.certain, targets=targets)
-        try:
-            return self(points)
-        finally:
-            self.options, self.problem = before
-
     def estimates(self, x: np.ndarray, k: int) -> dict[int, Estimate]:
         """What the k-th independent sample says at a point (n,) of targets with fresh samples, by their
         places."""
@@ -287,7 +241,9 @@ class Evaluator:
     def _estimate(self, place: int, podium: rj.Podium, k: int) -> Estimate:
         target, source = self.problem.targets[place], self.sources[place]
         assert isinstance(target, AbstractScaleTarget)
-        parts = [_least_scales(_with(target, part), self.options, podium) for part in source.sample(k)]
+        parts = [
+            _least_scales(_with(target, part), traced(self.options), podium) for part in source.sample(k)
+        ]
         found = np.concatenate([np.asarray(part) for part in parts])
         self.verifying += found.size
         rng = np.random.default_rng([source.seed, k])
@@ -305,9 +261,9 @@ class Evaluator:
             slopes.insert(k, np.stack([row[k].slope[None] for row in rows]))
         return margins, slopes
 
-    def verifies(self, options: rj.Options) -> None:
-        """From now on with these options, and with targets as certain as they are meant."""
-        self.options, self.problem = traced(options), self.certain
+    def verifies(self) -> None:
+        """From now on accurately."""
+        self.accurate = True
         self.sampled.verifies()
 
     def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:

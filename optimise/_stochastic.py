@@ -15,7 +15,7 @@ import rockjax as rj
 
 from ._answer import Effort, Found, Sampled
 from ._descent import End, Evaluation
-from ._evaluator import Estimate, Evaluator, verified
+from ._evaluator import Estimate, Evaluator
 from ._gradients import GradientSteps
 from ._optimality import optimality
 from ._quadratic import Vector
@@ -48,7 +48,7 @@ class FreshSearch:
         self.evaluations: list[Evaluation] = []
         self.stopped = False
 
-    def run(self, options: rj.Options) -> bool:
+    def run(self) -> bool:
         """Whether it was interrupted: then starts end at the mean of the last steps so far."""
         try:
             first = self.evaluate(self.x)
@@ -57,17 +57,17 @@ class FreshSearch:
         self.steps = GradientSteps(self.transformation, self.evaluate, self.x, first, self.tolerance, [])
         try:
             self.walk(self.max_iterations, ~self.steps.dead)
-            self.verify(options)
+            self.verify()
             for k in range(CORRECTIONS):
                 again = self.corrected(first=k == 0)
                 if not again.any():
                     break
                 self.walk(max(self.max_iterations // PART, 2), again)
-                self.verify(options)
+                self.verify()
         except KeyboardInterrupt:
             self.stopped = True
             self.settle()
-            self.verify(options)
+            self.verify()
         return self.stopped
 
     def walk(self, steps: int, moving: np.ndarray) -> None:
@@ -80,10 +80,12 @@ class FreshSearch:
         self.x = np.stack([np.mean([y for y, _ in tail], axis=0) if tail else x for x, tail in pairs])
         self.steps.x = self.x
 
-    def verify(self, options: rj.Options) -> None:
+    def verify(self) -> None:
         """What holds at the means: by accurate simulations of motions that stay, by a new independent sample
         of the others."""
-        exact = self.evaluate.accurately(self.x, verified(options))
+        self.evaluate.accurate = True
+        exact = self.evaluate(self.x)
+        self.evaluate.accurate = False
         self.estimates = [self.evaluate.estimates(x, self.samples) for x in self.x]
         self.samples += 1
         pairs = zip(exact, self.estimates, strict=True)

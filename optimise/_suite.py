@@ -77,6 +77,14 @@ class Suite(Module):
         order = np.asarray(self.order)
         return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
 
+    def motion(self, k: int) -> rj.AbstractExcitation:
+        """The k-th motion in the order in which they were given."""
+        number = next(j for j, members in enumerate(self._members()) if k in members)
+        group, place = self.groups[number], self._members()[number].index(k)
+        if isinstance(group, rj.Records):
+            return group.chosen(group.which[place], group.scale[place])
+        return jax.tree.map(lambda y: y[place], group)
+
     def scaled(self, factor) -> Suite:
         """All motions times a factor."""
         return eqx.tree_at(
