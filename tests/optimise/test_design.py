@@ -17,14 +17,13 @@ import pytest
 import optimise
 import rockjax as rj
 from benchmarks import studies
-from optimise._quadratic import Model, solve
 from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import variables
 from rockjax._programs.program import COUNTS, finish_writing, forget
 from tests.compiling import compiled_by
-from tests.scenes import Stops, shaking
+from tests.scenes import Stops
 
 BLOCK = rj.Podium(alpha=0.15, R=1.5)
 DRAWING = optimise.Dimensions(
@@ -166,24 +165,7 @@ def test_bad_variables_say_what_would_be_right(podium, vary, words):
         optimise.design(podium, vary, _alpha)
 
 
-# The subproblem and the method, where the answer is known
-
-
-def test_subproblem_has_its_known_solution_and_multipliers():
-    # min max(d1, -d1) + d1²/2 + (d2-3)²/2 with d2 ≤ 1 as a margin: d = (0, 1), price of the margin 2.
-    model = Model(
-        f=np.array([0.0, 0.0]),
-        f_slope=np.array([[1.0, -3.0], [-1.0, -3.0]]),
-        c=np.array([1.0]),
-        c_slope=np.array([[0.0, -1.0]]),
-        value_of=np.arange(2),
-        margin_of=np.arange(1),
-    )
-    step = solve(model, np.eye(2), 1.0, 100.0, np.full(2, -5.0), np.full(2, 5.0))
-    assert np.allclose(step.d, [0, 1], atol=1e-8)
-    assert np.allclose(step.value_multipliers, [0.5, 0.5], atol=1e-6)
-    assert np.allclose(step.margin_multipliers, [2.0], atol=1e-6)
-    assert step.violation < 1e-9
+# The method, where the answer is known
 
 
 def test_multiplier_is_the_price_of_the_target():
@@ -463,27 +445,6 @@ def test_ctrl_c_keeps_the_best_of_adam_too():
 # Targets
 
 
-@pytest.mark.slow
-def test_suite_groups_kinds_and_keeps_the_order():
-    motions = [
-        rj.Ricker(3.0, 1.0),
-        shaking(n=90, seed=2),
-        rj.Ricker(2.0, 0.7),
-        shaking(n=200),
-        rj.OneSine(2.0, 0.8),
-    ]
-    suite = Suite.of(motions)
-    assert len(suite.groups) == 3  # records of different lengths are one group
-    together = suite.responses(BLOCK, OPTIONS, ("peak_rotation",)).peak_rotation
-    one = OPTIONS.replace(outputs=("peak_rotation",), throw=False)
-    alone = [rj.peak_response(BLOCK, motion, options=one).peak_rotation for motion in motions]
-    assert np.allclose(together, alone, rtol=1e-12)
-    with pytest.raises(ValueError, match="at least one"):
-        Suite.of([])
-    with pytest.raises(ValueError, match=r"excitations\[1\] must be a rockjax motion"):
-        Suite.of([motions[0], 3.0])
-
-
 MOTIONS = [rj.Ricker(3.0, 0.9), rj.Ricker(3.8, 1.2)]
 RECORDS = rj.synthetic_motions(3, seed=2, duration=4.0, dt=0.04).records()
 HAZARD = rj.Hazard([0.5, 2.0, 8.0, 30.0], [5e-2, 5e-3, 2e-4, 2e-5])
@@ -568,15 +529,6 @@ def test_severity_goes_on_where_the_columns_fall():
 
 
 @pytest.mark.slow
-def test_margins_are_relative_to_the_limit():
-    podium = DRAWING.podium()
-    peak = rj.peak_response(podium, MOTIONS[0], options=OPTIONS)
-    shear, deformation = float(peak.peak_shear), float(peak.peak_deformation)
-    assert np.isclose(optimise.PeakShear(2 * shear, MOTIONS[0]).margins(podium, OPTIONS)[0], 0.5)
-    assert np.isclose(optimise.PeakDeformation(deformation / 2, MOTIONS[0]).margins(podium, OPTIONS)[0], -1.0)
-
-
-@pytest.mark.slow
 def test_an_amplitude_out_of_range_counts_as_its_end():
     target = optimise.OverturningAcceleration(2.0, rj.Ricker, 0.1, ratio=True, max_acceleration_ratio=3.0)
     value, slope = jax.jvp(lambda a: target.margins(BLOCK.replace(alpha=a), OPTIONS), (0.15,), (1.0,))
@@ -613,6 +565,8 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.PeakRotation(1.2, MOTIONS), r"limit must be finite and in \(0, 1\)"),
         (lambda: optimise.PeakRotation(MOTIONS, 0.5), "PeakRotation: limit must be finite"),
         (lambda: optimise.PeakShear(-1.0, MOTIONS), "limit must be finite and > 0"),
+        (lambda: optimise.NoOverturning([]), "at least one"),
+        (lambda: optimise.NoOverturning([*MOTIONS, 3.0]), r"excitations\[2\] must be a rockjax motion"),
         (lambda: optimise.OverturningAcceleration(3.0, "ricker", 1.0), "pulse must be a class"),
         (lambda: optimise.OverturningAcceleration(3.0, rj.Ricker, -1.0), "T_p must be"),
         (

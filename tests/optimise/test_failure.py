@@ -104,7 +104,7 @@ def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
 
 
 def test_a_design_whose_check_has_not_converged_is_unverified():
-    here = Evaluation(np.zeros(1), np.array([0.1, 0.2]), np.zeros((1, 1)), np.zeros((2, 1)))
+    here = Evaluation(np.zeros(1), np.array([0.1, 0.2]), np.zeros((1, 1)), np.zeros((2, 1)), np.zeros(3))
     ends = [End(np.array([0.5]), np.zeros(2), 0, 3, here)]
     found = Found(ends, [here], {"rotation": 1, "failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))
     with pytest.warns(RuntimeWarning, match="has not converged"):

@@ -582,35 +582,6 @@ def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large,
     same(data, large)
 
 
-AT_ONCE = """
-    import sys, time
-    from pathlib import Path
-    from tests.sweep import test_sweep as t
-
-    me, other = sys.argv[1:]
-    for k in range(ROUNDS):
-        Path(f"{me}{k}").touch()
-        while not Path(f"{other}{k}").exists():
-            pass
-        t.sweep(Path(f"{k}.zarr"))
-"""
-
-
-@pytest.mark.slow
-def test_two_processes_that_start_one_store_at_once(tmp_path, cache, batch):
-    """Each waits for the other just before; both end well, and the answers are there once."""
-    rounds = 4
-    code = textwrap.dedent(AT_ONCE).replace("ROUNDS", str(rounds))
-    both = [
-        start([sys.executable, "-c", code, *names], tmp_path, cache) for names in (("a", "b"), ("b", "a"))
-    ]
-    for process in both:
-        assert process.wait(240) == 0, (tmp_path / "log.txt").read_text()[-2000:]
-    for k in range(rounds):
-        same(sweep(tmp_path / f"{k}.zarr"), batch)
-    assert not list(tmp_path.glob("*.partial*"))
-
-
 @pytest.mark.slow
 def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
     """One cluster of real processes, each killed by its own id; every time the same call goes on."""
