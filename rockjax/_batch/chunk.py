@@ -15,8 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from rockjax import _results as results
-from rockjax._engine.contact import advance_to_uplift, cross_full_contact
+from rockjax._engine.contact import advance_to_uplift
 from rockjax._engine.derivatives import pushed, which_move
 from rockjax._engine.flat import runs
 from rockjax._engine.once import once
@@ -201,51 +200,16 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
     return wide, tuple(0 if k in own else axis for k, axis in enumerate(layout.axes))
 
 
-# What changes of a lane that crosses panels.
-_CROSSED = ("t", "event_time", "x", "v", "piece", "code", "steps")
-
-
-def crossed(chunk: Chunk, plan: Plan, count, in_proportion: bool = False) -> Chunk:
-    """The lanes of a chunk where they first have to step; what fills it up behind `count` scenes goes
-    nowhere.
-
-    `in_proportion`: the one row of slopes is by ln of the scale of motions, from rest. Then full contact
-    is in proportion to it, and panels end where they do whatever the scale.
-    """
-    if not plan.elastic:
-        return chunk
-
-    def one(scene: Scene, lane: LoopState):
-        lane = cross_full_contact(scene, plan, lane)
-        kept = {name: getattr(lane, name) for name in _CROSSED}
-        return {name: y for name, y in moving(lane).items() if name in kept}, kept
-
-    size = chunk.parts[0].shape[0]
-    starts, slopes = chunk.starts(size)
-    used = jnp.arange(size) < count
-    starts = starts._replace(code=jnp.where(used, starts.code, results.END_OF_TIME))
-    followed = None if in_proportion else slopes
-    floats, rows, crossed = chunk.in_lanes(one, chunk.parts, starts, followed, loops=True)
-    if in_proportion:
-        rows = jax.tree.map(lambda y: y[None], floats | {"event_time": jnp.zeros_like(floats["event_time"])})
-    differs = chunk.lane_differs._replace(**jax.tree.map(lambda _: True, crossed))
-    if chunk.slopes is not None and rows is not None:
-        chunk = chunk._replace(slopes=chunk.slopes._replace(lane=chunk.slopes.lane | rows))
-    return chunk._replace(lane=chunk.lane._replace(**crossed), lane_differs=differs)
-
-
 def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
-    """The first `count` scenes of a chunk where they first have to step, in blocks that fit the cache; what
-    fills up the chunk costs nothing."""
-    plan, lanes = layout.plan(leaves, options), layout.lanes
+    """Prepare the first `count` scenes of a chunk in blocks that fit the cache; the rest costs nothing."""
+    lanes = layout.lanes
 
     def block(start) -> Chunk:
         some = [
             y if axis is None else jax.lax.dynamic_slice_in_dim(y, start, lanes)
             for y, axis in zip(leaves, layout.axes, strict=True)
         ]
-        chunk = prepared(some, layout._replace(size=lanes), options)
-        return crossed(chunk, plan, count - start, in_proportion=layout.reach)
+        return prepared(some, layout._replace(size=lanes), options)
 
     # Of the first block only what is common to all scenes is worked out here.
     first = block(0)

@@ -12,7 +12,6 @@ from rockjax._engine.once import once
 from rockjax._excitations.sampled import AbstractSampled
 from rockjax._types import Flag, Value, Values, Vector
 
-from .bits import inverse_eighth_root
 from .coefficients import Coefficients, over_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
 from .model import acceleration, steady_for
@@ -181,9 +180,7 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
 
 def factor(plan: Plan, error: Value) -> Value:
     """How much longer the next step may be for this error."""
-    error, order = jnp.clip(error, 1e-30, 1e30), plan.tableau.order
-    # The logarithm is a call for each lane, pow is worse, and roots of many lanes are taken one by one.
-    root = inverse_eighth_root(error) if order == 8 else jnp.exp(-jnp.log(error) / order)
+    root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # a power takes longer
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
 

@@ -18,7 +18,6 @@ from rockjax._excitations.base import Shaking
 from rockjax._types import Flag, Index, Value
 
 from . import margin
-from .bits import rough_logarithm
 from .coefficients import Coefficients, present
 from .model import horizontal
 from .state import Decision, LoopState, Plan, Scene
@@ -117,5 +116,5 @@ def _beam_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) -
 def _bounces_from(scene: Scene, speed: Value) -> Index:
     """How many impacts there are until restitution leaves no more than the rest velocity of a speed |θ̇|."""
     speed = jax.lax.stop_gradient(speed)
-    count = jnp.ceil(rough_logarithm(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
+    count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

@@ -35,19 +35,14 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """Gravity part of Eq. (19) per N m_c with what restrainers store, zero in full contact [m²/s²], (C3)."""
-    if c.restraint is not None:
-        return _restrained_potential(c, c.restraint, sigma, theta)
-    _, cos = sincos(sigma * c.alpha - theta)
-    return c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
-
-
-def _restrained_potential(c: Coefficients, held: Restraint, sigma: Value, theta: Value) -> Value:
-    """V of (C3), without cancellation at small rotations."""
-    stretch, lever = elongation(c, sigma, theta)
-    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2)
-    rise = 0.5 * stretch * (0.5 * sigma * lever - 0.25 * stretch * c.cos_alpha / c.sin_alpha) / c.sin_alpha
-    stored = sum((each.potential(stretch) for each in held.restrainers if each.stores), jnp.zeros_like(rise))
-    return c.weight * rise + 0.5 * c.two_R * c.g * stored
+    s, cos = sincos(0.5 * theta)
+    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2), A = |θ|: without cancellation at small rotations.
+    stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
+    if c.restraint is None:
+        return stored
+    stretch = elongation(c, sigma, theta).stretch
+    of_devices = sum((each.potential(stretch) for each in c.restraint.restrainers if each.stores), 0.0 * s)
+    return stored + 0.5 * c.two_R * c.g * of_devices
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
@@ -59,14 +54,10 @@ def potential_slope(c: Coefficients, theta: Value) -> Value:
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²],
     (C17)."""
-    s, cos = sincos(sigma * c.alpha - x[0])
-    if c.restraint is not None:
-        total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2
-        total = total + _restrained_potential(c, c.restraint, sigma, x[0])
-    else:
-        total = 0.5 * c.spin * v[0] ** 2 + c.weight * jnp.where(sigma == 0, 0.0, cos - c.cos_alpha)
+    total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + potential(c, sigma, x[0])
     if c.vibration is None:
         return total
+    s, _ = sincos(sigma * c.alpha - x[0])
     deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
     top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
     return total + summed(0.5 * c.etas * (top + c.vibration.omega2 * deformation**2))

@@ -14,7 +14,6 @@ from jaxtyping import Array, Float
 from rockjax import _results as results
 from rockjax._types import Index, Value
 
-from .contact import cross_full_contact
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
@@ -85,7 +84,7 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """The state at its end."""
-    state = ready_for_tangents(cross_full_contact(scene, plan, state))
+    state = ready_for_tangents(state)
     state = jax.lax.while_loop(
         lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
     )

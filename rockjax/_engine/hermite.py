@@ -98,17 +98,6 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
     return z
 
 
-def turning_point(polynomial, rising: Flags) -> Values:
-    """The z at which the slope changes sign, given its sign at z = 0 (`rising`) and that it is opposite at z
-    = 1.
-
-    What begins at rest, as columns do that are lifted, has no slope at z = 0, and after an uplift that is
-    not a jump no curvature either, but for rounding: then z = 0 is no turning point, and is divided out.
-    """
-    sign = once(jnp.where(rising, 1.0, -1.0))
-    return _first_zero([sign * c for c in derivative(polynomial)])
-
-
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
     """Where a quantity turns over a step, and whether it turns twice.
 
@@ -127,7 +116,11 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 
 
 def _first_zero(f: Sequence[Values]) -> Values:
-    """Where a polynomial, positive after z = 0, is zero and negative at z = 1."""
+    """Where a polynomial, positive after z = 0, is zero and negative at z = 1.
+
+    What begins at rest, as columns do that are lifted, has no slope at z = 0, and after an uplift that is
+    not a jump no curvature either, but for rounding: then z = 0 is no turning point, and is divided out.
+    """
     f = list(f)
     for _ in range(2):
         at_rest = f[0] <= 0

@@ -39,44 +39,26 @@ OTHERS = 0.02  # w: as much as others than gravity may add
 
 def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
     """M of a turning point at |θ| = `theta` with the angular deceleration `slowing` = −σθ̈ ≥ 0."""
-    sin_o, cos_o = sincos(c.alpha - overturn_angle)
-    sin, cos = sincos(c.alpha - theta)
-    if c.restraint is not None:
-        one = jnp.ones_like(theta)
-        depth = potential(c, one, overturn_angle)
-        push = _moment(c, theta, slowing) - potential_slope(c, theta)
-        work = jnp.maximum(push, 0.0) * (sin - sin_o) / depth
-        return 1 - potential(c, one, theta) / depth + work / (1 + work / OTHERS)
-    push = jnp.maximum((c.inertia + c.centrifugal) * slowing / c.gravity - sin, 0.0)
-    depth = cos_o - c.cos_alpha
-    work = push * (sin - sin_o) / depth
-    return (cos_o - cos) / depth + work / (1 + work / OTHERS)
+    one = jnp.ones_like(theta)
+    (sin_o, _), (sin, _) = (sincos(c.alpha - angle) for angle in (overturn_angle, theta))
+    depth = potential(c, one, overturn_angle)
+    push = _moment(c, theta, slowing) - potential_slope(c, theta)
+    work = jnp.maximum(push, 0.0) * (sin - sin_o) / depth
+    return 1 - potential(c, one, theta) / depth + work / (1 + work / OTHERS)
 
 
 def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """M of a column that reaches the overturning angle with the speed θ̇."""
-    if c.restraint is not None:
-        return (
-            -0.5
-            * _moment(c, overturn_angle, theta_dot**2)
-            / potential(c, jnp.ones_like(theta_dot), overturn_angle)
-        )
-    _, cos_o = sincos(c.alpha - overturn_angle)
-    return -0.5 * (c.inertia + c.centrifugal) * theta_dot**2 / (c.gravity * (cos_o - c.cos_alpha))
+    depth = potential(c, jnp.ones_like(theta_dot), overturn_angle)
+    return -0.5 * _moment(c, overturn_angle, theta_dot**2) / depth
 
 
 def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
     """M of a column held at |θ| = `theta` ≥ 0 by nothing; beyond the overturning angle how far, over that
     angle."""
-    if c.restraint is not None:
-        one = jnp.ones_like(theta)
-        left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
-        return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)
-    _, cos_o = sincos(c.alpha - overturn_angle)
-    _, cos = sincos(c.alpha - theta)
-    return jnp.where(
-        theta < overturn_angle, (cos_o - cos) / (cos_o - c.cos_alpha), 1 - theta / overturn_angle
-    )
+    one = jnp.ones_like(theta)
+    left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
+    return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:

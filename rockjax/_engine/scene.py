@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.sampled import AbstractSampled
 from rockjax._options import HISTORY, OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import State
 from rockjax._structures import Podium, ShearBuilding
@@ -125,9 +126,12 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
     start, quiet = excitation.support
     duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
     excited = jnp.where(duration > 0, jnp.minimum(longest, options._stride * duration / 16), longest)
-    degree, pieces = excitation.panels
-    if degree == 1:  # steps end on every sample, the longest are as long as the sampling
-        excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * pieces[0]), excited)
+    pair = isinstance(excitation, GroundMotion)
+    parts = (excitation.horizontal, excitation.vertical) if pair else (excitation,)
+    intervals = [part.sampling.dt for part in parts if isinstance(part, AbstractSampled)]
+    if len(intervals) == len(parts):  # steps end on every sample, the longest are as long as the sampling
+        shortest = functools.reduce(jnp.minimum, intervals)
+        excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * shortest), excited)
     return excited
 
 

@@ -82,17 +82,6 @@ class AbstractExcitation(Module):
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         """Return bounds of the rest; `threshold` is given where the engine will ask for exceedances."""
 
-    @property
-    def panels(self) -> tuple[int, tuple[Number, ...]]:
-        """(degree, lengths [s]) of polynomials that may stand for ü_g: panels to try where the columns stay
-        down.
-
-        How good they are is looked at each time; for a motion that is polynomial between breakpoints, its own
-        degree.
-        """
-        start, end = self.support
-        return 16, ((end - start) / 20, (end - start) / 80)
-
     def scaled(self, factor) -> Self:
         """Return the motion times a factor."""
         raise NotImplementedError(

@@ -102,16 +102,6 @@ class GroundMotion(AbstractExcitation):
             for field, dimensions in getattr(self, name).own_dimensions.items()
         }
 
-    @property
-    def panels(self) -> tuple[int, tuple[Number, ...]]:
-        both = self.horizontal.panels, self.vertical.panels
-        degree = max(degree for degree, _ in both)
-        sampled = [lengths for own, lengths in both if own == 1]
-        if len(sampled) == 1:  # no panel goes past a sample
-            return degree, sampled[0]
-        shortest = zip(both[0][1], both[1][1], strict=False)
-        return degree, tuple(jnp.minimum(a, b) for a, b in shortest)
-
     def scaled(self, factor) -> Self:
         return dataclasses.replace(
             self, horizontal=self.horizontal.scaled(factor), vertical=self.vertical.scaled(factor)

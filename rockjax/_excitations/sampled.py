@@ -92,10 +92,6 @@ class AbstractSampled(AbstractExcitation):
         return numpy.add(start, numpy.multiply(numpy.asarray(sample, dt.dtype), dt))
 
     @property
-    def panels(self) -> tuple[int, tuple[Float[Array, "*batch"], ...]]:
-        return 1, (self.sampling.dt,)
-
-    @property
     def last_piece(self) -> Any:
         return self.sampling.count
 

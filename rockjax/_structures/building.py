@@ -11,9 +11,8 @@ import numpy as np
 from rockjax._checks import array_module, as_float, not_negative, positive, whole
 from rockjax._types import Array, Number
 
-from .eigen import eigh
 from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
-from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid
+from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, eigh
 
 
 class ModalAnalysis(NamedTuple):

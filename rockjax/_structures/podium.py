@@ -46,7 +46,6 @@ from .superstructures import (
     Elastic,
     Oscillators,
     Rigid,
-    largest_uplifted_square,
     uplifted_squares,
 )
 
@@ -319,7 +318,7 @@ class Podium(Module):
         if isinstance(top, Elastic):
             return self.uplifted_frequency
         lifted = jax.lax.stop_gradient((top, *self._lifted()))
-        return jnp.sqrt(largest_uplifted_square(*lifted))
+        return jnp.sqrt(uplifted_squares(*lifted)[..., -1])
 
     def _vibrating(self, name: str) -> Elastic | Oscillators:
         top = self.superstructure

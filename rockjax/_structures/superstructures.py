@@ -13,13 +13,12 @@ from typing import ClassVar, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from rockjax._checks import as_number, not_negative, require
+from rockjax._checks import as_number, concrete, not_negative, require
 from rockjax._module import Module
 from rockjax._text.cards import card, readable
 from rockjax._types import Array, Number
-
-from .eigen import eigh
 
 
 class AbstractSuperstructure(Module):
@@ -202,33 +201,11 @@ class Oscillators(AbstractSuperstructure):
         return self.shapes
 
 
-HALVINGS = 60  # of an interval: down to rounding
-
-
-def largest_uplifted_square(
-    oscillators: Oscillators, inertia: Number, stiffness: Number, cos_alpha: Number
-) -> Number:
-    """The largest of `uplifted_squares` of one podium, without derivatives and without the others, which take
-    much longer.
-
-    Beyond the largest ω_i² the left side of (C15) only rises, and comes to zero before Λ = [k + 3cos²α Σ
-    η_iω_i²]/(x − ω_n²) does. Where the mode of that ω_n has no mass, there may be no root beyond, and ω_n²
-    itself is the largest.
-    """
-    squares = oscillators.omega_s**2
-    pulls = 3 * cos_alpha**2 * oscillators.eta * squares
-    low = jnp.max(squares)
-
-    def halved(_, ends):
-        low, high = ends
-        x = 0.5 * (low + high)
-        apart = x - squares
-        pulled = jnp.sum(pulls / jnp.where(apart > 0, apart, 1.0))
-        rises = inertia - stiffness / x - pulled > 0
-        return jnp.where(rises, low, x), jnp.where(rises, x, high)
-
-    high = low + (stiffness + jnp.sum(pulls)) / inertia
-    return jax.lax.fori_loop(0, HALVINGS, halved, (low, high))[1]
+def eigh(matrix: Array) -> tuple[Array, Array]:
+    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns; outside jit by
+    NumPy."""
+    known = concrete(matrix)
+    return jnp.linalg.eigh(matrix) if known is None else np.linalg.eigh(known)  # pyright: ignore[reportReturnType]
 
 
 def uplifted_squares(

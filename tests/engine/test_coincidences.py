@@ -163,8 +163,7 @@ def test_an_uplift_on_a_sample(after):
 
 
 def test_the_end_before_the_first_uplift():
-    """A record under an elastic superstructure, cut between two samples: where nothing but the rotation was
-    asked for, panels were crossed past the end, and the scene ran out of steps."""
+    """A record under an elastic superstructure, cut between two samples."""
     podium = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5))
     o = rj.Options(outputs=("peak_rotation",), max_steps=1000)
     ends = np.array([0.01, 0.02, 0.315, 0.5, 0.611, 0.9])

@@ -93,7 +93,7 @@ def test_frequencies_on_lifted_columns():
     "top", [TWO, rj.Modes([24.0, 0.0], [0.5, 0.15]), rj.Modes([20.0, 10.0], [0.5, 0.5]), BUILDING]
 )
 def test_the_largest_frequency_on_lifted_columns_alone(top):
-    """Without the eigenvalues: where modes are alike or without mass, too."""
+    """It is the largest eigenvalue where modes are alike or without mass, too."""
     for devices in ((), (rj.Tendon(1.0, 50.0), rj.Inerter(3.0))):
         structure = podium(top, *devices)
         found, expected = structure.fastest_frequency(), structure.uplifted_frequency
