@@ -43,7 +43,7 @@ def as_float(x, what: str = "it") -> Array:
         if here and np.asarray(x).dtype.kind in "fiub":
             found = np.array(x, float_type())
             if found.ndim:
-                return from_host(found)
+                return as_array(found)
             found.flags.writeable = False
             return found  # pyright: ignore[reportReturnType]
         return jnp.asarray(x, dtype=float_type())
@@ -58,13 +58,15 @@ def known_or_traced(x, what: str = "it") -> Any:
     return x if isinstance(x, Tracer) else np.asarray(x)
 
 
-def from_host(x, dtype=None) -> Array:
-    """A number of Python or an array of NumPy as an array of JAX.
+def as_array(x) -> Array:
+    """Return `x` as an array of JAX, a copy unless it is one.
 
-    A copy, as by `jnp.array`, which compiles a program for each shape in each process: 10 ms each.
+    Unlike `jnp.array` this compiles nothing: a program for each shape in each process, 10 ms each.
     """
+    if isinstance(x, jax.Array):
+        return x
     refuse_gaps("it", x)
-    return jax.device_put(np.array(x, dtype))
+    return jax.device_put(np.array(x))
 
 
 def refuse_gaps(what: str, x) -> None:
@@ -132,11 +134,6 @@ def _first_run(at: np.ndarray) -> str:
     rest = at[first:]
     last = first + (int(np.argmin(rest)) if not rest.all() else rest.size) - 1
     return f"sample {first}" if last == first else f"samples {first} to {last}"
-
-
-def as_array(x) -> Array:
-    """`x` as an array of JAX, `from_host` where it is none."""
-    return x if isinstance(x, jax.Array) else from_host(x)
 
 
 def _all_of_python(x) -> bool:

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from rockjax import _results as results
-from rockjax._checks import concrete, from_host
+from rockjax._checks import as_array, concrete
 from rockjax._files import CONVENTIONS
 from rockjax._module import Module, filled
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
@@ -184,7 +184,7 @@ def _impacts(floats, integers, options: Options, history: bool):
         stands |= (code == results.SETTLED) & ~uplifted
     numpy = jnp if traced else np
     found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
-    return from_host(found) if of_jax and not traced else found
+    return as_array(found) if of_jax and not traced else found
 
 
 def raise_without_answer(code: Array) -> None:

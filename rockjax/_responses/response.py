@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from rockjax._checks import as_float, concrete, from_host
+from rockjax._checks import as_array, as_float, concrete
 from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -223,7 +223,7 @@ class Response(AbstractPeak):
 def _first(values: Array, count: int) -> Array:
     """The first of an array; of NumPy where it is known, as JAX would compile this for every number."""
     known = concrete(values)
-    return values[:count] if known is None else from_host(known[:count])
+    return values[:count] if known is None else as_array(known[:count])
 
 
 def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from rockjax import _results as results
-from rockjax._checks import concrete, from_host, require
+from rockjax._checks import as_array, concrete, require
 from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
 from rockjax._excitations.ground import check_weight
@@ -109,8 +109,8 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
     # Known numbers: every operation of JAX on its own, for every length, would be a program to compile.
-    nodes = jax.tree.map(lambda y: from_host(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
-    return nodes, from_host(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
+    nodes = jax.tree.map(lambda y: as_array(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
+    return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
 def _solved(podium, excitation, initial, t_end, options, history):
