@@ -35,7 +35,6 @@ from tqdm import tqdm
 import rockjax as rj
 from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES
-from tests import reference
 
 from . import stress_control as control
 from .measure import keep, log_uniform, show, some
@@ -260,21 +259,6 @@ class Findings:
 
 
 # -------------------------------------------------------------------------- an implementation of its own kind
-def by_reference(
-    podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float
-) -> reference.Answer:
-    """The scene by SciPy's DOP853 at 1e-12, through every event."""
-    state = tuple(float(y) for y in (initial.theta, initial.theta_dot, initial.u_t, initial.u_t_dot))
-    if isinstance(motion, rj.Rest):
-        return reference.simulate(podium, lambda t: 0.0, 0.0, end, [], state)
-    assert isinstance(motion, rj.AbstractPulse)
-    a_p, T_p, (low, high) = float(motion.a_p), float(motion.T_p), motion.span
-    inside = lambda t: not motion.compact or low * T_p <= t <= high * T_p
-    acceleration = lambda t: a_p * float(motion.shape(np.float64(t / T_p))) if inside(t) else 0.0
-    breaks = [float(b) for b in np.asarray(motion.breakpoints)]
-    return reference.simulate(podium, acceleration, float(motion.support[0]), end, breaks, state)
-
-
 def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     """(error, estimate, same class, undecided) of one scene."""
     group, rtol, n, seed, k = job
@@ -285,17 +269,12 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     end = min(
         float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
     )
-    if group.controlled:
-        limit = float(of.options.overturn_ratio * podium.alpha)
-        known = control.by_restrained(podium, motion, initial, end, limit)
-        rotation, overturn_time = known.peak, known.overturn_time
-    else:
-        truth = by_reference(podium, motion, initial, end)
-        rotation, overturn_time = truth.peak_rotation, truth.overturn_time
+    limit = float(of.options.overturn_ratio * podium.alpha)
+    known = control.by_scipy(podium, motion, initial, end, limit)
     errors = peak.errors
     assert errors is not None
-    same = bool(peak.overturned) == math.isfinite(overturn_time)
-    error = abs(float(peak.peak_rotation) - rotation)
+    same = bool(peak.overturned) == math.isfinite(known.overturn_time)
+    error = abs(float(peak.peak_rotation) - known.peak)
     return error, float(errors.peak_rotation), same, bool(errors.undecided)
 
 
@@ -309,9 +288,6 @@ def sample_for_reference(
     while len(jobs) < number:
         group, rtol, n = chosen[rng.integers(len(chosen))], float(rng.choice([1e-9, 1e-10])), 64
         of = batch(group, rtol, n, seed + 1)
-        # All that SciPy's implementation of podiums without devices knows.
-        if float(of.options.overturn_ratio) != 1 and not group.controlled:
-            continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))

@@ -88,49 +88,27 @@ def with_vertical(
     return rj.GroundMotion(motion, rj.Record(a[::-3] / np.abs(a[::-3]).max(), 6 * T / len(a), scale=size))
 
 
-def by_restrained(
+def by_scipy(
     podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float, limit: float
 ) -> restrained.Answer:
-    """The scene by the implementation of restrained podiums that shares nothing with the project."""
-    top, numbers = podium.superstructure, {}
-    rows: list[tuple[float, ...]] = []
-    gamma, residual = float(podium.gamma), 0.0
-    if isinstance(top, rj.Rigid):
-        gamma += float(top.eta)
-    elif isinstance(top, rj.Elastic):
-        rows = [(float(top.eta), float(top.T_s), float(top.zeta))]
-    elif isinstance(top, rj.Modes):
-        rows = [tuple(map(float, row)) for row in zip(top.eta, top.T, top.zeta, strict=True)]
-        residual = float(top.residual)
-    for device in podium.restrainers:
-        if isinstance(device, rj.Tendon):
-            numbers |= {"tau": float(device.prestress), "kappa": float(device.stiffness)}
-        elif isinstance(device, rj.Damper):
-            numbers |= {"delta": float(device.coefficient), "nu": float(device.exponent)}
-        elif isinstance(device, rj.Inerter):
-            numbers |= {"mu": float(device.inertance)}
-    frame = restrained.Frame(
-        float(podium.alpha), float(podium.R), gamma, float(podium.lam), tuple(rows), residual,
-        e=float(podium.restitution_factor), g=float(podium.g), **numbers,
-    )  # fmt: skip
+    """The scene by an implementation that shares nothing with the project, to |θ| = `limit`."""
+    frame, start = restrained.frame_of(podium), float(motion.support[0])
     parts = [motion.horizontal, motion.vertical] if isinstance(motion, rj.GroundMotion) else [motion]
-    start = float(motion.support[0])
-    breaks = [float(b) - start for part in parts for b in np.asarray(part.breakpoints)]
-    moves = [_acceleration(part, start) for part in parts]
-    u, speed = (np.broadcast_to(np.asarray(y), len(rows)) for y in (initial.u_t, initial.u_t_dot))
+    breaks = [float(b) for part in parts for b in np.asarray(part.breakpoints)]
+    u, speed = (np.broadcast_to(np.asarray(y), len(frame.modes)) for y in (initial.u_t, initial.u_t_dot))
     state = (float(initial.theta), float(initial.theta_dot), *u, *speed)
-    return restrained.simulate(frame, end - start, *moves, breaks=breaks, state=state, limit=limit)
+    return restrained.simulate(
+        frame, end, *map(_acceleration, parts), breaks=breaks, start=start, state=state, limit=limit
+    )
 
 
-def _acceleration(motion: rj.AbstractExcitation, start: float):
+def _acceleration(motion: rj.AbstractExcitation):
+    if isinstance(motion, rj.Rest):
+        return lambda t: 0.0
     assert isinstance(motion, rj.AbstractPulse)
     a_p, T_p, (low, high) = float(motion.a_p), float(motion.T_p), motion.span
-
-    def of(t: float) -> float:
-        tau = (t + start) / T_p
-        return a_p * float(motion.shape(np.float64(tau))) if low <= tau <= high else 0.0
-
-    return of
+    inside = lambda tau: not motion.compact or low <= tau <= high
+    return lambda t: a_p * float(motion.shape(np.float64(t / T_p))) if inside(t / T_p) else 0.0
 
 
 def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,9 @@
-"""An independent implementation of restrained podiums: the Lagrangian in SI units with virtual work, SciPy's
-DOP853.
+"""An independent implementation of podiums: the Lagrangian in SI units with virtual work, SciPy's DOP853.
 
-Own right-hand sides, own events, own bookkeeping; nothing of the package. Two columns of 700 kg; the devices
-of each are a tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over both joints. Modes of a
-superstructure are oscillators beside each other on the beam. Vertical ground acceleration is added to gravity
-where something has weight.
+Own right-hand sides, own events, own bookkeeping; nothing of the package but the numbers of a structure. Two
+columns of 700 kg; the devices of each are a tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over
+both joints. Modes of a superstructure are oscillators beside each other on the beam. Vertical ground
+acceleration is added to gravity where something has weight.
 """
 
 import dataclasses
@@ -14,6 +13,8 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+
+import rockjax as rj
 
 COLUMNS, COLUMN = 2, 700.0  # number, mass [kg]
 G = 9.80665
@@ -144,12 +145,12 @@ def simulate(
     vertical=lambda t: 0.0,
     *,
     breaks=(),
+    start=0.0,
     state=(),
     limit=None,
     rest=1e-12,
 ) -> Answer:
-    """One scene from 0 to `end`, or until |θ| = `limit` (α)."""
-    start = 0.0
+    """One scene from `start` to `end`, or until |θ| = `limit` (α)."""
     m, f, out = _Motion(frame, horizontal, vertical), frame, Answer()
     y = np.zeros(3 + 2 * m.n)
     y[: len(state)] = state
@@ -222,12 +223,13 @@ def _extremes(out: Answer, m: _Motion, s: int, found, clip) -> None:
     states = found.sol(t).T
     springs = [m.springs(s, y) for y in states]
     force, d = (np.array(part) for part in zip(*springs, strict=True))
-    rates = np.array(
-        [(m.rocking if s else m.contact)(clip(time), y, s) for time, y in zip(t, states, strict=True)]
-    )
-    psi = s * m.frame.alpha - states[:, 0]
-    base = 2 * m.frame.R * (rates[:, 1] * np.cos(psi) + states[:, 1] ** 2 * np.sin(psi))
-    base += np.array([m.h(clip(time)) for time in t])
+    base = np.zeros(len(t))
+    if m.frame.residual or m.frame.shapes:  # mass on the beam feels its acceleration
+        flow = m.rocking if s else m.contact
+        rates = np.array([flow(clip(time), y, s) for time, y in zip(t, states, strict=True)])
+        psi = s * m.frame.alpha - states[:, 0]
+        base = 2 * m.frame.R * (rates[:, 1] * np.cos(psi) + states[:, 1] ** 2 * np.sin(psi))
+        base += np.array([m.h(clip(time)) for time in t])
     residual = m.frame.residual * COLUMNS * COLUMN
     total = m.tops.sum() + residual
     quantities = {"deformation": d[:, 0], "deformations": d, "shear": (force @ m.tops - residual * base)}
@@ -249,6 +251,30 @@ def _largest(values: np.ndarray) -> float:
         a, b, c = values[k - 1 : k + 2]
         return b + (a - c) ** 2 / (8 * (2 * b - a - c)) if 2 * b > a + c else b
     return values[k]
+
+
+def frame_of(podium: rj.Podium) -> Frame:
+    """The numbers of a podium."""
+    top, numbers = podium.superstructure, {}
+    rows: tuple[tuple[float, ...], ...] = ()
+    gamma, residual = float(podium.gamma), 0.0
+    if isinstance(top, rj.Rigid):
+        gamma += float(top.eta)
+    elif isinstance(top, rj.Elastic):
+        rows = ((float(top.eta), float(top.T_s), float(top.zeta)),)
+    elif isinstance(top, rj.Modes):
+        rows = tuple(tuple(map(float, row)) for row in zip(top.eta, top.T, top.zeta, strict=True))
+        residual = float(top.residual)
+    for device in podium.restrainers:
+        if isinstance(device, rj.Tendon):
+            numbers |= {"tau": float(device.prestress), "kappa": float(device.stiffness)}
+        elif isinstance(device, rj.Damper):
+            numbers |= {"delta": float(device.coefficient), "nu": float(device.exponent)}
+        elif isinstance(device, rj.Inerter):
+            numbers |= {"mu": float(device.inertance)}
+    alpha, R, lam, g = (float(getattr(podium, name)) for name in ("alpha", "R", "lam", "g"))
+    e = float(podium.restitution_factor)
+    return Frame(alpha, R, gamma, lam, rows, residual, e=e, g=g, **numbers)
 
 
 def ricker(a_p: float, T_p: float) -> Callable:

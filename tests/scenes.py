@@ -37,7 +37,7 @@ def shaking(n: int = 400, dt: float = 0.02, peak: float = 3.5, seed: int = 0) ->
     return rj.Record(peak * a / np.abs(a).max(), dt)
 
 
-def options(rtol: float, method: str = "tsit5", **more) -> rj.Options:
+def options(rtol: float, method: str = "dopri8", **more) -> rj.Options:
     return rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, **more)
 
 

@@ -35,10 +35,10 @@ def same(a, b, rtol=1e-7):
 def test_one_scene_is_its_place_in_the_batch(name):
     podium = PODIUMS[name]
     a_p = amplitudes(13)
-    batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10))
-    single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)) for a in a_p]
+    batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10, "tsit5"))
+    single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10, "tsit5")) for a in a_p]
     same(batch, jax.tree.map(lambda *y: np.stack(y), *single))
-    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10)))(
+    mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10, "tsit5")))(
         jnp.asarray(a_p)
     )
     same(batch, mapped)
@@ -81,14 +81,14 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
 def test_order_size_and_lanes_do_not_matter(monkeypatch):
     podium = elastic(0.4)
     a_p = amplitudes(700)
-    whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
-    backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10))
+    whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
+    backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10, "tsit5"))
     same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
     monkeypatch.setattr(rj._batch.batch, "LANES", 48)
     monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
-    chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10))
+    chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
     same(whole, chunks, rtol=1e-6)
-    alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10), threads=1)
+    alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"), threads=1)
     same(chunks, alone, rtol=1e-12)
 
 
@@ -172,7 +172,7 @@ def test_lanes_are_busy_and_no_scene_is_lost():
     a_p = np.random.default_rng(0).permutation(amplitudes(20_000))
     for podium in (PODIUMS["rigid"], elastic(0.5)):
         scenes, _ = broadcast("", podium, rj.Ricker(a_p, 1.0), rj.State(), None)
-        floats, integers, tally = run_batch(scenes, options(1e-6, outputs=("peak_rotation",)), False)
+        floats, integers, tally = run_batch(scenes, options(1e-6, "tsit5", outputs=("peak_rotation",)), False)
         assert tally.useful > 0.9 * tally.possible
         assert np.all(integers["code"] <= 2)
         assert np.all(np.isfinite(floats["peak_rotation"]))
@@ -281,8 +281,8 @@ def test_the_segments_engine_is_not_silently_replaced():
 def test_podiums_of_several_kinds_share_one_call():
     x, y = np.linspace(2, 6, 5), np.linspace(1, 5, 4)
     podiums = [elastic(0.3), PODIUMS["rigid"], elastic(0.6), PODIUMS["block"]]
-    together = rj.rocking_spectra(podiums, rj.Ricker, x, y, options=options(1e-9))
+    together = rj.rocking_spectra(podiums, rj.Ricker, x, y, options=options(1e-9, "tsit5"))
     for podium, spectrum in zip(podiums, together, strict=True):
-        alone = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=options(1e-9))
+        alone = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=options(1e-9, "tsit5"))
         np.testing.assert_allclose(spectrum.peak_rotation, alone.peak_rotation, rtol=1e-7, atol=1e-9)
         assert spectrum.attrs == alone.attrs

@@ -11,7 +11,7 @@ import pytest
 import rockjax as rj
 from rockjax._boundaries.boundary import BOUNDARY
 from rockjax._boundaries.crossings import scan
-from tests import reference
+from tests import restrained
 from tests.scenes import ALPHA, PODIUMS, G, options, shaking
 
 UNIT = G * 0.15
@@ -102,9 +102,8 @@ def test_against_bisection_with_an_independent_integrator(name, bracket):
     for _ in range(22):
         middle = 0.5 * (lo + hi)
         a_p = middle * UNIT
-        answer = reference.simulate(
-            podium, lambda t, a_p=a_p: a_p * float(rj.Ricker.shape(np.float64(t / T_p))), -2.2 * T_p, 6.0
-        )
+        motion = restrained.ricker(a_p, T_p)
+        answer = restrained.simulate(restrained.frame_of(podium), 6.0, motion, start=-2.2 * T_p)
         lo, hi = (lo, middle) if math.isfinite(answer.overturn_time) else (middle, hi)
     ours = float(rj.overturning_acceleration(podium, rj.Ricker, T_p)) / UNIT
     assert ours == pytest.approx(0.5 * (lo + hi), abs=2 * (hi - lo) + 1e-9)

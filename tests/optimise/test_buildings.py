@@ -66,6 +66,7 @@ def test_a_scene_that_overturned_holds_no_target(peaks, target, objective, outpu
     assert (tight <= -9 * (1 - 1e-12)).all()  # no better than by its peaks either
 
 
+@pytest.mark.slow
 def test_a_design_under_a_motion_that_overturns_is_not_satisfied():
     found = optimise.design(
         PODIUM,
