@@ -23,7 +23,6 @@ from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import submit
-from rockjax._module import filled
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
 from rockjax._parameters.table import STRUCTURE
@@ -164,7 +163,7 @@ def responses(
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=doubt, sensitivities=slopes))
-    return filled(Peak, **peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
+    return Peak(**peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
 
 
 def bare_responses(

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from rockjax import _results as results
 from rockjax._checks import as_array, concrete
 from rockjax._files import CONVENTIONS
-from rockjax._module import Module, filled
+from rockjax._module import Module
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
 from rockjax._text import tables
@@ -144,7 +144,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     code = integers["code"]
     if throw:
         raise_without_answer(code)
-    stats = filled(Stats, steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
+    stats = Stats(steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
     names = (
         "peak_rotation",
         "peak_rotation_time",

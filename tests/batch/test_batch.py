@@ -224,6 +224,20 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("name", ["rigid", "elastic"])
+def test_one_program_serves_batches_of_all_sizes(name):
+    from rockjax._programs.program import COUNTS
+
+    of = lambda n: rj.peak_responses(PODIUMS[name], rj.Ricker(np.linspace(2.0, 6.0, n), 1.0), threads=1)
+    many = of(200)
+    before = COUNTS["compiled"] + COUNTS["loaded"]
+    for n in (1, 7, 64):
+        assert np.all(np.isfinite(of(n).peak_rotation))
+    assert COUNTS["compiled"] + COUNTS["loaded"] == before
+    few = rj.peak_responses(PODIUMS[name], rj.Ricker(np.linspace(2.0, 6.0, 200)[:9], 1.0), threads=1)
+    np.testing.assert_allclose(few.peak_rotation, many.peak_rotation[:9], rtol=1e-7)
+
+
 def test_rows_are_stored_once_however_many_scenes_share_them():
     from rockjax._batch.scenes import Numbers, broadcast
 

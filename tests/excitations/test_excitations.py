@@ -232,3 +232,9 @@ def test_the_earlier_name_of_the_lookahead_is_said():
 
     mine = Mine(4.0, 1.0)
     assert float(mine.lookahead(None).impulse(jnp.asarray(-3.0), jnp.asarray(0))) > 0
+
+
+def test_methods_can_be_compiled():
+    pulse = rj.Ricker(2.0, 1.0)
+    assert float(jax.jit(pulse.scaled)(0.5).a_p) == 1.0
+    np.testing.assert_array_equal(jax.vmap(pulse.scaled)(np.arange(3.0)).a_p, [0.0, 2.0, 4.0])
