@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 import rockjax as rj
 from rockjax.internal import AnyMotion, Module, as_excitation, as_float, of_kind, single, whole
 
+from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, variables
 
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong motion fitted one after the other
@@ -183,12 +184,7 @@ class _Scene(Module):
         side = jnp.sign(response(jnp.minimum(last, response.stats.end_time), left=True).theta)
         fallen = self.times > last
         theta = jnp.where(fallen, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
-        answered = (
-            (response.result == rj.RESULTS.settled)
-            | (response.result == rj.RESULTS.end_of_time)
-            | response.overturned
-        )
-        return jnp.where(answered, self.theta - theta, jnp.inf)
+        return jnp.where(has_answer(response), self.theta - theta, jnp.inf)
 
 
 def _window(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:

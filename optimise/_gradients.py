@@ -33,7 +33,7 @@ FLAT = 1e-2  # margins with slopes below are not made steeper
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
-    """The gradient transformation of a method; None for `"sqp"`, which is none.
+    """Return the gradient transformation of a method, None for `"sqp"`.
 
     Raises `ValueError` for anything else, and for a transformation that has to evaluate by itself, as line
     searches do.
@@ -116,7 +116,7 @@ class GradientSteps:
             self.x, self.iteration = after, self.iteration + 1
 
     def _lagrangian(self, k: int, there: Evaluation) -> tuple[float, Vector]:
-        """Value and gradient (n,) of the augmented Lagrangian of a start; its multipliers move."""
+        """Return value and gradient (n,) of the augmented Lagrangian of a start, and move its multipliers."""
         c = there.c - self.aim[k]
         if np.isfinite(there.c_slope).all():
             self.steep[k] += FOLLOW * (np.sum(there.c_slope**2, axis=1) - self.steep[k])

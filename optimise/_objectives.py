@@ -42,6 +42,11 @@ class AbstractObjective(Module):
 class AbstractWorst(AbstractObjective, AbstractResponses):
     """The worst of the responses to a suite."""
 
+    suite: Suite
+
+    def __init__(self, excitations):
+        self.suite = Suite.of(excitations, type(self).__name__)
+
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
         return self.read(self.suite.responses(podium, options, self.outputs), options)
 
@@ -54,11 +59,7 @@ class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of them [–]; beyond 1 by the overturning
     margin."""
 
-    suite: Suite
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
-
-    def __init__(self, excitations):
-        self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return severity(peaks, options)
@@ -74,12 +75,8 @@ class AbstractWorstPeak(AbstractWorst):
     margin M < 0. Only a target such as [`optimise.NoOverturning`][] keeps such designs out.
     """
 
-    suite: Suite
     words: ClassVar[str]
     until_overturning: ClassVar[bool] = True
-
-    def __init__(self, excitations):
-        self.suite = Suite.of(excitations, type(self).__name__)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         values = of_building(self, peaks)

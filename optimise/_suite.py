@@ -9,10 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 import rockjax as rj
-from rockjax.internal import PEAKS, AnyMotions, Module, array_module, as_array, several
+from rockjax.internal import PEAKS, AbstractPeak, AnyMotions, Module, array_module, as_array, several
 
 from ._fresh import FreshSamples
 
@@ -99,9 +99,7 @@ class Suite(Module):
         """The peak responses to all motions; NaN where a scene ended without an answer."""
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.each(lambda motion: rj.peak_response(podium, motion, options=options))
-        answered = (
-            (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time) | peaks.overturned
-        )
+        answered = has_answer(peaks)
 
         def known(y):  # of modes and stories along a last axis
             return jnp.where(answered[:, None] if y.ndim == 2 else answered, y, jnp.nan)
@@ -114,6 +112,12 @@ class Suite(Module):
         options = options.replace(outputs=("margin",), throw=False)
         parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
         return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
+
+
+def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
+    """Return whether scenes came to rest, to their end or to a fall."""
+    ends = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
+    return ends | peaks.overturned
 
 
 def _order(members: list[list[int]]) -> tuple[int, ...]:

@@ -154,7 +154,7 @@ def ground_acceleration(excitation: AbstractExcitation, t):
 
 @KeptProgram
 def along(scene: Solved, t, left) -> dict[str, Array]:
-    """All quantities at times t (n,), just before them where `left` (n,)."""
+    """Return all quantities at times t (n,), just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
