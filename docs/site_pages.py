@@ -12,6 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from optimise._problem import ProblemFile
 from rockjax._parameters import table
 
 ROOT = Path(__file__).parent.parent
@@ -39,6 +40,54 @@ def parameters_table() -> str:
     return "\n".join(lines)
 
 
+def problem_keys() -> str:
+    """The tables of problem files, as the models know them."""
+    schema = ProblemFile.model_json_schema()
+    parts = [_keys("A problem file", schema)]
+    parts += [_keys(name, part) for name, part in schema["$defs"].items() if "properties" in part]
+    return "\n\n".join(parts)
+
+
+def _keys(name: str, schema: dict) -> str:
+    """The keys of one table."""
+    lines = [
+        f"### {name}",
+        "",
+        schema.get("description", ""),
+        "",
+        "| key | holds | default | meaning |",
+        "|---|---|---|---|",
+    ]
+    for key, part in schema["properties"].items():
+        default = part.get("default")
+        needed = (
+            "needed" if key in schema.get("required", ()) else "" if default in (None, []) else f"`{default}`"
+        )
+        lines.append(f"| `{key}` | {_holds(part)} | {needed} | {part.get('description', '')} |")
+    return "\n".join(lines)
+
+
+def _holds(part: dict) -> str:
+    """What a key holds, in words."""
+    if "$ref" in part:
+        name = part["$ref"].rpartition("/")[2]
+        return f"[{name}](#{name.lower()})"
+    if "const" in part or "enum" in part:
+        return ", ".join(f"`{value}`" for value in part.get("enum", [part.get("const")]))
+    kinds = part.get("anyOf") or part.get("oneOf")
+    if kinds:
+        words = (_holds(kind) for kind in kinds if kind.get("type") != "null")
+        return " or ".join(dict.fromkeys(words))
+    if part.get("type") == "array":
+        return "lowest, highest" if "prefixItems" in part else f"list of {_holds(part['items'])}"
+    if part.get("type") == "object":
+        return f"table of {_holds(part['additionalProperties'])}"
+    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    limits = ", ".join(f"{sign} {part[name]:g}" for name, sign in signs.items() if name in part)
+    return f"{words.get(part.get('type', ''), 'anything')} {limits}".rstrip()
+
+
 def on_page_markdown(markdown: str, *, page: Page, **_) -> str:
     """Files beside docs/ are not on the site: their links become their paths."""
     if "/" in page.file.src_uri:
@@ -49,4 +98,5 @@ def on_page_markdown(markdown: str, *, page: Page, **_) -> str:
         return f"[{text}]({PAGES[path]})" if path in PAGES else f"{text} (`{path}`)"
 
     markdown = markdown.replace("<!-- table of parameters -->", parameters_table())
+    markdown = markdown.replace("<!-- keys of problem files -->", problem_keys())
     return re.sub(r"(?<!!)\[([^\]]+)\]\(\.\./([^)#]+)\)", link, markdown)

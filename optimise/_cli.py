@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._problem import ProblemFile as ProblemFile
 from ._problem import problem_of as problem_of
 
 if TYPE_CHECKING:
@@ -19,17 +20,14 @@ if TYPE_CHECKING:
 def design_command(
     problem: Problem,
     output: Path,
-    starts: int | None = None,
-    seed: int | None = None,
     quiet: bool = False,
     suffix: str = ".png",
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions,
     OUTPUT-response.png.
 
-    `starts` and `seed` replace those of the problem, `suffix` is the format of the pictures. Returns the
-    design, the files, and what stopped the search, if anything did: then the design is the best one until
-    then.
+    `suffix` is the format of the pictures. Returns the design, the files, and what stopped the search, if
+    anything did: then the design is the best one until then.
     """
     import rockjax as rj
     from rockjax.internal import as_json, write_figure, write_whole
@@ -37,10 +35,9 @@ def design_command(
     from ._pictures import before_after, convergence
     from ._variables import as_podium
 
-    changes = {name: value for name, value in (("starts", starts), ("seed", seed)) if value is not None}
     stopped = None
     try:
-        design = problem.design(progress=not quiet, **changes)
+        design = problem.design(progress=not quiet)
     except rj.Interrupted as interrupted:
         if interrupted.partial is None:
             raise

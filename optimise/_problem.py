@@ -1,60 +1,18 @@
-"""Design problems in TOML files: structure, motions and options as at the head of rockjax/_problem.py, and
-besides
-
-starts = 4                       # optional; as are seed, tolerance, max_iterations
-seed = 0
-
-[vary]                           # name = [lowest, highest]
-width = [0.2, 1.5]
-
-[minimise]                       # optional
-quantity = "alpha"               # a parameter of the podium: alpha, R, gamma, width, height, eta …, or
-                                 # peak-rotation, peak-shear, peak-deformation, peak-drift,
-                                 # peak-floor-acceleration with motions = "…"; or
-quantity = "expected-loss"       # cost, a number for each unit of parameters: {width = 2e4}; loss, hazard,
-                                 # motions, max_intensity, width as for annual-frequency
-
-[[targets]]
-kind = "peak-rotation"           # peak-shear, peak-deformation, and of buildings peak-drift,
-                                 # peak-floor-acceleration: limit, motions
-limit = 0.4
-motions = "pulses"
-[[targets]]
-kind = "no-overturning"          # motions
-[[targets]]
-kind = "overturning-acceleration"  # at_least, pulse, T_p or frequency_ratio, ratio, max_acceleration_ratio
-[[targets]]
-kind = "overturning-scale"       # at_least, motions, max_scale, width
-[[targets]]
-kind = "median-capacity"         # at_least, motions, max_scale, width
-[[targets]]
-kind = "annual-frequency"        # at_most, hazard: a file as in [risk], motions, max_intensity, width
-[[targets]]
-kind = "overturning-probability" # at_most, motions, intensity, smoothing
-[[targets]]
-kind = "failure-probability"     # at_most, motion = {n, dt, S_0, omega_g, zeta_g, omega_f, zeta_f, envelope =
-                                 # {t_1, t_2, c}}, cov, rays, seed
-"""
+"""Design problems in TOML files: the tables that a design has besides structure, motions and options."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import operator
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax.internal import (
-    POSITIVE,
-    TEXT,
-    TRUTH,
-    Kind,
-    Reader,
-    load_table,
-    parameters_of,
-    read,
-    readable,
-    whole_number,
-)
+from rockjax.internal import PULSES, Reader, load_table, models, parameters_of, periods, read, readable
+from rockjax.internal import problem_key as key
 
 from ._annual import AnnualFrequency
 from ._answer import Design, aligned
@@ -84,35 +42,6 @@ from ._targets import (
 )
 from ._variables import Dimensions, Structure, as_podium, variables
 
-SETTINGS: dict[str, Kind] = {
-    "starts": whole_number(1),
-    "seed": whole_number(0),
-    "tolerance": POSITIVE,
-    "max_iterations": whole_number(1),
-}
-TARGET: dict[str, Kind] = {
-    "limit": POSITIVE,
-    "loss": POSITIVE,
-    "at_least": POSITIVE,
-    "at_most": POSITIVE,
-    "max_scale": POSITIVE,
-    "max_acceleration_ratio": POSITIVE,
-    "smoothing": POSITIVE,
-    "intensity": POSITIVE,
-    "max_intensity": POSITIVE,
-    "width": POSITIVE,
-    "hazard": TEXT,
-    "ratio": TRUTH,
-    "name": TEXT,
-    "cov": POSITIVE,
-    "rays": whole_number(8),
-    "seed": whole_number(0),
-}
-GAUSSIAN: dict[str, Kind] = {
-    "n": whole_number(2),
-    **dict.fromkeys(("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f"), POSITIVE),
-}
-ENVELOPE: dict[str, Kind] = dict.fromkeys(("t_1", "t_2", "c"), POSITIVE)
 EXPECTED_LOSS = "expected-loss"
 WORST: dict[str, type] = {
     "peak-rotation": WorstRotation,
@@ -121,6 +50,139 @@ WORST: dict[str, type] = {
     "peak-drift": WorstDrift,
     "peak-floor-acceleration": WorstFloorAcceleration,
 }
+Positive = models.Positive
+_SET, _WIDTH = (
+    "Name of a set of motions.",
+    "Width down to which windows are found, over the range searched [–].",
+)
+_HAZARD, _END = "File of a hazard curve, beside this file.", "End of the search, in SI units of the hazard."
+
+
+class EnvelopeKeys(models.Keys):
+    """The envelope of a random motion."""
+
+    t_1: Positive | None = key(None, "End of the rise [s].")
+    t_2: Positive | None = key(None, "Begin of the decay [s].")
+    c: Positive | None = key(None, "Rate of the decay [1/s].")
+
+
+class GaussianKeys(models.Keys):
+    """A random motion, as `rockjax.GaussianMotion`."""
+
+    n: models.Points = key(..., "Number of samples.")
+    dt: Positive = key(..., "Sampling interval [s].")
+    S_0: Positive = key(..., "Spectral density of the noise [m²/s³].")
+    omega_g: Positive | None = key(None, "Frequency of the soil [rad/s].")
+    zeta_g: Positive | None = key(None, "Damping ratio of the soil [–].")
+    omega_f: Positive | None = key(None, "Frequency of the high-pass filter [rad/s].")
+    zeta_f: Positive | None = key(None, "Its damping ratio [–].")
+    envelope: EnvelopeKeys | None = key(None, "Envelope of the motion.")
+
+
+# Keys of targets: what they hold, and their meaning.
+TARGET_KEYS: dict[str, tuple[Any, str]] = {
+    "limit": (Positive, "Largest peak: |θ|/α, V/(m_t g) [–], deformation or drift [m], acceleration [m/s²]."),
+    "at_least": (Positive, "Least factor on the motions [–]; of pulses [m/s²], or with ratio a_p/(g tan α)."),
+    "at_most": (Positive, "Largest probability [–], or frequency [1/year]."),
+    "hazard": (str, _HAZARD),
+    "motions": (str, _SET),
+    "motion": (GaussianKeys, "The random motion."),
+    "pulse": (models.PulseName, "Kind of the pulse."),
+    "T_p": (models.Periods, "Periods of the pulse [s]."),
+    "frequency_ratio": (models.Periods, "Frequencies ω_p/p of the pulse [–], instead of its periods."),
+    "ratio": (bool, "Whether at_least is a_p/(g tan α)."),
+    "max_acceleration_ratio": (Positive, "End of the search, a_p/(g tan α) [–]."),
+    "max_scale": (Positive, "End of the search, a factor on the motions [–]."),
+    "max_intensity": (Positive, _END),
+    "width": (Positive, _WIDTH),
+    "intensity": (Positive, "Factor on the motions [–]."),
+    "smoothing": (Positive, "Width h of the smoothed count [–]."),
+    "cov": (Positive, "Coefficient of variation of the estimate [–]."),
+    "rays": (Annotated[int, Field(ge=8)], "Number of rays."),
+    "seed": (models.Index, "Seed of the rays."),
+    "name": (str, "Name in reports."),
+}
+# Targets: class, the keys that are its first arguments, in their order, and further ones.
+TARGETS: dict[str, tuple[type[AbstractTarget], str, str]] = {
+    "peak-rotation": (PeakRotation, "limit motions", ""),
+    "peak-shear": (PeakShear, "limit motions", ""),
+    "peak-deformation": (PeakDeformation, "limit motions", ""),
+    "peak-drift": (PeakDrift, "limit motions", ""),
+    "peak-floor-acceleration": (PeakFloorAcceleration, "limit motions", ""),
+    "no-overturning": (NoOverturning, "motions", ""),
+    "overturning-acceleration": (
+        OverturningAcceleration,
+        "at_least pulse",
+        "T_p frequency_ratio ratio max_acceleration_ratio width",
+    ),
+    "overturning-scale": (OverturningScale, "at_least motions", "max_scale width"),
+    "median-capacity": (MedianCapacity, "at_least motions", "max_scale width"),
+    "annual-frequency": (AnnualFrequency, "at_most hazard motions", "max_intensity width"),
+    "overturning-probability": (OverturningProbability, "at_most motions", "intensity smoothing"),
+    "failure-probability": (FailureProbability, "at_most motion", "cov rays seed"),
+}
+
+
+def _target(kind: str) -> Any:
+    """Return the model of a target."""
+    _, needed, further = TARGETS[kind]
+    fields: Any = {name: (TARGET_KEYS[name][0], key(..., TARGET_KEYS[name][1])) for name in needed.split()}
+    for name in (*further.split(), "name"):
+        fields[name] = TARGET_KEYS[name][0] | None, key(None, TARGET_KEYS[name][1])
+    fields["kind"] = Literal[kind], key(..., "Kind of the target.")
+    return create_model(kind, __base__=models.Keys, **fields)
+
+
+if TYPE_CHECKING:
+    Target = Any
+else:
+    Target = Annotated[functools.reduce(operator.or_, map(_target, TARGETS)), Field(discriminator="kind")]
+
+
+class Quantity(models.Keys):
+    """A parameter of the podium, or a peak under motions."""
+
+    quantity: str = key(..., f"A parameter of the podium, {', '.join(WORST)}.")
+    motions: str | None = key(None, _SET)
+
+
+class LossKeys(models.Keys):
+    """Cost and what overturning loses."""
+
+    quantity: Literal["expected-loss"]
+    cost: Annotated[dict[str, Positive], Field(min_length=1)] = key(..., "Cost for each unit of parameters.")
+    loss: Positive = key(..., "Loss of an overturning, in the unit of the cost.")
+    hazard: str = key(..., _HAZARD)
+    motions: str = key(..., _SET)
+    max_intensity: Positive | None = key(None, _END)
+    width: Positive | None = key(None, _WIDTH)
+
+
+def _quantity(given: Any) -> str:
+    return "Loss" if isinstance(given, dict) and given.get("quantity") == EXPECTED_LOSS else "Quantity"
+
+
+class ProblemFile(models.Problem):
+    """A problem file with a design."""
+
+    structure: models.Structure = key(..., "The structure, by ratios or by dimensions.")
+    vary: dict[str, models.Bounds] = key(..., "What may vary: name = [lowest, highest].")
+    minimise: (
+        Annotated[
+            Annotated[LossKeys, Tag("Loss")] | Annotated[Quantity, Tag("Quantity")], Discriminator(_quantity)
+        ]
+        | None
+    ) = key(None, "What is to be least; the nearest design where not given.")
+    targets: list[Target] = key([], "What the design must keep.")
+
+    @model_validator(mode="after")
+    def _check(self) -> ProblemFile:
+        if self.minimise is None and not self.targets:
+            raise ValueError("nothing to do: give [minimise], [[targets]] or both")
+        return self
+
+
+SETTINGS = ("starts", "seed", "tolerance", "max_iterations")
 
 
 class Problem(NamedTuple):
@@ -170,7 +232,7 @@ def _described(asked: Problem) -> str:
 
 
 def load(path: str | Path) -> Problem:
-    """The design problem in a TOML file; the schema is at the head of this module and of rockjax/_problem.py.
+    """The design problem in a TOML file.
 
     Raises `ValueError` that names the file, the key and the cause.
     """
@@ -178,10 +240,11 @@ def load(path: str | Path) -> Problem:
     return problem_of(load_table(path), path)
 
 
-def problem_of(table: dict[str, Any], path: Path, where: str | None = None) -> Problem:
-    """The design problem in the table of a file; `where` is what complaints begin with, by default its
-    path."""
-    return _Reader(path, where).problem(table)
+def problem_of(
+    table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
+) -> Problem:
+    """The design problem in the table of a file; `options` as for the reader of rockjax."""
+    return _Reader(path, options).problem(table)
 
 
 class _Number:
@@ -209,137 +272,72 @@ class _Cost:
 class _Reader(Reader):
     """Reads what a design needs besides."""
 
-    def __init__(self, path: Path, where: str | None = None):
-        super().__init__(path, where, by_dimensions=Dimensions)
-
-    def problem(self, table: dict) -> Problem:
-        self.whole(table, ("structure", "vary"))
-        settings = self.entries(table, "", SETTINGS)
-        structure = self.structure(table["structure"])
+    def problem(self, table: dict[str, Any]) -> Problem:
+        """Return the problem of a table. Raises `ValueError` that names the file, the key and the cause."""
+        given = self.check(ProblemFile, table)
+        structure = self.structure(given.structure, Dimensions)
         podium = as_podium(structure)
-        motions = self.motions(table.get("motions", {}), podium)
-        vary = table["vary"]
-        if not isinstance(vary, dict):
-            self.fail("vary", f"must be a table of name = [lowest, highest], got {vary!r}")
+        motions = self.motions(given.motions, podium)
         with self.at("vary"):
-            variables(structure, vary)
-        entries = table.get("targets", [])
-        if not isinstance(entries, list):
-            self.fail("targets", "must be an array of tables, [[targets]]")
+            variables(structure, given.vary)
         targets = tuple(
-            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(entries)
+            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(given.targets)
         )
-        options = self.options(table)
-        minimise = self.minimise(table["minimise"], motions, podium) if "minimise" in table else None
-        if minimise is None and not targets:
-            self.fail("targets", "nothing to do: give [minimise], [[targets]] or both")
+        minimise = None if given.minimise is None else self.minimise(given.minimise, motions, podium)
+        settings = {name: value for name, value in given.given().items() if name in SETTINGS}
         return Problem(
-            structure, {k: tuple(v) for k, v in vary.items()}, minimise, targets, options, settings, motions
+            structure, given.vary, minimise, targets, self.options(given.options), settings, motions
         )
 
-    def minimise(self, value, motions: dict, podium: rj.Podium):
-        if isinstance(value, dict) and value.get("quantity") == EXPECTED_LOSS:
-            return self.expected_loss(value, motions, podium)
-        entry = self.table(value, "minimise", ("quantity",), ("motions",))
-        quantity = entry["quantity"]
-        if not isinstance(quantity, str):
-            self.fail("minimise.quantity", f"must be a text, got {quantity!r}")
-        if quantity in parameters_of(podium):
-            if "motions" in entry:
-                self.fail("minimise.motions", f"has no meaning for {quantity}")
-            return _Number(quantity)
-        if quantity not in WORST:
-            self.fail(
-                "minimise.quantity",
-                f"must be one of {', '.join((*parameters_of(podium), *WORST, EXPECTED_LOSS))}, "
-                f"got {quantity!r}",
-            )
-        if "motions" not in entry:
-            self.fail("minimise", f"motions is missing: {quantity} under which?")
-        return WORST[quantity](self.chosen(entry, "minimise", motions))
-
-    def expected_loss(self, value, motions: dict, podium: rj.Podium) -> ExpectedLoss:
-        """Cost and what overturning loses in a year; `at_most` of the risk is not looked at."""
-        needed = ("quantity", "cost", "loss", "hazard", "motions")
-        entry = self.table(value, "minimise", needed, ("max_intensity", "width"))
-        rates = self.table(entry["cost"], "minimise.cost", (), tuple(parameters_of(podium)))
-        rates = self.entries(rates, "minimise.cost", dict.fromkeys(rates, POSITIVE))
-        if not rates:
-            self.fail("minimise.cost", "is empty: give a number for each unit of a parameter")
-        numbers = self.entries(entry, "minimise", TARGET)
-        how = {name: numbers[name] for name in ("max_intensity", "width") if name in numbers}
-        with self.at("minimise"):
-            suite = self.chosen(entry, "minimise", motions)
-            risk = AnnualFrequency(1.0, self.hazard(numbers["hazard"]), suite, **how)
-            return ExpectedLoss(_Cost(rates), numbers["loss"], risk)
+    def minimise(self, entry: Quantity | LossKeys, motions: Mapping[str, Any], podium: rj.Podium) -> Any:
+        """Return the objective."""
+        known = tuple(parameters_of(podium))
+        if isinstance(entry, LossKeys):
+            for name in entry.cost:
+                if name not in known:
+                    self.fail(f"minimise.cost.{name}", f"is not known; known are {', '.join(known)}")
+            with self.at("minimise"):
+                suite = motions[self.named(motions, entry.motions, "minimise.motions")]
+                risk = AnnualFrequency(
+                    1.0,
+                    self.hazard(entry.hazard),
+                    suite,
+                    **entry.given("quantity", "cost", "loss", "hazard", "motions"),
+                )
+                return ExpectedLoss(_Cost(entry.cost), entry.loss, risk)
+        if entry.quantity in known and entry.motions is not None:
+            self.fail("minimise.motions", f"has no meaning for {entry.quantity}")
+        if entry.quantity in known:
+            return _Number(entry.quantity)
+        if entry.quantity not in WORST:
+            every = ", ".join((*known, *WORST, EXPECTED_LOSS))
+            self.fail("minimise.quantity", f"must be one of {every}, got {entry.quantity!r}")
+        if entry.motions is None:
+            self.fail("minimise", f"motions is missing: {entry.quantity} under which?")
+        return WORST[entry.quantity](motions[self.named(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:
-        """The hazard curve in a file beside this one."""
+        """Return the hazard curve in a file beside this one."""
         return rj.Hazard.from_file(self.folder / name).in_si()
 
-    def target(self, entry, key: str, motions: dict, podium: rj.Podium) -> AbstractTarget:
-        kinds: dict[str, tuple[type[AbstractTarget], tuple[str, ...], tuple[str, ...]]] = {
-            "peak-rotation": (PeakRotation, ("limit", "motions"), ()),
-            "peak-shear": (PeakShear, ("limit", "motions"), ()),
-            "peak-deformation": (PeakDeformation, ("limit", "motions"), ()),
-            "peak-drift": (PeakDrift, ("limit", "motions"), ()),
-            "peak-floor-acceleration": (PeakFloorAcceleration, ("limit", "motions"), ()),
-            "no-overturning": (NoOverturning, ("motions",), ()),
-            "overturning-acceleration": (
-                OverturningAcceleration,
-                ("at_least", "pulse"),
-                ("T_p", "frequency_ratio", "ratio", "max_acceleration_ratio", "width"),
-            ),
-            "overturning-scale": (OverturningScale, ("at_least", "motions"), ("max_scale", "width")),
-            "median-capacity": (MedianCapacity, ("at_least", "motions"), ("max_scale", "width")),
-            "annual-frequency": (
-                AnnualFrequency,
-                ("at_most", "hazard", "motions"),
-                ("max_intensity", "width"),
-            ),
-            "overturning-probability": (
-                OverturningProbability,
-                ("at_most", "motions"),
-                ("intensity", "smoothing"),
-            ),
-            "failure-probability": (
-                FailureProbability,
-                ("at_most", "motion"),
-                ("cov", "rays", "seed"),
-            ),
-        }
-        if not isinstance(entry, dict) or "kind" not in entry:
-            self.fail(key, "kind is missing")
-        if not isinstance(entry["kind"], str) or entry["kind"] not in kinds:
-            self.fail(f"{key}.kind", f"must be one of {', '.join(kinds)}, got {entry['kind']!r}")
-        kind, needed, optional = kinds[entry["kind"]]
-        self.table(entry, key, ("kind", *needed), (*optional, "name"))
-        self.entries(entry, key, TARGET)
-        numbers = {
-            name: value
-            for name, value in entry.items()
-            if name not in ("kind", "motion", "motions", "pulse", "T_p", "frequency_ratio")
-        }
-        with self.at(key):
-            if kind is OverturningAcceleration:
-                pulse, T_p = self.pulse(entry["pulse"], f"{key}.pulse"), self.periods(entry, key, podium)
-                at_least = numbers.pop("at_least")
-                return OverturningAcceleration(at_least, pulse, T_p, **numbers)
-            if kind is FailureProbability:
-                at_most, motion = numbers.pop("at_most"), self.gaussian(entry["motion"], f"{key}.motion")
-                return FailureProbability(at_most, motion, **numbers)
-            if "hazard" in numbers:
-                numbers["hazard"] = self.hazard(numbers["hazard"])
-            first = {name: numbers.pop(name) for name in needed if name in numbers}
-            make: Any = kind
-            return make(*first.values(), self.chosen(entry, key, motions), **numbers)
-
-    def gaussian(self, value, key: str) -> rj.GaussianMotion:
-        """A random ground motion in a table of its numbers."""
-        entry = self.table(value, key, ("n", "dt", "S_0"), (*list(GAUSSIAN)[3:], "envelope"))
-        numbers = self.entries({k: y for k, y in entry.items() if k != "envelope"}, key, GAUSSIAN)
-        if "envelope" in entry:
-            envelope = self.table(entry["envelope"], f"{key}.envelope", (), tuple(ENVELOPE))
-            numbers["envelope"] = rj.Envelope(**self.entries(envelope, f"{key}.envelope", ENVELOPE))
-        with self.at(key):
-            return rj.GaussianMotion(**numbers)
+    def target(self, entry: Any, at: str, motions: Mapping[str, Any], podium: rj.Podium) -> AbstractTarget:
+        """Return a target: needed keys are the first arguments of its class, in their order."""
+        with self.at(at):
+            given: dict[str, Any] = entry.given("kind")
+            if "motions" in given:
+                given["motions"] = motions[self.named(motions, entry.motions, f"{at}.motions")]
+            if "hazard" in given:
+                given["hazard"] = self.hazard(entry.hazard)
+            if "pulse" in given:
+                models.one_of(given, "T_p", "frequency_ratio")
+                given |= {"pulse": PULSES[entry.pulse], "T_p": periods(entry, podium)}
+                given.pop("frequency_ratio", None)
+            if "motion" in given:
+                with self.at(f"{at}.motion"):
+                    numbers = entry.motion.given()
+                    if "envelope" in numbers:
+                        numbers["envelope"] = rj.Envelope(**numbers["envelope"].given())
+                    given["motion"] = rj.GaussianMotion(**numbers)
+            make, needed, _ = TARGETS[entry.kind]
+            first = [given.pop(name) for name in needed.split()]
+            return make(*first, **given)

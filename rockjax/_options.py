@@ -106,7 +106,9 @@ class Options(Module):
             )
 
     def _repr_html_(self):
-        return card(self)
+        from ._problem.models import Options as Keys
+
+        return card(self, {name: field.description or "" for name, field in Keys.model_fields.items()})
 
     @property
     def solver(self) -> diffrax.AbstractSolver:

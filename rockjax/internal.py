@@ -4,6 +4,7 @@ from ._boundaries.boundary import BOUNDARY
 from ._boundaries.crossings import scan
 from ._boundaries.verdict import NARROWEST
 from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
+from ._excitations.pulses import PULSES
 from ._files import as_json, write_figure, write_whole
 from ._module import Module
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
@@ -20,9 +21,9 @@ from ._parameters.table import (
     of_motion,
 )
 from ._parameters.variants import find, has, parameters_of, read, varied
-from ._problem import Reader, load_table
-from ._problem_keys import POSITIVE, TEXT, TRUTH, Kind
-from ._problem_keys import whole as whole_number
+from ._problem import models
+from ._problem.models import key as problem_key
+from ._problem.reading import Reader, load_table, periods
 from ._programs.key import TracedFunction
 from ._programs.program import KeptProgram
 from ._progress import bar
@@ -41,17 +42,14 @@ __all__ = [
     "DIMENSIONS",
     "NARROWEST",
     "PEAKS",
-    "POSITIVE",
+    "PULSES",
     "ROWS_OF_DIMENSIONS",
     "STRUCTURE",
-    "TEXT",
-    "TRUTH",
     "UNTIL_OVERTURNING",
     "AbstractPeak",
     "AnyMotion",
     "AnyMotions",
     "KeptProgram",
-    "Kind",
     "Module",
     "Parameter",
     "Rays",
@@ -81,11 +79,14 @@ __all__ = [
     "lines",
     "load_table",
     "measured_as",
+    "models",
     "numbered",
     "of_kind",
     "of_motion",
     "parameters_of",
+    "periods",
     "probability_at",
+    "problem_key",
     "rays_at",
     "read",
     "readable",
@@ -97,7 +98,6 @@ __all__ = [
     "single",
     "varied",
     "whole",
-    "whole_number",
     "write_figure",
     "write_whole",
     "written",

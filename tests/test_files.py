@@ -53,8 +53,8 @@ def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         from rockjax._cli import main
         import rockjax.plots
-        from rockjax._cli import _spectrum
-        _spectrum.prepare = lambda report: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
+        from rockjax._cli import _run
+        _run.prepare = lambda report: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
         flags = ["--points", "12", "--T-s", "0", "--eta-over-gamma", "1", "-q", "-o", "out"]
         sys.argv = ["rockjax", "spectrum", *flags]
         main()

@@ -9,7 +9,7 @@ from ._overturning import overturning
 from ._plot import plot
 from ._response import response
 from ._risk import risk
-from ._run import command
+from ._schema import schema
 from ._spectrum import spectrum
 from ._sweep import sweep
 
@@ -24,8 +24,9 @@ for _function in (
     motions,
     synthetic,
     plot,
+    schema,
     cache,
 ):
-    app.command()(command(_function))
+    app.command()(_function)
 
 __all__ = ["app", "main"]

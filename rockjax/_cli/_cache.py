@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from typing import Annotated
 
-from ._options import OUTPUT
-from ._run import Report, option
+from rockjax._problem.models import OUTPUT
+
+from ._options import option
+from ._run import Report, command
 
 
+@command(jax=False)
 def cache(
     report: Report,
     clear: Annotated[

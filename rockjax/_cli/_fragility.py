@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import enum
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ._given import Given, names, problem_file
-from ._motions import Pattern, read
-from ._options import (
-    ACCURACY,
-    GRID,
-    MOTION,
-    Component,
-    Example,
-    Output,
-    Rtol,
-    SamplingInterval,
-    Structure,
-    Units,
-)
+from rockjax._problem import models
+from rockjax._problem.models import MOTION
+
+from ._given import Given, records_of
+from ._options import ONE, Output, accuracy, argument, option, options_of, structure_options
 from ._outputs import Outputs, outputs
-from ._run import Flags, Report, argument, flag, option, prepare
+from ._run import Report, command
 
 if TYPE_CHECKING:
     import xarray
@@ -31,109 +20,17 @@ if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
 
 HIGHEST = 6.0  # PGA over g tan α: up to there the suite is scaled, where nothing else is said
-STATISTICS = "Statistics"
+FILES = ("units", "dt", "component", "pattern", "paired")
 
 
-class MeasureName(enum.StrEnum):
-    PGA = "PGA"
-    PGV = "PGV"
-    Sa = "Sa"
-    scale = "scale"
-
-
-class FitName(enum.StrEnum):
-    capacities = "capacities"
-    stripes = "stripes"
-
-
-@dataclass
-class Suite(Flags):
-    synthetic: Annotated[
-        int | None,
-        option("--synthetic", panel=MOTION, min=2, help="So many synthetic motions, instead of files."),
-    ] = None
-    units: Units = None
-    dt: SamplingInterval = None
-    component: Component = None
-    pattern: Pattern = None
-    paired: Annotated[
-        bool,
-        option("--paired", panel=MOTION, help="Each horizontal record with the vertical one of its station."),
-    ] = False
-    motions: Annotated[
-        str | None,
-        option(
-            "--motions", panel=MOTION, help="Which set of motions of the problem file, where it has several."
-        ),
-    ] = None
-
-
-@dataclass
-class Levels(Flags):
-    measure: Annotated[
-        MeasureName,
-        option(
-            "--measure",
-            panel=GRID,
-            help="Intensity: PGA, PGV, Sa at --measure-period, or the factor on the records.",
-        ),
-    ] = MeasureName.PGA
-    measure_period: Annotated[
-        float | None, option("--measure-period", panel=GRID, help="Period of Sa [s].")
-    ] = None
-    intensity: Annotated[
-        tuple[float, float] | None,
-        option(
-            "--intensity",
-            panel=GRID,
-            help=(
-                "Lowest and highest level, in units of the measure: [m/s²], [m/s], [–]. By default up to "
-                "the level at which "
-                "the median PGA of the suite is 6 g tan α."
-            ),
-        ),
-    ] = None
-    levels: Annotated[int, option("--levels", panel=GRID, min=1, help="Number of levels.")] = 20
-
-
-@dataclass
-class Statistics(Flags):
-    method: Annotated[
-        FitName,
-        option(
-            "--method",
-            panel=STATISTICS,
-            help="Fit of the least overturning intensities, or of the counts at the levels.",
-        ),
-    ] = FitName.capacities
-    confidence: Annotated[
-        float, option("--confidence", panel=STATISTICS, help="Of the intervals and bands, in 0…1 [–].")
-    ] = 0.9
-    seed: Annotated[int, option("--seed", panel=STATISTICS, min=0, help="Seed of synthetic motions.")] = 0
-    sensitivities: Annotated[
-        str,
-        option(
-            "--sensitivities",
-            panel=STATISTICS,
-            help="Parameters y of d ln(median)/d ln y, separated by commas.",
-        ),
-    ] = ""
-
-
-@dataclass
-class Tolerance(Flags):
-    limit: Annotated[
-        float, option("--limit", panel=ACCURACY, help="Limit state max|θ|/α [–]; 1 is overturning.")
-    ] = 1.0
-    rtol: Rtol = 1e-9
-
-
+@command(
+    structure_options(**ONE),
+    options_of(models.Suite, *FILES),
+    options_of(models.Fragility),
+    accuracy(rtol=1e-9, overturn_ratio=1.0),
+)
 def fragility(
-    structure: Structure,
-    suite: Suite,
-    levels: Levels,
-    statistics: Statistics,
-    accuracy: Tolerance,
+    given: Given,
     report: Report,
     inputs: Annotated[
         list[Path] | None,
@@ -142,7 +39,10 @@ def fragility(
             show_default=False,
         ),
     ] = None,
-    example: Example = None,
+    synthetic: Annotated[
+        int | None,
+        option("--synthetic", panel=MOTION, min=2, help="So many synthetic motions, instead of files."),
+    ] = None,
     output: Output = "rockjax-fragility",
 ) -> None:
     """A fragility curve: the probability that a suite of records overturns the structure, over their
@@ -163,26 +63,15 @@ def fragility(
         --intensity 0.5 12 --method stripes
       rockjax fragility --example fragility --levels 40
     """
-    prepare(report)
     import numpy as np
 
     import rockjax as rj
     from rockjax._motions.convert import distinct
     from rockjax._structures import g_tan_alpha
 
-    problems = [path for path in inputs or [] if path.suffix.lower() == ".toml"]
-    paths = [path for path in inputs or [] if path not in problems]
-    if len(problems) > 1:
-        raise ValueError(f"{problems[1]}: is a second problem file; give one")
     to = outputs(output, "rockjax-fragility").check(("fragility", "ida"))
-    problem = problem_file(problems[0] if problems else None, example)
-    given = Given("fragility", problem, structure, suite, levels, statistics, accuracy)
-    podium = given.podium(structure)
-    suite, levels, statistics = given.settings(suite), given.settings(levels), given.settings(statistics)
-    found = _suite(given, suite, statistics.seed, paths)
-    options = given.options(accuracy)
-    if not 0 < statistics.confidence < 1:
-        raise ValueError(f"--confidence: must be in (0, 1), got {statistics.confidence:g}")
+    podium, levels, options = given.podium(), given.settings, given.options()
+    found = _suite(given, synthetic, inputs or [])
     measure = _measure(levels, found)
     if levels.intensity is None:
         highest = (
@@ -193,8 +82,6 @@ def fragility(
         low, high = highest / levels.levels, highest
     else:
         low, high = levels.intensity
-        if not 0 < low <= high:
-            raise ValueError(f"--intensity: must have 0 < lowest <= highest, got {low:g} and {high:g}")
     x = np.linspace(low, high, levels.levels)
     report.note(
         f"{len(found)} records of up to "
@@ -207,14 +94,14 @@ def fragility(
             x,
             measure=measure,
             names=distinct(found.names),
-            sensitivities=names(statistics.sensitivities),
+            sensitivities=levels.sensitivities,
             options=options,
             progress=bar,
         )
-    _finish(report, to, analysis, statistics)
+    _finish(report, to, analysis, levels)
 
 
-def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: Statistics) -> None:
+def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.Fragility) -> None:
     import numpy as np
 
     from rockjax._text.tables import units
@@ -235,7 +122,7 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
         "scenes": analysis.attrs["scenes"],
         "measure": name,
     }
-    curve = _curve(report, analysis, statistics)
+    curve = _curve(report, analysis, how)
     if curve is None:
         # The analysis has cost something, and says where to go on.
         report.write(to.data(), analysis)
@@ -249,12 +136,12 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
     report.facts |= {"units": of or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
         (a, b), (c, d) = np.asarray(curve["interval"].transpose("quantity", "bound"))
-        share = f", {statistics.confidence:.0%} interval"
+        share = f", {how.confidence:.0%} interval"
         of_median, of_dispersion = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
         report.facts |= {
             "median_interval": [a, b],
             "dispersion_interval": [c, d],
-            "confidence": statistics.confidence,
+            "confidence": how.confidence,
         }
     report.say(f"median overturning {name}: {median:.4g}{in_units}{of_median}")
     report.say(f"dispersion: {dispersion:.3f}{of_dispersion}")
@@ -269,16 +156,15 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, statistics: S
         report.error(f"{failed} scenes ended without an answer")
 
 
-def _curve(report: Report, analysis: xarray.Dataset, statistics: Statistics) -> xarray.Dataset | None:
+def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> xarray.Dataset | None:
     """The curve with its intervals; without them, or nothing, where the records do not say more."""
     import rockjax as rj
 
-    method = statistics.values()["method"]
     try:
-        return rj.fragility(analysis, method=method, confidence=statistics.confidence)
+        return rj.fragility(analysis, method=how.method, confidence=how.confidence)
     except ValueError as error:
         try:
-            curve = rj.fragility(analysis, method=method, confidence=None)
+            curve = rj.fragility(analysis, method=how.method, confidence=None)
         except ValueError:
             report.error(f"no curve: {error}")
             return None
@@ -286,44 +172,36 @@ def _curve(report: Report, analysis: xarray.Dataset, statistics: Statistics) -> 
         return curve
 
 
-def _suite(given: Given, suite: Suite, seed: int, paths: list[Path]) -> Motions:
-    """The records that are meant: files, synthetic ones, or a set of the problem file."""
+def _suite(given: Given, synthetic: int | None, paths: list[Path]) -> Motions:
+    """Return the records that are meant: files, synthetic ones, or a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
-    sets = given.reader.sets(given.table.get("motions", {}))
-    if paths and suite.synthetic is not None:
+    if paths and synthetic is not None:
         raise ValueError("--synthetic: give files or synthetic motions, not both")
-    if suite.synthetic is not None:
-        return synthetic_motions(suite.synthetic, seed=seed)
+    if synthetic is not None:
+        return synthetic_motions(synthetic, seed=given.settings.seed)
+    chosen = given.chosen(FILES)
     if paths:
-        found = read(paths, suite.values()["units"], suite.dt, suite.component, suite.pattern)
-        return found.paired() if suite.paired else found
+        paired = chosen.pop("paired", False)
+        found = records_of(given.reader, paths, chosen)
+        return found.paired() if paired else found
+    sets = given.problem.motions
     if not sets:
         raise ValueError(
             "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
         )
-    for name in ("units", "dt", "component", "pattern", "paired"):
-        if name in suite.given:
-            raise ValueError(f"{flag(name)}: is for files that are named here, not in the problem file")
-    name = suite.motions
-    if name is None and len(sets) > 1:
-        given.reader.fail(
-            "fragility",
-            f"motions is missing: which of {', '.join(sets)}? ([fragility] motions, or --motions)",
-        )
-    name = next(iter(sets)) if name is None else name
-    return given.reader.recorded_set(
-        given.reader.set_named(name, "fragility.motions", sets), f"motions.{name}"
-    )
+    for name in chosen:
+        raise ValueError(f"--{name}: is for files that are named here, not in the problem file")
+    return given.reader.recorded(sets, given.set_name(given.settings.motions, "motions"))
 
 
-def _measure(levels: Levels, found: Motions) -> rj.Measure:
+def _measure(levels: models.Fragility, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
     from rockjax._motions.intensity import measured_as
 
-    name = levels.values()["measure"]
+    name = levels.measure
     if name != "Sa" and levels.measure_period is not None:
         raise ValueError(f"--measure-period: has no meaning for {name}; it is of Sa")
     if name == "Sa" and levels.measure_period is None:

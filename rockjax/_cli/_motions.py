@@ -7,36 +7,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._given import component as channel
-from ._given import numbers
-from ._options import GRID, MOTION, OUTPUT, Component, SamplingInterval, Units, said
+from rockjax._problem import models
+from rockjax._problem.models import MOTION, OUTPUT
+
+from ._given import records_of
+from ._options import argument, option, options_of
 from ._outputs import outputs, require_writable
-from ._run import Report, argument, option
+from ._run import Report, command
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rockjax._excitations.base import AbstractExcitation
-    from rockjax._motions.motion import Motion, Motions
+    from rockjax._motions.motion import Motion
 
-Pattern = Annotated[
-    str | None, option("--pattern", panel=MOTION, help="Which files of folders, such as '*.AT2'.")
-]
+FILES = ("units", "dt", "component", "pattern")
 
 
+@command(
+    options_of(models.Suite, *FILES),
+    options_of(models.Measures),
+    options_of(models.ByRatios, "tan_alpha", "R"),
+    jax=False,
+)
 def motions(
+    reader: Any,
     paths: Annotated[
         list[Path], argument("Files, folders, tables of files (suite.csv), or one problem file (.toml).")
     ],
     report: Report,
-    units: Units = None,
-    dt: SamplingInterval = None,
-    component: Component = None,
-    pattern: Pattern = None,
-    periods: Annotated[
-        str, option("--periods", panel=GRID, help="Periods of Sa(T) [s], separated by commas.")
-    ] = "0.2,0.5,1,2",
-    damping: Annotated[float, option("--damping", panel=GRID, help="Damping ratio of Sa(T) [–].")] = 0.05,
-    tan_alpha: Annotated[float | None, said("tan_alpha", "; with --R")] = None,
-    R: Annotated[float | None, said("R", "; with --tan-alpha")] = None,
     output: Annotated[
         str | None,
         option(
@@ -61,73 +60,48 @@ def motions(
       rockjax motions record.txt --units g --dt 0.01 --tan-alpha 0.15 \\
         --R 1.5 -o measures
     """
-    import math
-
     if any(path.suffix.lower() == ".toml" for path in paths):
-        others = {"--units": units, "--dt": dt, "--component": component, "--pattern": pattern}
-        others |= {"--tan-alpha": tan_alpha, "--R": R, "--output": output}
-        list_problem(paths, [name for name, value in others.items() if value is not None], report)
+        list_problem(paths, reader.set_by_options, report)
         return
     to = None if output is None else outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
-    from rockjax._structures import STANDARD_GRAVITY, Podium
-    from rockjax._text.tables import lines
+    from rockjax._structures import STANDARD_GRAVITY
 
-    if (tan_alpha is None) != (R is None):
+    column = reader.chosen(("tan_alpha", "R"))
+    if len(column) == 1:
         raise typer.BadParameter("--tan-alpha and --R go together")
-    if tan_alpha is not None and not (tan_alpha > 0 and math.isfinite(tan_alpha)):
-        raise ValueError(f"--tan-alpha: must be finite and > 0, got {tan_alpha:g}")
-    podium = None if tan_alpha is None or R is None else Podium(math.atan(tan_alpha), R)
-    wanted = numbers("periods", periods)
-    found = read(paths, units and units.value, dt, component, pattern)
-    data = intensity_measures(found, periods=wanted, damping=damping, podium=podium)
-    columns: list[tuple[str, list[float]]] = [
-        ("dt [s]", data["dt"].values.tolist()),
-        ("duration [s]", data["duration"].values.tolist()),
-        ("PGA [g]", (data["PGA"].values / STANDARD_GRAVITY).tolist()),
-        ("PGV [m/s]", data["PGV"].values.tolist()),
-        *(
-            (f"Sa({T:g} s) [g]", (data["Sa"].isel(period=k).values / STANDARD_GRAVITY).tolist())
-            for k, T in enumerate(wanted)
-        ),
-        ("Arias [m/s]", data["arias_intensity"].values.tolist()),
-        ("D5–95 [s]", data["D5_95"].values.tolist()),
-    ]
+    podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
+    how = reader.check(models.Measures, reader.chosen(("periods", "damping")))
+    found = records_of(reader, paths, reader.chosen(FILES))
+    data = intensity_measures(found, periods=how.periods, damping=how.damping, podium=podium)
+    spectral = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(how.periods)}
+    columns = {
+        "dt [s]": data["dt"],
+        "duration [s]": data["duration"],
+        "PGA [g]": data["PGA"] / STANDARD_GRAVITY,
+        "PGV [m/s]": data["PGV"],
+        **{name: y / STANDARD_GRAVITY for name, y in spectral.items()},
+        "Arias [m/s]": data["arias_intensity"],
+        "D5–95 [s]": data["D5_95"],
+    }
     if podium is not None:
-        columns += [
-            ("PGA/(g tan α)", data["acceleration_ratio"].values.tolist()),
-            ("p PGV/(g tan α)", data["velocity_ratio"].values.tolist()),
-        ]
-    rows = [("name", *(name for name, _ in columns))]
-    rows += [(name, *(f"{values[k]:.4g}" for _, values in columns)) for k, name in enumerate(found.names)]
-    for line in lines(rows, numbers=True):
-        report.say(line)
-    report.facts["motions"] = [
-        {"name": name} | {key: values[k] for key, values in columns} for k, name in enumerate(found.names)
-    ]
+        columns["PGA/(g tan α)"], columns["p PGV/(g tan α)"] = (
+            data["acceleration_ratio"],
+            data["velocity_ratio"],
+        )
+    _show(
+        report,
+        [
+            {"name": name} | {of: float(y.values[k]) for of, y in columns.items()}
+            for k, name in enumerate(found.names)
+        ],
+        numbers=True,
+    )
     if to is not None:
         report.write(to.data(), data)
 
 
-def read(
-    paths: list[Path], units: str | None, dt: float | None, component: str | None, pattern: str | None
-) -> Motions:
-    """Motions of files, folders and tables."""
-    from rockjax._motions.motion import Motions
-    from rockjax._motions.readers import is_table, read_motion, read_suite
-
-    which, found = channel(component), []
-    for path in paths:
-        if path.is_dir():
-            found += list(read_suite(path, units=units, dt=dt, component=which, pattern=pattern))
-        elif is_table(path):
-            found += list(read_suite(path, units=units, dt=dt, component=which))
-        else:
-            found.append(read_motion(path, units=units, dt=dt, component=which))
-    return Motions(tuple(found))
-
-
-def list_problem(paths: list[Path], options: list[str], report: Report) -> None:
+def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], report: Report) -> None:
     """List the motions of a problem file, with the numbers that `--number` chooses them by."""
     if len(paths) > 1:
         raise ValueError(
@@ -135,23 +109,31 @@ def list_problem(paths: list[Path], options: list[str], report: Report) -> None:
             f"{', '.join(map(str, paths))}"
         )
     (path,) = paths
-    if options:
-        raise ValueError(f"{options[0]}: is of motion files; {path} is a problem file, which holds all of it")
-    from rockjax._problem import Reader, load_table
-    from rockjax._text.tables import lines
+    for name, (flag, _) in options.items():
+        if name not in ("paths", "quiet", "verbose", "json"):
+            raise ValueError(f"{flag}: is of motion files; {path} is a problem file, which holds all of it")
+    from rockjax._problem.reading import Reader, load_table
 
-    reader, table = Reader(path), load_table(path)
-    reader.whole(table)
-    sets = reader.sets(table.get("motions", {}))
-    if not sets:
+    reader = Reader(path)
+    problem = reader.check(models.Problem, load_table(path))
+    if not problem.motions:
         reader.fail("motions", "holds no set of motions")
-    podium = reader.structure(table["structure"]) if "structure" in table else None
+    podium = None if problem.structure is None else reader.structure(problem.structure)
     facts = [
         {"set": name, "number": number} | _listed(member, reader.folder)
-        for name, entries in sets.items()
-        for number, member in enumerate(reader.members(entries, f"motions.{name}", podium), 1)
+        for name in problem.motions
+        for number, member in enumerate(reader.members(problem.motions, name, podium), 1)
     ]
-    for line in lines([tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)]):
+    _show(report, facts)
+
+
+def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) -> None:
+    """Say a table of motions, with the names of its columns."""
+    from rockjax._text.tables import lines
+
+    for line in lines(
+        [tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)], numbers=numbers
+    ):
         report.say(line)
     report.facts["motions"] = facts
 
@@ -198,17 +180,10 @@ def _cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+@command(options_of(models.Synthetic), jax=False)
 def synthetic(
+    reader: Any,
     report: Report,
-    count: Annotated[int, option("--count", panel=MOTION, min=1, help="How many motions.")] = 20,
-    seed: Annotated[
-        int, option("--seed", panel=MOTION, min=0, help="The same seed gives the same motions.")
-    ] = 0,
-    dt: Annotated[float, option("--dt", panel=MOTION, help="Sampling interval [s].")] = 0.01,
-    duration: Annotated[float, option("--duration", panel=MOTION, help="Duration [s].")] = 20.0,
-    pga: Annotated[
-        float, option("--pga", panel=MOTION, help="Peak acceleration of the noise [m/s²].")
-    ] = 2.94,
     pulse: Annotated[
         tuple[float, float, float, float] | None,
         option(
@@ -217,12 +192,6 @@ def synthetic(
             help="Velocity pulse of Mavroeidis & Papageorgiou: A [m/s], f_p [Hz], γ [–], ν [rad].",
         ),
     ] = None,
-    omega_g: Annotated[
-        float, option("--omega-g", panel=MOTION, help="Frequency of the soil ω_g [rad/s].")
-    ] = 15.0,
-    zeta_g: Annotated[
-        float, option("--zeta-g", panel=MOTION, help="Damping ratio of the soil ζ_g [–].")
-    ] = 0.6,
     output: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="Folder to write into.")] = Path(
         "rockjax-synthetic"
     ),
@@ -245,9 +214,9 @@ def synthetic(
 
     require_writable(output / "suite.csv")
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
-    made = synthetic_motions(
-        count, seed=seed, dt=dt, duration=duration, pga=pga, pulse=wavelet, omega_g=omega_g, zeta_g=zeta_g
-    )
+    how = reader.check(models.Synthetic, reader.chosen(models.Synthetic.model_fields))
+    given = how.model_dump(exclude={"synthetic", "vertical_ratio"})
+    made = synthetic_motions(how.synthetic, **given, pulse=wavelet)
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     parameters = [key for key in made[0].metadata if key not in ("format", "event")]

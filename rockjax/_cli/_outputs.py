@@ -17,7 +17,6 @@ OTHERS = (
     ".txt",
     ".xlsx",
     ".h5",
-    ".hdf5",
     ".mat",
     ".npy",
     ".npz",

@@ -2,63 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Annotated
+from rockjax._problem import models
 
-from ._given import Given, ascending, names, problem_file
-from ._options import (
-    GRID,
-    Example,
-    Frequencies,
-    Output,
-    Panels,
-    ProblemFile,
-    Pulse,
-    PulseName,
-    Resume,
-    Rtol,
-    VerticalRatio,
-    pulse_of,
-)
+from ._given import Given
+from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
 from ._outputs import outputs
-from ._panels import joined, least
-from ._run import Flags, Report, interrupted, option, prepare
+from ._panels import joined, least, pulse_of
+from ._run import Report, command, interrupted
 
 
-@dataclass
-class Search(Flags):
-    pulse: Pulse = PulseName.ricker
-    vertical_ratio: VerticalRatio = None
-    frequency_ratio: Frequencies = (1.0, 8.0)
-    max_acceleration_ratio: Annotated[
-        float, option("--max-acceleration", panel=GRID, help="End of the search, a_p/(g tan α) [–].")
-    ] = 12.0
-    points: Annotated[int, option("--points", panel=GRID, min=2, help="Frequencies.")] = 141
-    sensitivities: Annotated[
-        str,
-        option(
-            "--sensitivities",
-            panel=GRID,
-            help="Parameters y of d a_ov/d ln y, separated by commas; empty for none.",
-        ),
-    ] = "alpha,gamma"
-
-
-@dataclass
-class Tolerance(Flags):
-    rtol: Rtol = 1e-11
-
-
+@command(structure_options(**PANELS), options_of(models.Overturning), accuracy(rtol=1e-11))
 def overturning(
-    structure: Panels,
-    search: Search,
-    accuracy: Tolerance,
-    report: Report,
-    problem: ProblemFile = None,
-    example: Example = None,
-    output: Output = "rockjax-overturning",
-    resume: Resume = False,
+    given: Given, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
@@ -74,26 +29,20 @@ def overturning(
       rockjax overturning --example spectrum --points 21
       rockjax overturning problem.toml --frequency 2 6
     """
-    prepare(report)
     import numpy as np
 
     import rockjax as rj
     from rockjax._cli import partial
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
-    given = Given("overturning", problem_file(problem, example), structure, search, accuracy)
-    podiums, ratios, periods, zeta = given.panels(structure)
-    search = given.settings(search)
-    parameters, end = names(search.sensitivities), search.max_acceleration_ratio
+    podiums, ratios, periods, zeta = given.panels()
+    search = given.settings
+    parameters, end = search.sensitivities, search.max_acceleration_ratio
     drawn = ("boundaries", "sensitivity") if parameters else ("boundaries",)
     to = outputs(output, "rockjax-overturning").check(drawn)
-    x, pulse = (
-        np.linspace(*ascending("--frequency", search.frequency_ratio), search.points),
-        pulse_of(search.pulse, search.vertical_ratio),
-    )
-    if not (end > 0 and math.isfinite(end)):
-        raise ValueError(f"--max-acceleration: must be finite and > 0, got {end:g}")
-    options = given.options(accuracy)
+    low, high = search.frequency_ratio
+    x = np.linspace(low, high, search.points)
+    pulse, options = pulse_of(search.pulse, search.vertical_ratio), given.options()
     found: list = partial.load(partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ._run import Report
 
 if TYPE_CHECKING:
     import xarray
+
+
+def pulse_of(name: str, vertical_ratio: float | None) -> Any:
+    """Return the function (a_p, T_p) → motion of a pulse's name."""
+    from rockjax._excitations.ground import GroundMotion
+    from rockjax._excitations.pulses import PULSES
+
+    kind = PULSES[name]
+    return kind if vertical_ratio is None else GroundMotion.in_proportion(kind, vertical_ratio)
 
 
 def joined(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:

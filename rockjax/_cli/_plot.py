@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from ._given import names
-from ._options import OUTPUT
+from rockjax._problem.models import OUTPUT
+
+from ._options import argument, option
 from ._outputs import Outputs, outputs, require_writable
-from ._run import Report, argument, option, prepare
+from ._run import Report, command
 
 
+@command()
 def plot(
     file: Annotated[Path, argument("A netCDF file that rockjax has written.")],
     report: Report,
@@ -44,10 +46,11 @@ def plot(
       rockjax plot study.nc
       rockjax plot study.nc --kind phase-portrait,energy -o pictures/study
     """
-    prepare(report)
     from rockjax.plots._from_file import redraw
 
     to = Outputs(file.with_suffix("")) if output is None else outputs(output, file.stem)
     require_writable(to.picture())
-    for path in redraw(file, to.prefix, names(kind), to.format):
+    for path in redraw(
+        file, to.prefix, [name.strip() for name in kind.split(",") if name.strip()], to.format
+    ):
         report.wrote(path)

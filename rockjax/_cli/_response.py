@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from ._given import Given, problem_file
-from ._options import GRID, Accuracy, Example, Motion, Output, ProblemFile, Structure
+from rockjax._problem import models
+
+from ._given import Given
+from ._options import ONE, PULSE, Output, accuracy, options_of, structure_options
 from ._outputs import outputs
-from ._run import MASSES, Flags, Report, option, prepare
+from ._run import MASSES, Report, command
 
 if TYPE_CHECKING:
     import rockjax as rj
@@ -24,26 +25,14 @@ def share_in_no_mode(podium: rj.Podium) -> float:
     return 0.0 if carried is None else float(carried) / float(top.mass_ratio)
 
 
-@dataclass
-class Span(Flags):
-    t_end: Annotated[
-        float | None,
-        option(
-            "--t-end", panel=GRID, help="End of the history [s]; by default 30/p after the motion, or 10 T_s."
-        ),
-    ] = None
-
-
-def response(
-    structure: Structure,
-    motion: Motion,
-    span: Span,
-    accuracy: Accuracy,
-    report: Report,
-    problem: ProblemFile = None,
-    example: Example = None,
-    output: Output = "rockjax-response",
-) -> None:
+@command(
+    structure_options(**ONE),
+    options_of(models.Pulses, **PULSE),
+    options_of(models.Record),
+    options_of(models.Response),
+    accuracy(rtol=1e-8, method="dopri8"),
+)
+def response(given: Given, report: Report, output: Output = "rockjax-response") -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
@@ -58,15 +47,12 @@ def response(
       rockjax response problem.toml --motion pulses --number 2
       rockjax response --example response -o response.pdf
     """
-    prepare(report)
     import rockjax as rj
 
     to = outputs(output, "rockjax-response").check(("",))
-    given = Given("response", problem_file(problem, example), structure, motion, span, accuracy)
-    podium = given.podium(structure)
-    excitation = given.motion(motion, podium)
-    options = given.options(accuracy)
-    history = rj.simulate(podium, excitation, t_end=given.settings(span).t_end, options=options)
+    podium = given.podium()
+    excitation, options = given.motion(podium), given.options()
+    history = rj.simulate(podium, excitation, t_end=given.settings.t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
     for line in _inputs(data.attrs | MASSES.get({})):

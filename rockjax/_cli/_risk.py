@@ -2,76 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from ._given import Given, problem_file
-from ._options import OUTPUT, Example, Output
+from rockjax._problem import models
+
+from ._given import Given
+from ._options import Output, options_of
 from ._outputs import outputs
-from ._run import Flags, Report, argument, option, prepare
-
-CURVE, HAZARD = "Fragility", "Hazard"
+from ._run import Report, command
 
 
-@dataclass
-class Curve(Flags):
-    fragility: Annotated[
-        str | None,
-        option(
-            "--fragility",
-            panel=CURVE,
-            help="File of `rockjax fragility` (.nc), or a fragility model of OpenQuake (.xml).",
-        ),
-    ] = None
-    structure: Annotated[
-        str | None,
-        option("--structure", panel=CURVE, help="Which structure of a model (.xml), where it has several."),
-    ] = None
-    median: Annotated[
-        float | None,
-        option(
-            "--median", panel=CURVE, help="Instead of a file: median, in SI units of the hazard's measure."
-        ),
-    ] = None
-    dispersion: Annotated[
-        float | None,
-        option("--dispersion", panel=CURVE, help="… and standard deviation of its logarithm [–]."),
-    ] = None
-
-
-@dataclass
-class Site(Flags):
-    hazard: Annotated[
-        str | None,
-        option(
-            "--hazard",
-            panel=HAZARD,
-            help="Hazard curve: CSV of two columns, or a hazard-curve CSV of OpenQuake.",
-        ),
-    ] = None
-    site: Annotated[
-        int | None,
-        option("--site", panel=HAZARD, min=0, help="Row of an OpenQuake file, from 0, where it has several."),
-    ] = None
-    years: Annotated[
-        float,
-        option(
-            "--years", panel=OUTPUT, min=0, help="Time in which the probability of failure is wanted [years]."
-        ),
-    ] = 50.0
-
-
-def risk(
-    curve: Curve,
-    site: Site,
-    report: Report,
-    problem: Annotated[
-        Path | None, argument("Problem file (.toml) with a table [risk].", show_default=False)
-    ] = None,
-    example: Example = None,
-    output: Output = "rockjax-risk",
-) -> None:
+@command(options_of(models.Risk))
+def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
     """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and how the frequency moves with the
@@ -85,17 +28,15 @@ def risk(
         --hazard hazard_curve-mean.csv --site 0
       rockjax risk --example risk --years 100
     """
-    prepare(report)
     to = outputs(output, "rockjax-risk").check(("risk",))
-    given = Given("risk", problem_file(problem, example), curve, site)
-    curve, site = given.settings(curve), given.settings(site)
+    asked = given.settings
     import rockjax as rj
     from rockjax._risk.annual import OUTSIDE
 
-    if site.hazard is None:
+    if asked.hazard is None:
         raise ValueError("--hazard: needs the hazard curve of the site")
-    hazard = rj.Hazard.from_file(_path(given, site.hazard), site=site.site)
-    fragility = _fragility(given, curve)
+    hazard = rj.Hazard.from_file(_path(given, asked.hazard), site=asked.site)
+    fragility = _fragility(given, asked)
     found = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
     report.say(repr(hazard))
@@ -106,8 +47,8 @@ def risk(
         f"mean annual frequency of overturning: "
         f"{frequency:.4g}, once in {float(found.return_period):.4g} years"
     )
-    within = float(found.probability(site.years))
-    report.say(f"probability in {site.years:g} years: {within:.4g}")
+    within = float(found.probability(asked.years))
+    report.say(f"probability in {asked.years:g} years: {within:.4g}")
     slopes = {name: float(y) for name, y in found.sensitivities.items()}
     for name, value in slopes.items():
         report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
@@ -116,7 +57,7 @@ def risk(
         report.say(f"{share:.0%} of the frequency comes from beyond the given points of the hazard curve")
     report.facts |= {"frequency_per_year": frequency, "return_period_years": float(found.return_period)}
     report.facts |= {
-        "years": site.years,
+        "years": asked.years,
         "probability": within,
         "extrapolated": share,
         "sensitivities": slopes,
@@ -127,10 +68,10 @@ def risk(
 
 def _path(given: Given, name: str) -> Path:
     """A file that a problem file names is beside it."""
-    return Path(name) if given.problem is None or Path(name).exists() else given.problem.parent / name
+    return Path(name) if given.path is None or Path(name).exists() else given.path.parent / name
 
 
-def _fragility(given: Given, curve: Curve) -> Any:
+def _fragility(given: Given, curve: models.Risk) -> Any:
     import jax.numpy as jnp
 
     import rockjax as rj

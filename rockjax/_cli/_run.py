@@ -1,22 +1,21 @@
-"""How commands run: groups of options, warnings as lines, what is reported where, and the exit status."""
+"""How commands run: options over a problem file, warnings, what is reported where, the exit status."""
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import inspect
 import logging
 import os
-import shlex
-import sys
 import time
 import warnings
 from collections.abc import Callable
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import typer
+
+from ._options import Example, Json, Option, ProblemFile, Quiet, Verbose
 
 if TYPE_CHECKING:
     import xarray
@@ -26,53 +25,12 @@ COMMAND: ContextVar[str] = ContextVar("command")
 MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")  # of a structure by dimensions, for files
 
 
-def flag(name: str) -> str:
-    """The option of a name."""
-    return f"--{name.replace('_', '-')}"
-
-
-def option(*names: str, panel: str, help: str, **more) -> Any:
-    """An option; brackets in its help are units, not markup."""
-    return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **more)
-
-
-def argument(help: str, **more) -> Any:
-    return typer.Argument(help=help.replace("[", r"\["), **more)
-
-
-@dataclasses.dataclass
-class Flags:
-    """A group of options: one for each field. `given` are those that stand on the command line."""
-
-    given: frozenset[str] = dataclasses.field(default=frozenset(), init=False)
-
-    def values(self) -> dict[str, Any]:
-        """All options by name, names of choices as texts."""
-        names = [field.name for field in dataclasses.fields(self) if field.init]
-        return {name: getattr(getattr(self, name), "value", getattr(self, name)) for name in names}
-
-    def explicit(self) -> dict[str, Any]:
-        """Those that stand on the command line."""
-        return {name: value for name, value in self.values().items() if name in self.given}
-
-
-@dataclasses.dataclass
-class Report(Flags):
+class Report:
     """What a command says: a summary on stdout or, with --json, one object; progress and remarks on
     stderr."""
 
-    quiet: Annotated[bool, option("--quiet", "-q", panel="Output", help="No progress bar, no summary.")] = (
-        False
-    )
-    verbose: Annotated[
-        bool, option("--verbose", "-v", panel="Output", help="Say what is solved, compiled and kept where.")
-    ] = False
-    json: Annotated[
-        bool, option("--json", panel="Output", help="Print the summary as one JSON object, and nothing else.")
-    ] = False
-
-    def __post_init__(self):
-        os.environ["MPLBACKEND"] = "Agg"  # pictures go to files: no screen is needed
+    def __init__(self, quiet: bool = False, verbose: bool = False, json: bool = False):
+        self.quiet, self.verbose, self.json = quiet, verbose, json
         self.began = time.perf_counter()
         self.facts: dict[str, Any] = {}
         self.written: list[Path] = []
@@ -110,6 +68,7 @@ class Report(Flags):
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:
         """Write the picture `rockjax.plots.<draw>(data)`."""
+        os.environ["MPLBACKEND"] = "Agg"  # without a screen
         from rockjax import plots
         from rockjax._files import write_figure
 
@@ -135,61 +94,98 @@ class Report(Flags):
             self.note(f"{seconds:.1f} s in all")
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """The command that a function is: its groups of options as options one by one, and how it ends."""
-    hints = get_type_hints(function, include_extras=True)
-    parameters = inspect.signature(function).parameters.values()
-    groups = {
-        p.name: hints[p.name]
-        for p in parameters
-        if isinstance(hints[p.name], type) and issubclass(hints[p.name], Flags)
-    }
-    options = [inspect.Parameter("ctx", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
-    for p in parameters:
-        if p.name not in groups:
-            options.append(p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[p.name]))
-            continue
-        of_field = get_type_hints(groups[p.name], include_extras=True)
-        options += [
-            inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=field.default,
-                annotation=of_field[field.name],
-            )
-            for field in dataclasses.fields(groups[p.name])
-            if field.init
+def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
+    """Make a command of a function: the options of the groups are laid over a problem file.
+
+    The function takes `report`, options of its own, and where it wants `given` (file and options) or `reader`
+    (of the options alone). With `jax`, compiled programs are kept between runs.
+    """
+    options = {name: one for group in groups for name, one in group.items()}
+
+    def make(function: Callable[..., None]) -> Any:
+        hints = get_type_hints(function, include_extras=True)
+        own = inspect.signature(function).parameters
+        takes_file = "given" in own
+        taken: dict[str, Any] = {"ctx": (typer.Context, inspect.Parameter.empty)}
+        taken |= {name: (one.annotation, one.default) for name, one in options.items()}
+        if takes_file:
+            taken |= {} if "inputs" in own else {"problem": (ProblemFile, None)}
+            taken |= {"example": (Example, None)}
+        taken |= {
+            name: (hints[name], p.default)
+            for name, p in own.items()
+            if name not in ("given", "reader", "report")
+        }
+        taken |= {"quiet": (Quiet, False), "verbose": (Verbose, False), "json": (Json, False)}
+
+        @functools.wraps(function)
+        def run(ctx: typer.Context, **values: Any) -> None:
+            report = Report(*(values.pop(name) for name in ("quiet", "verbose", "json")))
+
+            def call() -> None:
+                if jax:
+                    prepare(report)
+                typed = {name: one for name, one in options.items() if values[name] is not None}
+                chosen = values | {name: one.value(one.flag, values[name]) for name, one in typed.items()}
+                flags = {name: options[name].flag if name in options else f"--{name}" for name in values}
+                explicit = {name: (flags[name], chosen[name]) for name in values if _is_given(ctx, name)}
+                if takes_file:
+                    from ._given import Given, problem_file
+
+                    path = problem_file(_take_problem(chosen), values["example"])
+                    keys = {name: chosen[name] for name in options}
+                    chosen["given"] = Given(function.__name__, path, keys, explicit)
+                if "reader" in own:
+                    from rockjax._problem.reading import Reader
+
+                    chosen["reader"] = Reader(None, explicit)
+                function(**{name: chosen[name] for name in own if name != "report"}, report=report)
+
+            _finish(report, call)
+
+        described: Any = run
+        parameters = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
+            for name, (annotation, default) in taken.items()
         ]
+        described.__signature__ = inspect.Signature(parameters)
+        described.__annotations__ = {p.name: p.annotation for p in parameters}
+        described.__doc__ = flowing(function)
+        return described
 
-    @functools.wraps(function)
-    def run(**values):
-        from rockjax._plausibility import PlausibilityWarning
+    return make
 
-        ctx = values.pop("ctx")
-        given = frozenset(name for name in values if _is_given(ctx, name))
-        made = {name: _group(kind, values, given) for name, kind in groups.items()}
-        own = {name: value for name, value in values.items() if name in hints and name not in groups}
-        report = next((group for group in made.values() if isinstance(group, Report)), Report())
-        with warnings.catch_warnings():
-            warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
-            warnings.filterwarnings("always", category=PlausibilityWarning)
-            warnings.showwarning = _speak
-            try:
-                function(**own, **made)
-            except KeyboardInterrupt as stopped:
-                there = ", ".join(map(str, report.written))
-                kept = f"written so far: {there}" if there else "nothing is kept"
-                typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; {kept}", err=True)
-                raise typer.Exit(INTERRUPTED) from None
-        report.close()
-        if report.status:
-            raise typer.Exit(report.status)
 
-    described: Any = run
-    described.__signature__ = inspect.Signature(options)
-    described.__annotations__ = {p.name: p.annotation for p in options}
-    described.__doc__ = flowing(function)
-    return run
+def _take_problem(values: dict[str, Any]) -> Path | None:
+    """Return the problem file, where need be from among the inputs of a command, which keep the others."""
+    if "inputs" not in values:
+        return values["problem"]
+    inputs = values["inputs"] or []
+    problems = [path for path in inputs if path.suffix.lower() == ".toml"]
+    if len(problems) > 1:
+        raise ValueError(f"{problems[1]}: is a second problem file; give one")
+    values["inputs"] = [path for path in inputs if path not in problems]
+    return problems[0] if problems else None
+
+
+def _finish(report: Report, call: Callable[[], None]) -> None:
+    """Run a command with its warnings as lines, and end it."""
+    from rockjax._plausibility import PlausibilityWarning
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
+        warnings.filterwarnings("always", category=PlausibilityWarning)
+        warnings.showwarning = _speak
+        try:
+            call()
+        except KeyboardInterrupt as stopped:
+            there = ", ".join(map(str, report.written))
+            kept = f"written so far: {there}" if there else "nothing is kept"
+            typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; {kept}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+    report.close()
+    if report.status:
+        raise typer.Exit(report.status)
 
 
 def flowing(function: Callable[..., None]) -> str:
@@ -203,19 +199,12 @@ def _is_given(ctx: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def _group(kind: type[Flags], values: dict[str, Any], given: frozenset[str]) -> Flags:
-    names = [field.name for field in dataclasses.fields(kind) if field.init]
-    flags = kind(**{name: values[name] for name in names})
-    flags.given = given.intersection(names)
-    return flags
-
-
 def _speak(message, category, filename, lineno, file=None, line=None) -> None:
     del category, filename, lineno, file, line
     typer.echo(f"rockjax: warning: {message}", err=True)
 
 
-def prepare(report: Report | None = None) -> None:
+def prepare(report: Report) -> None:
     """Compiled programs are kept between runs."""
     import jax
 
@@ -226,52 +215,17 @@ def prepare(report: Report | None = None) -> None:
         # comes from here cannot be kept as a program.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-    if report is not None and report.quiet:
+    if report.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)
-    if report is not None and report.verbose:
-        _count_programs()
-        report.note(
-            f"{shlex.join(['rockjax', *sys.argv[1:]])}: jax {jax.__version__} on {jax.default_backend()}"
-        )
-
-
-_MADE: dict[str, float] = {"programs": 0, "seconds": 0.0, "kept": 0}
-
-
-@functools.cache
-def _count_programs() -> None:
-    import jax
-
-    def finished(event: str, duration_secs: float, **_) -> None:
-        if event == "/jax/core/compile/backend_compile_duration":
-            _MADE["programs"] += 1
-            _MADE["seconds"] += duration_secs
-            if duration_secs > 0.5:
-                _beside_bars(f"compiled or loaded a program in {duration_secs:.1f} s")
-
-    def happened(event: str, **_) -> None:
-        if event == "/jax/compilation_cache/cache_hits":
-            _MADE["kept"] += 1
-
-    jax.monitoring.register_event_duration_secs_listener(finished)
-    jax.monitoring.register_event_listener(happened)
-
-
-def _beside_bars(line: str) -> None:
-    from tqdm import tqdm
-
-    tqdm.write(line, file=sys.stderr)
+    if report.verbose:
+        report.note(f"{COMMAND.get()}: jax {jax.__version__} on {jax.default_backend()}")
 
 
 def _programs() -> str:
     from rockjax._programs import store
     from rockjax._programs.program import COUNTS
 
-    kept = _MADE["kept"] + COUNTS["loaded"]
-    return (
-        f"{_MADE['programs']:.0f} programs in {_MADE['seconds']:.1f} s of compiling, side by side; "
-        f"{kept:.0f} were kept from before in {store.root()}"
-    )
+    return f"{COUNTS['compiled']} programs compiled, {COUNTS['loaded']} loaded from {store.root()}"
 
 
 def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:

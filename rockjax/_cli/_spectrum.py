@@ -2,57 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
+from rockjax._problem import models
 
-from ._given import Given, ascending, names, problem_file
-from ._options import (
-    GRID,
-    Accuracy,
-    Example,
-    Frequencies,
-    Output,
-    Panels,
-    ProblemFile,
-    Pulse,
-    PulseName,
-    Resume,
-    VerticalRatio,
-    pulse_of,
-)
+from ._given import Given
+from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
 from ._outputs import outputs
-from ._panels import joined, least
-from ._run import Flags, Report, interrupted, option, prepare
+from ._panels import joined, least, pulse_of
+from ._run import Report, command, interrupted
 
 
-@dataclass
-class Grid(Flags):
-    pulse: Pulse = PulseName.ricker
-    vertical_ratio: VerticalRatio = None
-    frequency_ratio: Frequencies = (1.0, 8.0)
-    acceleration_ratio: Annotated[
-        tuple[float, float], option("--acceleration", panel=GRID, help="Range of a_p/(g tan α) [–].")
-    ] = (1.0, 12.0)
-    points: Annotated[int, option("--points", panel=GRID, min=2, help="Points along each axis.")] = 100
-    sensitivities: Annotated[
-        str,
-        option(
-            "--sensitivities",
-            panel=GRID,
-            help="Parameters y of ∂(max|θ|/α)/∂ ln y, separated by commas; none where not given.",
-        ),
-    ] = ""
-
-
+@command(
+    structure_options(**PANELS),
+    options_of(models.Spectrum),
+    accuracy(rtol=1e-8, method="dopri8"),
+)
 def spectrum(
-    structure: Panels,
-    grid: Grid,
-    accuracy: Accuracy,
-    report: Report,
-    problem: ProblemFile = None,
-    example: Example = None,
-    output: Output = "rockjax-spectrum",
-    resume: Resume = False,
+    given: Given, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
 ) -> None:
     """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of
     overturning.
@@ -72,7 +37,6 @@ def spectrum(
       rockjax spectrum --eta-over-gamma 5 --T-s 0,0.5 --sensitivities alpha,gamma
       rockjax spectrum problem.toml --points 200
     """
-    prepare(report)
     import numpy as np
 
     import rockjax as rj
@@ -80,18 +44,17 @@ def spectrum(
     from rockjax._machine.memory import require_memory
     from rockjax._studies.grid_boundaries import with_boundaries
 
-    given = Given("spectrum", problem_file(problem, example), structure, grid, accuracy)
-    podiums, ratios, periods, zeta = given.panels(structure)
-    grid = given.settings(grid)
-    parameters = names(grid.sensitivities)
+    podiums, ratios, periods, zeta = given.panels()
+    grid = given.settings
+    parameters = grid.sensitivities
     drawn = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
     to = outputs(output, "rockjax-spectrum").check(drawn)
     pulse = pulse_of(grid.pulse, grid.vertical_ratio)
-    options = given.options(accuracy, outputs=("peak_rotation",))
+    options = given.options(outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
-    x = np.linspace(*ascending("--frequency", grid.frequency_ratio), grid.points)
-    y = np.linspace(*ascending("--acceleration", grid.acceleration_ratio, open_below=False), grid.points)
+    ranges = grid.frequency_ratio, grid.acceleration_ratio
+    x, y = (np.linspace(low, high, grid.points) for low, high in ranges)
     total = len(podiums) * grid.points**2
     require_memory("--points", total)
     report.note(

@@ -6,60 +6,49 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._given import Given, names, problem_file
-from ._options import GRID, OUTPUT, Accuracy, Example, Motion, ProblemFile, Structure
+from rockjax._problem import models
+from rockjax._problem.models import GRID, MACHINES, OUTPUT
+
+from ._given import Given
+from ._options import ONE, PULSE, accuracy, option, options_of, structure_options
 from ._outputs import store_place
-from ._run import INTERRUPTED, Flags, Report, flag, option, prepare
+from ._run import INTERRUPTED, Report, command
 
 if TYPE_CHECKING:
     import rockjax as rj
 
-MACHINES = "Machines"
 
-
-@dataclass
-class Grid(Flags):
+@command(
+    structure_options(**ONE),
+    options_of(models.Pulses, **PULSE),
+    options_of(models.Record),
+    options_of(models.Sweep),
+    accuracy(rtol=1e-8, method="dopri8"),
+)
+def sweep(
+    given: Given,
+    report: Report,
     axis: Annotated[
         list[str],
         option(
             "--axis",
             panel=GRID,
             metavar="NAME=VALUES",
-            help=(
-                "An axis of the grid, once for each: alpha=0.1,0.12,0.15 or alpha=0.1:0.2:11 for 11 values "
-                "from 0.1 to 0.2, "
-                "or gamma=1:100:7:log for equal ratios."
-            ),
+            help="An axis of the grid, once for each: alpha=0.1,0.12,0.15 or alpha=0.1:0.2:11 for 11 values "
+            "from 0.1 to 0.2, or gamma=1:100:7:log for equal ratios.",
         ),
-    ] = ()  # pyright: ignore[reportAssignmentType]
-    outputs: Annotated[
-        str,
-        option(
-            "--outputs",
-            panel=GRID,
-            help="Wanted answers, separated by commas: peak_rotation, peak_shear, margin …",
-        ),
-    ] = "peak_rotation"
-
-
-@dataclass
-class Machines(Flags):
-    chunk: Annotated[
-        int | None,
-        option("--chunk", panel=MACHINES, min=1, help="Scenes in a chunk; by default some seconds of them."),
-    ] = None
+    ] = (),  # pyright: ignore[reportArgumentType]
     workers: Annotated[
         int | None,
         option(
             "--workers", panel=MACHINES, min=1, help="So many processes on this machine, of one core each."
         ),
-    ] = None
+    ] = None,
     scheduler: Annotated[
         str | None,
         option(
@@ -67,24 +56,13 @@ class Machines(Flags):
             panel=MACHINES,
             help="A Dask scheduler that runs already: its address, or its file (.json).",
         ),
-    ] = None
+    ] = None,
     dry_run: Annotated[
         bool,
         option(
             "--dry-run", panel=MACHINES, help="Only say how long it will take, and how much memory and disk."
         ),
-    ] = False
-
-
-def sweep(
-    structure: Structure,
-    motion: Motion,
-    grid: Grid,
-    machines: Machines,
-    accuracy: Accuracy,
-    report: Report,
-    problem: ProblemFile = None,
-    example: Example = None,
+    ] = False,
     store: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="The zarr store to write.")] = Path(
         "rockjax-sweep.zarr"
     ),
@@ -103,34 +81,30 @@ def sweep(
       rockjax sweep problem.toml --scheduler tcp://10.0.0.1:8786 \\
         -o /shared/study.zarr
     """
-    prepare(report)
     import rockjax as rj
     from rockjax._sweep.store import require_zarr
 
     require_zarr()
     store = store_place(store)
-    given = Given("sweep", problem_file(problem, example), structure, motion, grid, machines, accuracy)
-    if machines.workers is not None and machines.scheduler is not None:
+    if workers is not None and scheduler is not None:
         raise ValueError("--workers and --scheduler: give one of them")
-    podium = given.podium(structure)
-    grid, machines = given.settings(grid), given.settings(machines)
-    axes = _axes(given, grid)
+    podium, axes = given.podium(), _axes(given, axis)
     if not axes:
         raise ValueError(
             "--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
         )
-    options = given.options(accuracy, outputs=tuple(names(grid.outputs)))
+    options = given.options(outputs=tuple(given.settings.outputs))
     with given.reader.at("sweep.axes"):
-        scenes = rj.grid(podium, _excitation(given, motion, podium), **axes)
+        scenes = rj.grid(podium, _excitation(given, podium), **axes)
     report.note(repr(scenes))
     call: dict[str, Any] = {
         "store": store,
         "options": options,
-        "chunk": machines.chunk,
+        "chunk": given.settings.chunk,
         "progress": not report.quiet,
     }
-    with _client(machines) as client:
-        if machines.dry_run:
+    with _client(workers, scheduler) as client:
+        if dry_run:
             plan: Any = rj.sweep(*scenes, **call, client=client, dry_run=True)
             report.say(repr(plan))
             report.facts |= dataclasses.asdict(plan)
@@ -152,24 +126,23 @@ def sweep(
         report.error(f"{failed} of {scenes.size} scenes ended without an answer")
 
 
-def _axes(given: Given, grid: Grid) -> dict[str, Any]:
-    """The axes of the file, those of the command line over them."""
-    from rockjax._problem import axis_values
+def _axes(given: Given, texts: list[str]) -> dict[str, Any]:
+    """Return the axes of the file, those of the command line over them."""
+    import numpy as np
 
-    axes: dict[str, Any] = {}
-    table = given.own.get("axes", {})
-    for name, value in table.items():
-        with given.reader.at(f"sweep.axes.{name}"):
-            axes[name] = axis_values(value)
-    for text in grid.axis:
+    typed = {}
+    for text in texts:
         name, equals, values = text.partition("=")
         if not equals or not name:
-            raise ValueError(f"{flag('axis')}: expected NAME=VALUES, got {text!r}")
-        try:
-            axes[name] = axis_values(_parsed(values))
-        except ValueError as error:
-            raise ValueError(f"{flag('axis')} {name}: {error}") from None
-    return axes
+            raise ValueError(f"--axis: expected NAME=VALUES, got {text!r}")
+        typed[name] = _parsed(values)
+    axes = given.settings.axes | given.reader.check(models.Sweep, {"axes": typed}).axes
+    return {
+        name: np.asarray(axis)
+        if isinstance(axis, list)
+        else (np.geomspace if axis.log else np.linspace)(axis.low, axis.high, axis.points)
+        for name, axis in axes.items()
+    }
 
 
 def _parsed(text: str) -> Any:
@@ -187,34 +160,32 @@ def _parsed(text: str) -> Any:
     return span | {"log": bool(log)}
 
 
-def _excitation(given: Given, motion: Motion, podium: rj.Podium) -> Any:
-    """One motion; or a whole set of them, where a file has one and no option chooses among it."""
-    sets = given.reader.sets(given.table.get("motions", {}))
-    name = given.settings(motion).motion or (next(iter(sets)) if len(sets) == 1 else None)
-    if name is None or motion.given - {"motion"}:
-        return given.excitation(motion, podium)
-    entries = given.reader.set_named(name, "sweep.motion", sets)
-    each = entries if isinstance(entries, list) else [entries]
-    if any(isinstance(entry, dict) and "kind" in entry for entry in each):
-        found = given.reader.motion_set(entries, f"motions.{name}", podium)
-        return found[0] if len(found) == 1 else found
-    found = given.reader.recorded_set(entries, f"motions.{name}")
-    return found[0].record() if len(found) == 1 else found
+def _excitation(given: Given, podium: rj.Podium) -> Any:
+    """Return one motion; or a whole set of them, where a file has one and no option chooses among it."""
+    from rockjax._problem.reading import as_excitation, has_pulses
+
+    sets, name = given.problem.motions, given.settings.motion
+    if (name is None and len(sets) > 1) or given.changes_motion:
+        return as_excitation(given.motion(podium))
+    name = given.set_name(name)
+    if not has_pulses(sets[name]):
+        found: Any = given.reader.recorded(sets, name)
+    else:
+        found = [as_excitation(member) for member in given.reader.members(sets, name, podium)]
+    return as_excitation(found[0]) if len(found) == 1 else found
 
 
 @contextlib.contextmanager
-def _client(machines: Machines) -> Iterator[Any]:
+def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     """The cluster that is wanted, None for this process."""
-    if machines.workers is None and machines.scheduler is None:
+    if workers is None and scheduler is None:
         yield None
         return
     import jax
     from distributed import Client, LocalCluster
 
-    if machines.scheduler is not None:
-        how: dict[str, Any] = {
-            "scheduler_file" if machines.scheduler.endswith(".json") else "address": machines.scheduler
-        }
+    if scheduler is not None:
+        how: dict[str, Any] = {"scheduler_file" if scheduler.endswith(".json") else "address": scheduler}
         with Client(**how) as client:
             yield client
         return
@@ -223,6 +194,6 @@ def _client(machines: Machines) -> Iterator[Any]:
     if folder is not None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    local = LocalCluster(n_workers=machines.workers, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
+    local = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
     with local, Client(local) as client:
         yield client

@@ -25,6 +25,7 @@ from rockjax._checks import (
     shown,
 )
 from rockjax._module import Module
+from rockjax._parameters.table import SIDES, STRUCTURE
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.dimensions import restrainers_of
 from rockjax._restrainers.together import (
@@ -390,7 +391,13 @@ class Podium(Module):
 
     def _repr_html_(self):
         return card(
-            self, derived=("p", "width", "height", "restitution_factor", "uplift_ground_acceleration")
+            self,
+            {
+                "p": "Frequency parameter p [rad/s]",
+                **{name: STRUCTURE[name].heading for name in SIDES},
+                "restitution_factor": "Velocity factor of an impact e [–]",
+                "uplift_ground_acceleration": "Slow ground acceleration that lifts the columns [m/s²]",
+            },
         )
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -13,10 +11,9 @@ import jax
 import numpy as np
 
 from rockjax._checks import concrete
+from rockjax._parameters import table
 
 from . import tables
-
-LONGEST = 90  # characters of a meaning
 
 
 def readable(module: eqx.Module) -> str:
@@ -26,14 +23,16 @@ def readable(module: eqx.Module) -> str:
     )
 
 
-def card(module: eqx.Module, derived: tuple[str, ...] = ()) -> str:
-    """A structure, motion or options as a table of HTML: its numbers, what follows from them, and what they
-    mean."""
-    rows = list(_rows(module))
-    cls = type(module)
-    for name in derived:
-        rows.append((name, _value(getattr(module, name)), _plain(getattr(cls, name).__doc__)))
-    return tables.html(rows, caption=cls.__name__, heads="column")
+def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
+    """Return a structure, motion or options as a table of HTML: names, values, meanings with their units.
+
+    `headings` are the meanings of properties, which follow the fields, and of fields that are no parameters.
+    """
+    more, rows = dict(headings or {}), []
+    for name, value, meaning in _rows(module):
+        rows.append((name, value, more.pop(name, meaning)))
+    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in more.items()]
+    return tables.html(rows, caption=type(module).__name__, heads="column")
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
@@ -47,11 +46,9 @@ def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Name, value and meaning of every field; the meanings are those of the docstring, `- `name`:
-    meaning`."""
-    meanings = _meanings(type(module))
+    """Return name, value and meaning of every field."""
     for name, value in _fields(module, empty=True):
-        known = meanings.get(name, "")
+        known = _meaning(module, name)
         if isinstance(value, tuple) and not value:
             yield f"{prefix}{name}", "none", known
         elif isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
@@ -69,22 +66,16 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
             yield f"{prefix}{name}", _value(value), known
 
 
-def _meanings(cls: type) -> dict[str, str]:
-    """Read the meaning of fields from docstring bullets such as "- `A`, `B`: meaning; `C`: meaning"."""
-    found = {}
-    described = "\n\n".join(inspect.cleandoc(parent.__doc__ or "") for parent in reversed(cls.__mro__))
-    for bullet in re.findall(r"^- (`.*(?:\n(?!- |\n).*)*)", described, re.M):
-        _, *parts = re.split(r"(?:^|; )((?:`\w+`(?:, )?)+): ", " ".join(bullet.split()))
-        for names, meaning in zip(parts[::2], parts[1::2], strict=True):
-            found |= dict.fromkeys(re.findall(r"\w+", names), _plain(meaning))
-    return found
-
-
-def _plain(docstring: str | None) -> str:
-    """The first sentence, without marks of the documentation."""
-    words = re.sub(r"\[`(?:\w+\.)?(\w+)`\]\[\]", r"\1", " ".join((docstring or "").split())).replace("`", "")
-    sentence = re.split(r"(?<!Eq)(?<!Eqs)\.(?:\s|$)|;\s", words, maxsplit=1)[0]
-    return sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST].rsplit(' ', 1)[0]} …"
+def _meaning(module: eqx.Module, name: str) -> str:
+    """Return the heading of a field in the tables of parameters; nothing for what is no parameter."""
+    places = (name, f"superstructure.{name}", f"restrainers.{type(module).__name__}.{name}")
+    known = (
+        table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING
+    )
+    for entry in (*known.values(), *table.ROWS.values(), *table.OF_ROWS.values()):
+        if entry.place in places or (not entry.place and entry.name == name):
+            return entry.heading
+    return ""
 
 
 def _value(value: Any) -> str:

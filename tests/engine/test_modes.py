@@ -13,7 +13,8 @@ import scipy.linalg
 
 import rockjax as rj
 from rockjax._parameters import variants
-from rockjax._problem import Reader
+from rockjax._problem.models import ByRatios
+from rockjax._problem.reading import Reader
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests import restrained
 from tests.restrained import Frame
@@ -402,9 +403,8 @@ def test_parameters_by_name():
     ],
 )
 def test_problem_files(table, expected):
-    read = tomllib.loads(f"superstructure = {table}")["superstructure"]
-    found = Reader().superstructure(read, "structure.superstructure")
-    jax.tree.map(np.testing.assert_array_equal, found, expected)
+    read = Reader().check(ByRatios, tomllib.loads(f"alpha = 0.1\nR = 1.0\nsuperstructure = {table}"))
+    jax.tree.map(np.testing.assert_array_equal, Reader().structure(read).superstructure, expected)
 
 
 # Bad input

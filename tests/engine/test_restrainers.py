@@ -15,7 +15,8 @@ import rockjax as rj
 from rockjax._engine import energy, model, settled
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import potential, potential_slope
-from rockjax._problem import Reader
+from rockjax._problem.models import ByRatios
+from rockjax._problem.reading import Reader
 from rockjax._responses.datasets import describe_podium, podium_of
 from tests import restrained
 from tests.restrained import Frame
@@ -518,7 +519,7 @@ def test_written_and_read_again():
 
 
 def test_problem_files():
-    read = Reader().structure
+    read = lambda table: Reader().structure(Reader().check(ByRatios, table))
     column = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
     structure = read(
         column | {"stiffness": 100.0, "prestress": 5.0, "coefficient": 4.0, "inertance_ratio": 8.0}
@@ -528,7 +529,7 @@ def test_problem_files():
     assert read(column).restrainers == ()
     with pytest.raises(ValueError, match="exponent needs the coefficient of a damper"):
         read(column | {"exponent": 0.5})
-    with pytest.raises(ValueError, match="structure\\.prestress: must be a number >= 0"):
+    with pytest.raises(ValueError, match="prestress: must be a number >= 0"):
         read(column | {"prestress": -1.0})
 
 

@@ -598,6 +598,7 @@ def test_motions_of_a_problem_file_on_the_command_line(folder):
     ("change", "flags", "words"),
     [
         (lambda text: text, ["--dt", "0.01"], "--dt: "),
+        (lambda text: text, ["--periods", "0.5"], "--periods: "),
         (lambda text: text, ["--output", "out"], "--output: "),
         (lambda text: text, ["problem.toml"], "2 paths"),
         (lambda text: text.split("[motions")[0], [], "problem.toml: motions: "),

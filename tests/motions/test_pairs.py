@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._problem import Reader
+from rockjax._problem.models import Problem
+from rockjax._problem.reading import Reader
 
 FRAME = rj.Podium(0.15, 1.5, 10.0)
 OPTIONS = rj.Options(outputs=("peak_rotation",))
@@ -159,20 +160,17 @@ def test_boundaries_over_the_amplitude_leave_a_fixed_vertical_motion():
 
 def test_problem_files(tmp_path):
     reader = Reader(tmp_path / "problem.toml")
-    (motion,) = reader.motion_set(
-        {"kind": "ricker", "a_p": 3.0, "T_p": 0.8, "vertical_ratio": 0.5}, "motions.a", FRAME
-    )
+    read = lambda entry: reader.members(reader.check(Problem, {"motions": {"a": entry}}).motions, "a", FRAME)
+    (motion,) = read({"kind": "ricker", "a_p": 3.0, "T_p": 0.8, "vertical_ratio": 0.5})
     assert isinstance(motion, rj.GroundMotion)
     assert float(motion.vertical.a_p) == 1.5  # pyright: ignore[reportAttributeAccessIssue]
     named("h").save(tmp_path / "h.csv")
     named("v", 1).save(tmp_path / "v.csv")
     entry = {"file": "h.csv", "vertical": "v.csv", "scale": 2.0}
-    (motion,) = reader.recorded_set(entry, "motions.a")
+    (motion,) = read(entry)
     assert motion.vertical is not None
     np.testing.assert_allclose(motion.vertical.acceleration, 2 * named("v", 1).acceleration)
     with pytest.raises(ValueError, match="vertical_ratio and a vertical record: give one of them"):
-        reader.recorded_set(entry | {"vertical_ratio": 0.5}, "motions.a")
+        read(entry | {"vertical_ratio": 0.5})
     with pytest.raises(ValueError, match=r"motions\.a\.vertical_ratio: must be a number"):
-        reader.motion_set(
-            {"kind": "ricker", "a_p": 3.0, "T_p": 0.8, "vertical_ratio": "half"}, "motions.a", FRAME
-        )
+        read({"kind": "ricker", "a_p": 3.0, "T_p": 0.8, "vertical_ratio": "half"})

@@ -800,7 +800,7 @@ def test_problems_with_a_value_of_the_wrong_kind(where, value):
     for key in where[:-1]:
         at = at[key]
     at[where[-1]] = value
-    one_line_or_good("problem.toml", lambda: problem._Reader(problem.Path("problem.toml")).problem(table))
+    one_line_or_good("problem.toml", lambda: problem.problem_of(table, problem.Path("problem.toml")))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,35 @@
+"""`rockjax schema`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rockjax._problem.models import OUTPUT
+
+from ._options import option
+from ._run import Report, command
+
+
+@command(jax=False)
+def schema(
+    report: Report,
+    output: Annotated[Path | None, option("--output", "-o", panel=OUTPUT, help="File to write.")] = None,
+) -> None:
+    """The JSON schema of problem files, by which editors complete and check them.
+
+    \b
+    Examples:
+      rockjax schema
+      rockjax schema -o rockjax.schema.json
+    """
+    import json
+
+    from rockjax._extensions import extension
+    from rockjax._files import write_whole
+
+    text = json.dumps(extension("design").ProblemFile.model_json_schema(), indent=1) + "\n"
+    if output is None:
+        report.say(text)
+    else:
+        report.wrote(write_whole(output, lambda name: Path(name).write_text(text, encoding="utf-8")))

@@ -1,0 +1,487 @@
+"""Models of problem files, made from the tables of parameters: what each key holds, its range and meaning.
+
+Messages, the JSON schema, the page on problem files and the options of the command line come from them.
+Nothing here needs JAX.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Strict,
+    Tag,
+    ValidationError,
+    WrapValidator,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from rockjax._parameters import table
+
+STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
+STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Machines"
+
+
+class Flag(NamedTuple):
+    """How the command line offers a key: the panel of its help, and its name where it is another one.
+
+    As `json_schema_extra` it leaves the schema as it is.
+    """
+
+    panel: str
+    name: str = ""
+
+    def __call__(self, schema: Any) -> None:
+        """Add nothing."""
+
+
+def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
+    """A key of a table; with a panel it is an option of the command line too."""
+    return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
+
+
+def in_words(words: str) -> WrapValidator:
+    """Say in these words what a value must be."""
+
+    def check(value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise PydanticCustomError("words", "must be {words}", {"words": words}) from None
+
+    return WrapValidator(check)
+
+
+def that(holds: Callable[[Any], bool]) -> AfterValidator:
+    """Refuse values for which this is false."""
+
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise ValueError
+        return value
+
+    return AfterValidator(check)
+
+
+Number = Annotated[float, in_words("a number")]
+Positive = Annotated[float, Field(gt=0), in_words("a number > 0")]
+NotNegative = Annotated[float, Field(ge=0), in_words("a number >= 0")]
+Count = Annotated[int, Field(ge=1), in_words("a whole number ≥ 1")]
+Index = Annotated[int, Field(ge=0), in_words("a whole number ≥ 0")]
+Points = Annotated[int, Field(ge=2), in_words("a whole number ≥ 2")]
+Label = Annotated[int | str, in_words("a whole number or text")]
+Numbers = Annotated[list[Number], Field(min_length=1), in_words("a list of numbers")]
+Positives = Annotated[list[Positive], Field(min_length=1), in_words("a list of numbers > 0")]
+NotNegatives = Annotated[list[NotNegative], Field(min_length=1), in_words("a list of numbers >= 0")]
+OneOrMore = Annotated[float | Numbers, in_words("a number or a list of numbers")]
+Periods = Annotated[Positive | Positives, in_words("a number > 0 or a list of them")]
+Shares = Annotated[NotNegative | NotNegatives, in_words("a number >= 0 or a list of them")]
+Share = Annotated[float, Field(gt=0, lt=1), in_words("a number in (0, 1)")]
+_ENDS = "two numbers [lowest, highest] with"
+Ends = Annotated[tuple[float, float], Strict(False)]
+Bounds = Annotated[Ends, in_words("two numbers [lowest, highest]")]
+Frequencies = Annotated[Ends, that(lambda y: 0 < y[0] < y[1]), in_words(f"{_ENDS} 0 < lowest < highest")]
+Amplitudes = Annotated[Ends, that(lambda y: 0 <= y[0] < y[1]), in_words(f"{_ENDS} 0 <= lowest < highest")]
+Levels = Annotated[Ends, that(lambda y: 0 < y[0] <= y[1]), in_words(f"{_ENDS} 0 < lowest <= highest")]
+PulseName = Literal["ricker", "antisymmetric-ricker", "one-sine", "one-cosine", "half-sine"]
+Unit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
+
+
+class Keys(BaseModel):
+    """A table of a problem file: its keys, none of them unknown."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_names(cls, given: Any) -> Any:
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for name in given if isinstance(given, dict) else ():
+            if name not in known:
+                near = difflib.get_close_matches(str(name), known, 1)
+                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+                raise PydanticCustomError("unknown", "is not known; {hint}", {"hint": hint, "key": str(name)})
+        return given
+
+    def given(self, *without: str) -> dict[str, Any]:
+        """Return the keys that are given, but for some, as arguments by name."""
+        names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+def one_of(given: Mapping[str, Any], *names: str) -> str:
+    """The one of two keys that is given. Raises `ValueError` for none or both."""
+    found = [name for name in names if given.get(name) is not None]
+    if len(found) != 1:
+        raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))
+    return found[0]
+
+
+def kind_of(entry: table.Parameter) -> Any:
+    """What the key of a parameter holds."""
+    if entry.whole:
+        return Count
+    closed, (low, high) = entry.range.closed, entry.range[:2]
+    ends = {"ge" if closed[0] else "gt": low, "le" if closed[1] else "lt": high}
+    limits: dict[str, Any] = {name: end for name, end in ends.items() if math.isfinite(end)}
+    kind = Annotated[float, Field(**limits)]
+    if entry.name == "restitution":
+        return Annotated[Literal["paper", "compatible"] | kind, in_words(_LAW)]
+    words = f"a number {entry.range.words}".rstrip()
+    return Annotated[kind, in_words(f"{words}; {entry.note}" if entry.note else words)]
+
+
+_LAW = "'paper', 'compatible' or a factor in [0, 1]"
+_NOTES = {
+    "alpha": ", instead of tan_alpha",
+    "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
+    "columns": "; 2 where not given",
+}
+
+
+def field_of(name: str, entry: table.Parameter, needed: bool = False) -> Any:
+    """The type and field of a parameter."""
+    panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE  # --zeta serves both
+    note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
+    kind, meaning = kind_of(entry), f"{entry.heading}{note}."
+    return (kind, key(..., meaning, panel)) if needed else (kind | None, key(None, meaning, panel))
+
+
+def keys_of(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
+    """A model with a key for each parameter."""
+    fields: Any = {name: field_of(name, entry, name in needed) for name, entry in entries.items()}
+    return create_model("Parameters", __base__=Keys, **fields)
+
+
+def _kept_in(*places: str) -> dict[str, table.Parameter]:
+    """The parameters of a structure that is kept in such a place, the sides of a column left out."""
+    plain = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
+    return {name: entry for name, entry in plain.items() if entry.place.partition(".")[0] in places}
+
+
+class Superstructure(keys_of(_kept_in("superstructure") | table.BUILDING, "eta")):
+    """A superstructure: rigid without T_s, with stories a building whose stories are alike."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Superstructure:
+        for name in ("zeta", "stories"):
+            if getattr(self, name) is not None and self.T_s is None:
+                raise ValueError(f"{name} needs T_s; without it the superstructure is rigid")
+        return self
+
+
+class ModesOfSuperstructure(Keys):
+    """A superstructure by its modes."""
+
+    eta: NotNegatives = key(..., "Mass ratios of the modes [–].")
+    T: Positives = key(..., "Periods of the modes [s].")
+    zeta: Shares | None = key(None, "Damping ratios, or one of all [–].")
+    residual: NotNegative | None = key(None, "Mass ratio of what moves with the beam [–].")
+
+
+class Building(Keys):
+    """A building, floor by floor from the bottom."""
+
+    masses: Positives = key(..., "Mass ratios of the floors [–].")
+    stiffnesses: Positives = key(..., "Stiffnesses of the stories over the mass of all columns [1/s²].")
+    damping: Shares | None = key(None, "Damping ratios of the modes, or one of all [–].")
+    modes: Index | None = key(None, "How many modes are kept; all where not given.")
+    heights: Positives | None = key(None, "Heights of the stories [m].")
+
+
+def _top(given: Any) -> str:
+    kinds = {"masses": "Building", "T": "Modes"}  # tags of unions are no keys: messages leave them out
+    return next((kinds[name] for name in kinds if isinstance(given, dict) and name in given), "one")
+
+
+class ByRatios(keys_of(_kept_in("alpha", "", "R", "gamma", "lam", "restitution", "g", "restrainers"), "R")):
+    """A structure by ratios."""
+
+    superstructure: (
+        Annotated[
+            Annotated[Superstructure, Tag("one")]
+            | Annotated[ModesOfSuperstructure, Tag("Modes")]
+            | Annotated[Building, Tag("Building")],
+            Discriminator(_top),
+        ]
+        | None
+    ) = key(None, "What stands on the beam; nothing where not given.")
+
+    @model_validator(mode="after")
+    def _check(self) -> ByRatios:
+        one_of(self.given(), "alpha", "tan_alpha")
+        return self
+
+
+class ByDimensions(keys_of(table.DIMENSIONS | table.BUILDING, "width", "height", "column_mass")):
+    """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
+
+    story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
+    story_stiffnesses: Positives | None = key(None, "Stiffnesses of its stories [N/m].")
+    story_heights: Positives | None = key(None, "Heights of its stories [m].")
+    modes: Index | None = key(None, "How many modes are kept; all where not given.")
+
+
+def _structure(given: Any) -> str:
+    sides = isinstance(given, dict) and any(name in given for name in (*table.SIDES, "column_mass"))
+    return "dimensions" if sides and "R" not in given else "ratios"
+
+
+Structure = Annotated[
+    Annotated[ByRatios, Tag("ratios")] | Annotated[ByDimensions, Tag("dimensions")], Discriminator(_structure)
+]
+
+
+class Pulses(Keys):
+    """Pulses: lists of one length go together, a single number goes with all."""
+
+    kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
+    acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
+    a_p: OneOrMore | None = key(None, "Amplitude of the pulse a_p [m/s²], instead of the ratio.", MOTION)
+    T_p: Periods | None = key(None, "Period of the pulse T_p [s].", MOTION)
+    frequency_ratio: Periods | None = key(None, "Frequency ω_p/p [–], instead of the period.", MOTION)
+    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].", MOTION)
+
+    @model_validator(mode="after")
+    def _check(self) -> Pulses:
+        given = self.given()
+        pair = one_of(given, "a_p", "acceleration_ratio"), one_of(given, "T_p", "frequency_ratio")
+        a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
+        if a_p > 1 and T_p > 1 and a_p != T_p:
+            raise ValueError(f"has {a_p} amplitudes and {T_p} periods; give as many of both, or one")
+        return self
+
+
+class _Recorded(Keys):
+    """How files of records are read."""
+
+    units: Unit | None = key(None, "Unit of the samples, where the file does not say it.", MOTION)
+    dt: Positive | None = key(None, "Sampling interval [s], where the file does not say it.", MOTION)
+    component: Label | None = key(None, "Number or name of the channel, where there are several.", MOTION)
+    scale: Number | None = key(None, "Factor on the record [–]; 1 where not given.", MOTION)
+    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].")
+
+
+class Record(_Recorded):
+    """The record of a file."""
+
+    file: str = key(..., "File of a record: .AT2, .V2, text, .npy …", MOTION, "--record")
+    vertical: str | None = key(None, "File of the record's vertical component.", MOTION)
+    vertical_component: Label | None = key(None, "Number or name of its channel.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Record:
+        if self.vertical is None and self.vertical_component is not None:
+            raise ValueError("vertical_component needs vertical, the file of the vertical record")
+        if self.vertical is not None and self.vertical_ratio is not None:
+            raise ValueError("vertical_ratio and a vertical record: give one of them")
+        return self
+
+
+class Suite(_Recorded):
+    """All records of a folder or of a table."""
+
+    suite: str = key(..., "Folder or table (suite.csv) of records, beside the problem file.")
+    pattern: str | None = key(None, "Which files of folders, such as '*.AT2'.", MOTION)
+    paired: bool | None = key(None, "Each horizontal record with the vertical one of its station.", MOTION)
+
+    @model_validator(mode="after")
+    def _check(self) -> Suite:
+        if self.paired and self.vertical_ratio is not None:
+            raise ValueError("vertical_ratio and a vertical record: give one of them")
+        return self
+
+
+class Synthetic(Keys):
+    """Synthetic motions: filtered noise under an envelope."""
+
+    synthetic: Count = key(20, "How many motions.", MOTION, "--count")
+    seed: Index = key(0, "The same seed gives the same motions.", MOTION)
+    dt: Positive = key(0.01, "Sampling interval [s].", MOTION)
+    duration: Positive = key(20.0, "Duration [s].", MOTION)
+    pga: Positive = key(2.94, "Peak acceleration of the noise [m/s²].", MOTION)
+    omega_g: Positive = key(15.0, "Frequency of the soil ω_g [rad/s].", MOTION)
+    zeta_g: Positive = key(0.6, "Damping ratio of the soil ζ_g [–].", MOTION)
+    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].")
+
+
+class Measures(Keys):
+    """Of `rockjax motions`, which reads no table of its own."""
+
+    periods: Positives = key([0.2, 0.5, 1.0, 2.0], "Periods of Sa(T) [s], separated by commas.", GRID)
+    damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
+
+
+SOURCES = ("kind", "file", "suite", "synthetic")
+
+
+def _source(given: Any) -> str | None:
+    found = [name for name in SOURCES if isinstance(given, dict) and name in given]
+    return found[0].title() if len(found) == 1 else None
+
+
+Entry = Annotated[
+    Annotated[Pulses, Tag("Kind")]
+    | Annotated[Record, Tag("File")]
+    | Annotated[Suite, Tag("Suite")]
+    | Annotated[Synthetic, Tag("Synthetic")],
+    Discriminator(
+        _source,
+        "source",
+        "needs one of kind (of a pulse), file (of a record), suite (of records) and synthetic (how many)",
+    ),
+]
+MotionSet = Annotated[
+    Annotated[Entry, Tag("one")] | Annotated[list[Entry], Field(min_length=1), Tag("several")],
+    Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
+]
+
+
+class Options(Keys):
+    """Accuracy, as `rockjax.Options`."""
+
+    rtol: Positive | None = key(None, "Relative tolerance of the step-size control [–].", ACCURACY)
+    atol: Positive | None = key(None, "Absolute tolerance [–]; 0.01 rtol where not given.")
+    method: str | None = key(None, "Runge–Kutta method: dopri8, tsit5, dopri5, bosh3 …", ACCURACY)
+    engine: str | None = key(None, "flat or segments.")
+    overturn_ratio: Positive | None = key(None, "Limit state max|θ|/α [–].", ACCURACY, "--limit")
+    rest_velocity: Positive | None = key(None, "Speed at which impacts end [–].")
+    max_steps: Count | None = key(None, "Most trial steps of a scene.")
+    outputs: list[str] | None = key(None, "Wanted answers.")
+    history: Count | None = key(None, "Steps that a history can hold under jit.")
+    throw: bool | None = key(None, "Raise where a scene ends without an answer.")
+
+
+class _OneMotion(Keys):
+    """The choice of a motion."""
+
+    motion: str | None = key(None, "Which set of motions, where there are several.", MOTION)
+    number: Count | None = key(None, "Which motion of the set, where it has several.", MOTION)
+
+
+class Response(_OneMotion):
+    """Of `rockjax response`."""
+
+    t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
+
+
+class _Panels(Keys):
+    """Structures that differ in what stands on them, under one kind of pulse."""
+
+    pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
+    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].", MOTION)
+    frequency_ratio: Frequencies = key((1.0, 8.0), "Range of ω_p/p [–].", GRID, "--frequency")
+    eta_over_gamma: NotNegatives = key([1.0, 5.0, 10.0], "Mass ratios η/γ [–]: a panel for each.", STRUCTURE)
+    T_s: NotNegatives = key([0.0, 0.1, 0.5, 1.0], "Periods [s]: a panel for each; 0 is rigid.", STRUCTURE)
+
+
+class Spectrum(_Panels):
+    """Of `rockjax spectrum`; the panels of a structure in a file are its own where nothing else is said."""
+
+    acceleration_ratio: Amplitudes = key((1.0, 12.0), "Range of a_p/(g tan α) [–].", GRID, "--acceleration")
+    points: Points = key(100, "Points along each axis.", GRID)
+    sensitivities: list[str] = key([], "Parameters y of ∂(max|θ|/α)/∂ ln y.", GRID)
+
+
+class Overturning(_Panels):
+    """Of `rockjax overturning`."""
+
+    max_acceleration_ratio: Positive = key(12.0, "Largest a_p/(g tan α) [–].", GRID, "--max-acceleration")
+    points: Points = key(141, "Frequencies.", GRID)
+    sensitivities: list[str] = key(["alpha", "gamma"], "Parameters y of d a_ov/d ln y.", GRID)
+
+
+class Fragility(Keys):
+    """Of `rockjax fragility`."""
+
+    motions: str | None = key(None, "Which set of motions of the file, where it has several.", MOTION)
+    measure: Literal["PGA", "PGV", "Sa", "scale"] = key(
+        "PGA", "Intensity: PGA, PGV, Sa at --measure-period, or the factor on the records.", GRID
+    )
+    measure_period: Positive | None = key(None, "Period of Sa [s].", GRID)
+    intensity: Levels | None = key(
+        None,
+        "Lowest and highest level, in units of the measure: [m/s²], [m/s], [–]. By default up to the level "
+        "at which the median PGA of the suite is 6 g tan α.",
+        GRID,
+    )
+    levels: Count = key(20, "Number of levels.", GRID)
+    method: Literal["capacities", "stripes"] = key(
+        "capacities", "Fit of the least overturning intensities, or of the counts at the levels.", STATISTICS
+    )
+    confidence: Share = key(0.9, "Of the intervals and bands, in 0…1 [–].", STATISTICS)
+    seed: Index = key(0, "Seed of --synthetic motions.", STATISTICS)
+    sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
+
+
+class Risk(Keys):
+    """Of `rockjax risk`."""
+
+    fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or OpenQuake's (.xml).", CURVE)
+    structure: str | None = key(None, "Which structure of a model (.xml), where it has several.", CURVE)
+    median: Positive | None = key(None, "Instead of a file: median, in SI units of the hazard.", CURVE)
+    dispersion: Positive | None = key(None, "… and standard deviation of its logarithm [–].", CURVE)
+    hazard: str | None = key(None, "Hazard curve: CSV of two columns, or of OpenQuake.", HAZARD)
+    site: Index | None = key(None, "Row of an OpenQuake file, from 0, where it has several.", HAZARD)
+    years: NotNegative = key(50.0, "Time in which the probability of failure is wanted [years].", OUTPUT)
+
+
+class Span(Keys):
+    """Numbers at equal distances, or at equal ratios."""
+
+    low: Number = Field(alias="from", description="First number.")
+    high: Number = Field(alias="to", description="Last number.")
+    points: Points = key(..., "How many.")
+    log: bool = key(False, "Whether ratios are equal.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Span:
+        if self.log and not (self.low > 0 and self.high > 0):
+            raise ValueError(f"equal ratios need from and to > 0, got {self.low:g} and {self.high:g}")
+        return self
+
+
+Axis = Annotated[
+    Annotated[Numbers, Tag("list")] | Annotated[Span, Tag("span")],
+    Discriminator(lambda given: "span" if isinstance(given, dict) else "list"),
+]
+
+
+class Sweep(_OneMotion):
+    """Of `rockjax sweep`; without a number, several motions of a set are an axis."""
+
+    outputs: list[str] = key(["peak_rotation"], "Wanted answers: peak_rotation, peak_shear, margin …", GRID)
+    chunk: Count | None = key(None, "Scenes in a chunk; by default some seconds of them.", MACHINES)
+    axes: dict[str, Axis] = key({}, "Axes of the grid by names of parameters, as of `rockjax.grid`.")
+
+
+class Problem(Keys):
+    """A problem file: what several commands read, and a table for each of them."""
+
+    structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
+    motions: dict[str, MotionSet] = key({}, "Sets of motions, by names of your own.")
+    options: Options = Field(default_factory=Options)
+    response: Response = Field(default_factory=Response)
+    spectrum: Spectrum = Field(default_factory=Spectrum)
+    overturning: Overturning = Field(default_factory=Overturning)
+    fragility: Fragility = Field(default_factory=Fragility)
+    risk: Risk = Field(default_factory=Risk)
+    sweep: Sweep = Field(default_factory=Sweep)
+    # Of `rockjax design`, which says more of them: see `optimise`.
+    starts: Count | None = key(None, "Starting points; by default 1.", ACCURACY)
+    seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
+    tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")
+    max_iterations: Count | None = key(None, "Most iterations of a start.")
+    vary: Any = key(None, "What may vary.")
+    minimise: Any = key(None, "What is to be least.")
+    targets: Any = key(None, "What the design must keep.")

@@ -1,0 +1,252 @@
+"""Problem files read: tables checked by the models, and the structures, motions and options in them."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.pulses import PULSES
+from rockjax._motions.motion import Motion, Motions
+from rockjax._motions.readers import read_motion, read_suite
+from rockjax._motions.synthetic import synthetic_motions
+from rockjax._options import Options
+from rockjax._parameters.table import STRUCTURE
+from rockjax._parameters.variants import pulse_acceleration, pulse_period
+from rockjax._restrainers import KINDS
+from rockjax._structures import Modes, Podium, ShearBuilding, superstructure_of
+from rockjax._text.reading import read_text
+
+from . import models
+
+K = TypeVar("K", bound=models.Keys)
+
+
+class Reported(ValueError):
+    """An error that names the file and the key already."""
+
+
+def load_table(path: Path) -> dict[str, Any]:
+    """Return the table of a TOML file. Raises `ValueError` that names the file and the cause."""
+    try:
+        return tomllib.loads(read_text(path, utf8_only=True))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: is not TOML: {error}") from None
+
+
+class Reader:
+    """Reads the tables of a problem file; every error names the file, the key and what would be right.
+
+    - `path`: the file, which others are named relative to; None for tables that come from no file
+    - `options`: keys that the command line has set, each with its option, which errors name, and value
+    """
+
+    def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
+        self.folder = Path() if path is None else path.parent
+        self.prefix = "" if path is None else f"{path}: "
+        self.set_by_options = options or {}
+
+    def chosen(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return those of these keys that the command line has set."""
+        return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
+
+    @contextlib.contextmanager
+    def at(self, key: str) -> Iterator[None]:
+        """Name the file and a key in errors."""
+        try:
+            yield
+        except Reported:
+            raise
+        except (ValueError, TypeError) as error:
+            self.fail(key, str(error))
+
+    def fail(self, key: str, why: str) -> NoReturn:
+        """Raise an error of a key."""
+        raise Reported(f"{self.prefix}{key}: {why}")
+
+    def check(self, model: type[K], given: Any) -> K:
+        """Return a table as its model. Raises `ValueError` for the first key that is wrong."""
+        try:
+            return model.model_validate(given)
+        except ValidationError as error:
+            key, why, value = _explained(error, given)
+        flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
+        if flag and chosen == value:
+            raise Reported(f"{flag}: {why}")
+        return self.fail(key, why)
+
+    def options(self, given: models.Options, **changes: Any) -> Options:
+        """Return the options of a file; `changes` are what it need not give."""
+        chosen: dict[str, Any] = {"throw": False} | changes | given.given()
+        with self.at("options"):
+            return Options(**chosen)
+
+    def structure(
+        self,
+        given: models.ByRatios | models.ByDimensions,
+        by_dimensions: Callable[..., Any] = Podium.from_dimensions,
+    ) -> Any:
+        """Return the podium of a table, or what `by_dimensions` makes of one by dimensions."""
+        numbers = given.given("superstructure")
+        with self.at("structure"):
+            if isinstance(given, models.ByDimensions):
+                return by_dimensions(**numbers)
+            if "tan_alpha" in numbers:
+                numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
+            found: dict[str, dict[str, Any]] = {}
+            for name in [name for name in numbers if STRUCTURE[name].place.startswith("restrainers.")]:
+                _, kind, field = STRUCTURE[name].place.split(".")
+                found.setdefault(kind, {})[field] = numbers.pop(name)
+            if "Damper" in found and "coefficient" not in found["Damper"]:
+                raise ValueError("exponent needs the coefficient of a damper")
+            least = {"Tendon": {"prestress": 0.0}}
+            parts = tuple(KINDS[name](**least.get(name, {}) | found[name]) for name in KINDS if name in found)
+            return Podium(
+                **numbers, superstructure=self.superstructure(given.superstructure), restrainers=parts
+            )
+
+    def superstructure(self, given: Any) -> Any:
+        """Return the superstructure of a table, None for none."""
+        if given is None:
+            return None
+        kinds: dict[type, Callable[..., Any]] = {
+            models.Building: ShearBuilding,
+            models.ModesOfSuperstructure: Modes,
+        }
+        with self.at("structure.superstructure"):
+            return kinds.get(type(given), superstructure_of)(**given.given())
+
+    def motions(
+        self, sets: Mapping[str, models.MotionSet], podium: Podium
+    ) -> dict[str, list[AbstractExcitation]]:
+        """Return all sets of motions, to simulate with."""
+        return {name: [as_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
+
+    def members(
+        self, sets: Mapping[str, models.MotionSet], name: str, podium: Podium | None
+    ) -> list[Motion | AbstractExcitation]:
+        """Return the motions of a set: pulses, and records with their names and sources.
+
+        `podium` is what the ratios of pulses refer to, None where there is none.
+        """
+        found, is_list = [], isinstance(sets[name], list)
+        for k, entry in enumerate(entries_of(sets[name])):
+            with self.at(f"motions.{name}[{k}]" if is_list else f"motions.{name}"):
+                found += _pulses(entry, podium) if isinstance(entry, models.Pulses) else self._records(entry)
+        return found
+
+    def recorded(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
+        """Return a set of records, with their names. Raises `ValueError` for pulses."""
+        if has_pulses(sets[name]):
+            self.fail(f"motions.{name}", "holds pulses; only records are wanted: file, suite or synthetic")
+        return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
+
+    def named(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
+        """Return the name of a set of motions, for None that of the only one.
+
+        Raises `ValueError` where there is none.
+        """
+        if name is None and len(sets) == 1:
+            return next(iter(sets))
+        if name is None or name not in sets:
+            got = "" if name is None else f", got {name!r}"
+            self.fail(key, f"must name a set under [motions]{got}; there are {', '.join(sets) or 'none'}")
+        return name
+
+    def _records(self, entry: Any) -> Motions:
+        """Return the records of an entry."""
+        more = entry.given("vertical_ratio", "paired", "file", "suite", "synthetic")
+        if isinstance(entry, models.Synthetic):
+            found = synthetic_motions(entry.synthetic, **{"seed": 0} | more)
+        elif isinstance(entry, models.Suite):
+            found = read_suite(self.folder / entry.suite, **more)
+        else:
+            found = Motions((self._record(self.folder / entry.file, more),))
+        if (ratio := entry.vertical_ratio) is not None:
+            found = found.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(ratio)))
+        return found.paired() if getattr(entry, "paired", False) else found
+
+    def _record(self, path: Path, more: dict[str, Any]) -> Motion:
+        """Return the record of a file, with its vertical one where there is one."""
+        scale, file, component = (
+            more.pop(name, None) for name in ("scale", "vertical", "vertical_component")
+        )
+        motion = read_motion(path, **more)
+        if file is not None:
+            vertical = read_motion(self.folder / file, **more | {"component": component})
+            motion = dataclasses.replace(motion, vertical=vertical)
+        return motion if scale in (None, 1) else motion.scaled(scale)
+
+
+def _explained(error: ValidationError, given: Any) -> tuple[str, str, Any]:
+    """Return the key of the first error of a table, what is wrong with it, and what it holds."""
+    first = error.errors(include_url=False)[0]
+    place, value, why = "", given, first["msg"].removeprefix("Value error, ")
+    for part in first["loc"]:  # those that are no keys name branches of unions
+        if isinstance(value, dict) and part in value:
+            place, value = f"{place}.{part}".lstrip("."), value[part]
+        elif isinstance(value, list) and isinstance(part, int) and part < len(value):
+            place, value = f"{place}[{part}]", value[part]
+    kind, context = first["type"], first.get("ctx", {})
+    if kind == "missing":
+        return place or "file", f"{first['loc'][-1]} is missing", None
+    if kind == "unknown":
+        return f"{place}.{context['key']}".lstrip("."), why, value[context["key"]]
+    if kind == "union_tag_invalid":
+        return f"{place}.kind", f"must be one of {context['expected_tags']}, got {context['tag']!r}", None
+    if kind == "union_tag_not_found":
+        return place, "kind is missing", None
+    if kind in ("model_type", "dict_type"):
+        why = "must be a table"
+    why = why.replace("Input should be", "must be").replace("a valid string", "a text")
+    return place or "file", f"{why}, got {value!r}" if why.startswith("must") else why, value
+
+
+def entries_of(motions: models.MotionSet) -> list[Any]:
+    """Return the entries of a set of motions."""
+    return motions if isinstance(motions, list) else [motions]
+
+
+def has_pulses(motions: models.MotionSet) -> bool:
+    """Return whether a set of motions has pulses in it."""
+    return any(isinstance(entry, models.Pulses) for entry in entries_of(motions))
+
+
+def as_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
+    """Return a motion to simulate with."""
+    return member.record() if isinstance(member, Motion) else member
+
+
+def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
+    """Return the pulses of an entry; ratios refer to the podium."""
+    kind = PULSES[entry.kind]
+    a_p = (
+        entry.a_p
+        if entry.acceleration_ratio is None
+        else np.asarray(pulse_acceleration(_needed(podium), np.asarray(entry.acceleration_ratio)))
+    )
+    pairs = np.broadcast_arrays(*np.atleast_1d(a_p, periods(entry, podium)))
+    make = kind if entry.vertical_ratio is None else GroundMotion.in_proportion(kind, entry.vertical_ratio)
+    return [make(float(a), float(T)) for a, T in zip(*pairs, strict=True)]
+
+
+def periods(entry: Any, podium: Podium | None) -> Any:
+    """Return the periods T_p that an entry gives, as such or by ω_p/p of the podium [s]."""
+    if entry.frequency_ratio is None:
+        return entry.T_p
+    return pulse_period(float(_needed(podium).p), np.asarray(entry.frequency_ratio))
+
+
+def _needed(podium: Podium | None) -> Podium:
+    if podium is None:
+        raise ValueError("is given by ratios, which need a table [structure]")
+    return podium
