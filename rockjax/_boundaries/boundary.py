@@ -46,7 +46,7 @@ from rockjax._types import Value
 from .crossings import scan
 from .first import WIDTH, First, first_boundary
 from .implicit import implicit_in_program, weights
-from .steps import SPACING
+from .places import SPACING
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # a boundary is as sharp as the scenes that find it

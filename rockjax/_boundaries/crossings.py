@@ -17,12 +17,11 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import submit
 from rockjax._options import Options
 from rockjax._progress import bar
+from rockjax._roots import Brackets, narrowed
 from rockjax._structures import Podium
 
 from .first import CLOSE
-from .looked import Known, Look, around_dips, dip
-from .narrowing import narrowed
-from .steps import certain, gaps, spacing_for
+from .places import Known, Look, around_dips, certain, dip, gaps, spacing_for
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
@@ -35,8 +34,6 @@ FINEST = 1e-6  # … down to this part of the line
 
 CLOSER = 256  # steps beside the lowest dips are divided into so many …
 CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
-SEVERAL = 16  # lines …
-LONG = 100  # … of motions with more pieces than that
 NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
 
 
@@ -61,12 +58,12 @@ class Crossings(NamedTuple):
 def scanned_soon(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
 ) -> None:
-    """Load or compile, while something else goes on, the programs that a `scan` of these will look with."""
+    """Load or compile, while something else goes on, the program of the scenes of a `scan`."""
     x = np.asarray(x, float)
 
     def look() -> None:
-        for reaches in _programs(plane, x, max(y_range), options):
-            margins(plane, x[:1], np.full(1, min(y_range)), looking(options, width, np), reaches=reaches)
+        reaches = _in_proportion(plane, x[:1], max(y_range), options)
+        margins(plane, x[:1], np.full(1, min(y_range)), looking(options, width, np), reaches=reaches)
 
     submit(look)
 
@@ -105,35 +102,29 @@ def scan(
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     loose = looking(options, NARROWEST if width is None else width, np)
-    programs = _programs(plane, x, y_range[1], options) if width is not None else (False,)
+    reaches = width is not None and _in_proportion(plane, x[:1], y_range[1], options)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-        def look(line: np.ndarray, y: np.ndarray, sharp: bool, wanted: np.ndarray | bool) -> Known:
+        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
             nonlocal scenes
             scenes += line.size
-            chosen = np.broadcast_to(wanted if len(programs) > 1 else programs == (True,), line.shape)
-            seen = np.zeros(line.size), np.zeros(line.size, int), np.zeros(line.size)
-            for reaches in programs:
-                at = np.flatnonzero(chosen == reaches)
-                some = margins(plane, x[line[at]], y[at], options if sharp else loose, counter, reaches)
-                for whole, part in zip(seen, some, strict=True):
-                    whole[at] = part
+            seen = margins(plane, x[line], y, options if sharp else loose, counter, reaches)
             return Known(line, y, *seen, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
-        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False, True)
+        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
         if look_closer == "everywhere":
             known = _refined(known, look, FINEST * size)
         spacing = spacing_for(width, size, resolution)
         known = certain(known, look, spacing, look_closer == "first")
         divided = 1
         while divided < (CLOSER if dips else CLOSER_FOR_WINDOWS):
-            line, y, apart, parts = around_dips(known, LANES, may_open=not dips)
+            line, y, parts = around_dips(known, LANES, may_open=not dips)
             if line.size == 0:
                 break
-            known, divided = known.and_also(look(line, y, False, apart > spacing)), divided * parts
+            known, divided = known.and_also(look(line, y, False)), divided * parts
         known = certain(known, look, spacing, look_closer == "first")
         answered = known.answered()
         if np.unique(answered.line).size < x.size:
@@ -141,10 +132,19 @@ def scan(
                 "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
             )
         starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
-        changes = answered.first_changes() if look_closer == "first" else answered.changes()
+        at = answered.changes(look_closer == "first")
+        line, overturns = answered.line[at], answered.margin[at] > 0
+        survivor, other = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
+
+        def evaluate(of: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            seen = look(np.repeat(line[of], y.shape[1]), y.ravel(), True)
+            return seen.margin.reshape(y.shape), seen.impacts.reshape(y.shape)
+
+        ends = (answered.y, answered.margin)
+        brackets = Brackets(*(y[k] for y in ends for k in (survivor, other)), answered.impacts[other])
         close = max(CLOSE, NOISE * float(options.rtol))
-        y, impacts = narrowed(answered, changes, look, close, LANES * min(2, workers()))
-        crossings = Crossings(answered.line[changes], y, answered.margin[changes] > 0, impacts)
+        brackets = narrowed(brackets, evaluate, close, LANES * min(2, workers()))
+        crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.more_at_b)
     return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
 
 
@@ -170,22 +170,6 @@ def margins(
     # Copies: what is solved again more sharply is put in their place.
     value, impacts, reach = (np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, reach))
     return value, impacts, reach
-
-
-def _programs(plane: Plane, x: np.ndarray, top: float, options: Options) -> tuple[bool, ...]:
-    """With which `reaches` scenes on the lines x are looked at.
-
-    A scene without its reach takes two thirds of the time; only where there are many, and each of them takes
-    long, that makes up for another program to compile.
-    """
-    if not _in_proportion(plane, x[:1], top, options):
-        return (False,)
-    return (True, False) if x.size >= SEVERAL and _take_long(plane, x[:1], top) else (True,)
-
-
-def _take_long(plane: Plane, x: np.ndarray, top: float) -> bool:
-    """Whether motions are records, by the number of their pieces."""
-    return plane(x, np.full(1, top))[1].most_pieces > LONG
 
 
 def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
@@ -234,5 +218,5 @@ def _refined(known: Known, look: Look, finest: float) -> Known:
         if at.size == 0:
             break
         places = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
-        known = known.and_also(look(np.repeat(line[at], part.size), places, False, True))
+        known = known.and_also(look(np.repeat(line[at], part.size), places, False))
     return known

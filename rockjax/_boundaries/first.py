@@ -20,11 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from rockjax._roots import beside_line
+
 WIDTH = 32  # scenes side by side
 DIPS = WIDTH // 2  # the lowest dips that are looked at closer, on both sides …
 ZOOMS = 7  # … so many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
 NARROW = 12  # … or this many divisions of it, whatever comes first
+NEAR = np.logspace(-9, -1, WIDTH // 4)  # of a bracket: places beside the root of the straight line
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROWING = range(5)
 
@@ -206,7 +209,8 @@ def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: 
 
 
 def _divided(state: _State, limit: Array, spacing: Array) -> Array:
-    return jnp.sort(_divisions(state.lo, state.hi, state.above, state.below))
+    part = beside_line(state.above, state.below, WIDTH - 2 * NEAR.size, NEAR, jnp)
+    return state.lo + (state.hi - state.lo) * part
 
 
 def _narrowed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -228,20 +232,6 @@ def _narrowed(state: _State, scales: Array, margin: Array, impacts: Array, limit
 
 _ASK = (_coarse_scales, _next_scales, _bracket_scales, _dip_scales, _divided)
 _TELL = (_coarse, _scanned, _confirmed, _zoomed, _narrowed)
-
-
-def _divisions(lo: Array, hi: Array, above: Array, below: Array) -> Array:
-    """Scales that divide a bracket with margins `above` > 0 at one end and `below` ≤ 0 at the other.
-
-    Some of them equally spaced, for certainty, the others close around the root of the straight line, for
-    speed.
-    """
-    near = WIDTH // 4
-    spaced = WIDTH - 2 * near
-    root = above / jnp.where(above > below, above - below, 1.0)
-    even, reach = np.arange(1, spaced + 1) / (spaced + 1), np.logspace(-9, -1, near)
-    part = jnp.concatenate([even, root - reach, root + reach])
-    return jnp.clip(lo + (hi - lo) * part, jnp.minimum(lo, hi), jnp.maximum(lo, hi))
 
 
 def _first(margin: Array) -> tuple[Array, Array]:

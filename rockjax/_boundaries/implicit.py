@@ -1,23 +1,49 @@
-"""How a boundary moves with the numbers of podium and motion, by the implicit function theorem."""
+"""How a boundary moves with the numbers of podium and motion, by the implicit function theorem.
+
+A residual M of a scene, the overturning margin, vanishes on the boundary a*. So da* = −dM/(∂M/∂a).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
 
+from rockjax._batch.batch import LANES
 from rockjax._checks import array_module
 from rockjax._engine.solve import solve
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.records import RecordPairs, Records
+from rockjax._options import Options
+from rockjax._parameters.sensitivities import varied
 from rockjax._programs.program import KeptProgram
 from rockjax._results import REST
+from rockjax._structures import Podium
 
-from .verdict import boundary_residual, margin_options
+from .verdict import boundary_residual, has_margin, margin_options
 
 PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
 
 
+def _residual(podium: Podium, motion: AbstractExcitation, options: Options, margin: bool):
+    (floats, _), _ = solve(podium, motion, REST, None, margin_options(options, margin))
+    return boundary_residual(floats, margin)
+
+
+def _moved(slope, change, unknown: float):
+    """Return −`change`/`slope` of residuals, `unknown` where derivatives do not tell."""
+    numpy = array_module(slope)
+    usable = numpy.isfinite(slope) & (slope != 0)
+    return jnp.where(usable, -change / numpy.where(usable, slope, 1.0), unknown)
+
+
 def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
-    """How the boundary moves with the numbers that do, by the implicit function theorem; zero where there is
-    none."""
+    """Return the change of the boundary `scale` with the numbers that are `live`, along their tangents
+    `moving`; zero where there is no boundary."""
     numpy = array_module(leaves, scale)
     found = numpy.isfinite(scale)
     places = [k for k, moves in enumerate(live) if moves]
@@ -29,17 +55,14 @@ def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: b
         for k, value in zip(places, values, strict=True):
             numbers[k] = value
         podium, excitation, _, (options, _) = jax.tree.unflatten(structure, numbers)
-        wanted = margin_options(options, margin)
-        (floats, _), _ = solve(podium, excitation.scaled(scale), REST, None, wanted)
-        return boundary_residual(floats, margin)
+        return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in places)
+    # Apart from each other: reverse mode turns around what is linear in `moving`.
     _, along = jax.linearize(residual, past, *point)
     slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = along(numpy.zeros_like(past), *moving)
-    usable = found & (slope != 0) & numpy.isfinite(slope)
-    weight = numpy.where(usable, -1 / numpy.where(usable, slope, 1.0), 0.0)
-    return weight * jnp.where(usable, change, 0.0)
+    return jnp.where(found, _moved(slope, change, 0.0), 0.0)
 
 
 @KeptProgram
@@ -52,3 +75,52 @@ def weights(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
 
 
 implicit_in_program = jax.jit(implicit, static_argnames=("structure", "live", "margin"))
+
+
+def log_sensitivities(
+    podium: Podium,
+    a: Float[np.ndarray, " n"],
+    rows: dict[str, np.ndarray],
+    names: tuple[str, ...],
+    options: Options,
+    *,
+    pulse: Callable[[Any, Any], AbstractExcitation] | None = None,
+    records: Records | RecordPairs | None = None,
+) -> Float[np.ndarray, "names n"]:
+    """Return d ln a/d ln y at boundaries `a`, for the parameters y with these names (host).
+
+    - `a`: pulse accelerations [m/s²] or factors on records [–], NaN where there is no boundary; so are the
+      derivatives there
+    - `rows`: of each boundary the period `T_p` of the `pulse` [s], or `which` of the `records`, (n,)
+    """
+    result = np.full((len(names), a.size), np.nan)
+    at = np.flatnonzero(np.isfinite(a))
+    for start in range(0, at.size, LANES):
+        part = at[start : start + LANES]
+        filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
+        chosen = {name: y[filled] for name, y in rows.items()}
+        fixed = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}
+        found = _along(podium, records, chosen, a[filled], options, **fixed)
+        result[:, part] = np.asarray(found)[: part.size].T
+    return result
+
+
+@KeptProgram
+def _along(
+    podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], margin: bool
+):
+    def one(row: dict[str, Array], a):
+        def residual(logs):
+            factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
+            past = a * (1 + PAST) * jnp.exp(logs[0])
+            if pulse is None:
+                motion = records.pick(row["which"]).scaled(past)
+            else:
+                motion = pulse(past, row["T_p"] * factors.pop("T_p", 1.0))
+            structure = varied(podium, list(factors), list(factors.values()))
+            return _residual(structure, motion, options, margin)
+
+        slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))
+        return _moved(slopes[0], slopes[1:], jnp.nan)
+
+    return jax.vmap(one)(rows, a)

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive, product
 from rockjax._plausibility import doubt
+from rockjax._roots import halved, newton
 from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
 
@@ -41,36 +42,22 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     zero.
     """
 
-    def narrowed(lo, hi, z):
-        above = f(z) > 0
-        return jnp.where(above, lo, z), jnp.where(above, z, hi)
-
-    def halve(bracket):
-        lo, hi = bracket
-        return narrowed(lo, hi, 0.5 * (lo + hi))
-
-    def newton(_, carry):
-        lo, hi, z, _ = carry
-        y, slope = jax.jvp(f, (z,), (jnp.ones_like(z),))
-        lo, hi = jnp.where(y > 0, lo, z), jnp.where(y > 0, z, hi)
-        per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
-        step = z - y * per_height
-        return lo, hi, jnp.where((step >= lo) & (step <= hi), step, 0.5 * (lo + hi)), per_height
-
-    lo = jnp.where((f(lo) <= 0) & (f(hi) > 0), lo, hi)
-    lo, hi = jax.lax.fori_loop(0, _HALVINGS, lambda _, bracket: halve(bracket), (lo, hi))
-    z = 0.5 * (lo + hi)
-    lo, hi, z, per_height = jax.lax.fori_loop(0, _NEWTON_STEPS, newton, (lo, hi, z, z))
+    above = lambda z: f(z) > 0
+    lo = jnp.where((f(lo) <= 0) & above(hi), lo, hi)
+    hi, lo = halved(above, hi, lo, _HALVINGS, jnp)
+    hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
+    per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
     close = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(per_height))  # rounding of time and of height
     for near in (z - close, z + close):
-        lo, hi = narrowed(lo, hi, jnp.clip(near, lo, hi))
+        near = jnp.clip(near, lo, hi)
+        lo, hi = jnp.where(above(near), lo, near), jnp.where(above(near), near, hi)
 
-    def apart(bracket):
-        lo, hi = bracket
+    def apart(ends):
+        hi, lo = ends
         middle = 0.5 * (lo + hi)
         return jnp.any((lo < middle) & (middle < hi))
 
-    return jax.lax.while_loop(apart, halve, (lo, hi))[1]
+    return jax.lax.while_loop(apart, lambda ends: halved(above, *ends, 1, jnp), (hi, lo))[0]
 
 
 class _PulseLookahead(AbstractLookahead):

@@ -15,6 +15,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from rockjax._roots import halved
+
 _PIECES = 8  # per period at least, so that ü changes sign once at most in a piece
 _TERMS = 20  # of a series in |λτ| ≤ 2π/8, down to rounding
 _HALVINGS = 60
@@ -106,11 +108,9 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
         if not at.size:
             continue
         of = start[at], load[at], slope[at]
-        low, high, sign = times[k][at], times[k + 1][at], np.sign(velocity[k][at])
-        for _ in range(_HALVINGS):
-            tau = 0.5 * (low + high)
-            before = sign * oscillator.velocity(oscillator.after(*of, tau)) > 0
-            low, high = np.where(before, tau, low), np.where(before, high, tau)
+        sign = np.sign(velocity[k][at])
+        before = lambda tau, of=of, sign=sign: sign * oscillator.velocity(oscillator.after(*of, tau)) > 0
+        low, high = halved(before, times[k][at], times[k + 1][at], _HALVINGS)
         u = oscillator.displacement(oscillator.after(*of, 0.5 * (low + high)))
         largest = max(largest, float(np.abs(u).max()))
     return largest

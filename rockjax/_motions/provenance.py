@@ -9,7 +9,7 @@ import numpy as np
 
 from rockjax._excitations.ground import GroundMotion
 
-from .motion import Motion
+from .motion import Motion, Motions
 from .record import Record
 from .records import RecordPairs, Records
 
@@ -46,8 +46,38 @@ def origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
     return (*found.items(), *((f"vertical_{name}", value) for name, value in vertical))
 
 
-def record_coords(records: Records | RecordPairs) -> dict[str, Any]:
-    """Coordinates along `record` that tell records from others: dt, PGA, checksum of the samples."""
+def describe_motions(excitations: Any) -> dict[str, Any]:
+    """Name, source, samples, dt, PGA and checksum of what is a record, for the attributes of a file; lists of
+    them of several records. Nothing of other excitations."""
+    if isinstance(excitations, Motion):
+        record = excitations.record()
+        record = record.horizontal if isinstance(record, GroundMotion) else record
+        return describe_record(record) | dict(origin(excitations))
+    if isinstance(excitations, Motions):
+        rows = [describe_motions(motion) for motion in excitations]
+        return {name: [row.get(name, "") for row in rows] for name in rows[0]} if rows else {}
+    if isinstance(excitations, Records | RecordPairs):
+        about = record_coords(excitations)
+        names = {"dt": "record_dt_s", "PGA": "record_pga_m_s2", "sha256": "record_sha256"}
+        return {name: np.asarray(about[key][1]).tolist() for key, name in names.items()}
+    single = isinstance(excitations, Record) and np.ndim(excitations.acceleration) == 1
+    return describe_record(excitations) if single and not np.ndim(excitations.scale) else {}
+
+
+def _several(given: Any) -> list[Motion]:
+    """The motions with names and sources in what was given as records."""
+    if isinstance(given, Motion):
+        return [given]
+    return (
+        [each for part in given for each in _several(part)]
+        if isinstance(given, list | tuple | Motions)
+        else []
+    )
+
+
+def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str, Any]:
+    """Coordinates along `record` that tell records from others: dt, PGA, checksum of the samples; and source
+    and seed, where `given` says them of all."""
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)
     rows = [
@@ -56,7 +86,13 @@ def record_coords(records: Records | RecordPairs) -> dict[str, Any]:
     ]
     pga = np.array([np.abs(row).max(initial=0.0) for row in rows])
     about = {"units": "m s-2", "long_name": "largest ground acceleration of the record"}
-    return {
+    known = [dict(origin(motion)) for motion in _several(given)]
+    further = {}
+    for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
+        values = [each[f"record_{name}"] for each in known if f"record_{name}" in each]
+        if len(values) == len(rows):
+            further[name] = ("record", values, {"long_name": long_name})
+    return further | {
         "dt": ("record", np.asarray(table.intervals), {"units": "s", "long_name": "sampling interval"}),
         "PGA": ("record", pga, about),
         "sha256": ("record", list(map(sha256, rows)), {"long_name": "SHA-256 of the samples, <f8 in m/s²"}),

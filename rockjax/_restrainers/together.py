@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import shown
+from rockjax._roots import newton
 from rockjax._types import Number
 
 from . import KINDS
@@ -77,21 +78,10 @@ def _search(alpha: Number, weight: Number, holding: Sequence[AbstractRestrainer]
             each.static_force(stretch) for each in holding
         )
 
-    def newton(angle):
-        value, slope = jax.jvp(moment, (angle,), (jnp.ones_like(angle),))
-        return value, angle - value / jnp.where(slope < 0, slope, -1.0)
-
-    def closer(_, bracket):
-        low, high, angle = bracket
-        value, onward = newton(angle)
-        low, high = jnp.where(value > 0, angle, low), jnp.where(value > 0, high, angle)
-        inside = (onward > low) & (onward < high)
-        return low, high, jnp.where(inside, onward, 0.5 * (low + high))
-
     top = jnp.full_like(moment(alpha), math.pi / 2)
-    low = jnp.broadcast_to(alpha, top.shape)
-    found = jax.lax.fori_loop(0, ROUNDS, closer, (low, top, 0.5 * (low + top)))[2]
+    found = jax.lax.stop_gradient(newton(moment, jnp.broadcast_to(alpha, top.shape), top, ROUNDS)[2])
     # One more step carries the derivative, by the implicit function theorem.
-    found = newton(jax.lax.stop_gradient(found))[1]
+    value, slope = jax.jvp(moment, (found,), (jnp.ones_like(found),))
+    found = found - value / jnp.where(slope < 0, slope, -1.0)
     falls = moment(top) <= 8 * np.finfo(np.asarray(0.0).dtype).eps * weight
     return jnp.where(falls, jnp.minimum(found, top), jnp.inf)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rockjax._roots import beside_line
+
 from .limit_state import AbstractLimitState
 
 
@@ -61,11 +63,7 @@ class _Intervals(NamedTuple):
 
     def divided(self, how: Division) -> np.ndarray:
         """Places inside, (k, places): even ones for certainty, two around the straight line's root."""
-        drop = self.at_a - self.at_b
-        root = np.clip(self.at_a / np.where(drop == 0, 1.0, drop), 0, 1)
-        even = np.tile(np.arange(1, how.parts) / how.parts, (self.a.size, 1))
-        close = np.clip(root[:, None] + np.array([-how.close, how.close]), 0, 1)
-        part = np.sort(np.concatenate([even, close], axis=1), axis=1)
+        part = beside_line(self.at_a, self.at_b, how.parts - 1, how.close)
         return self.a[:, None] + (self.b - self.a)[:, None] * part
 
 

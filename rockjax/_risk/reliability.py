@@ -233,24 +233,14 @@ def first_order(found: Found) -> float:
     if found.beta.size == 0:
         return math.nan
     directions = found.u / found.beta[:, None]
+    correlation = np.clip(directions @ directions.T, -1.0, 1.0)
     total = 0.0
     for i, beta in enumerate(found.beta):
-        both = sum(
-            _both(float(found.beta[j]), float(beta), float(directions[i] @ directions[j])) for j in range(i)
-        )
-        total += max(float(scipy.stats.norm.sf(beta)) - both, 0.0)
+        both = 0.0
+        for j in range(i):
+            pair = [[1.0, correlation[i, j]], [correlation[i, j], 1.0]]
+            both += scipy.stats.multivariate_normal.cdf(
+                [-beta, -found.beta[j]], cov=pair, allow_singular=True
+            )
+        total += max(float(scipy.stats.norm.sf(beta) - both), 0.0)
     return total
-
-
-def _both(a: float, b: float, correlation: float) -> float:
-    """P(x > a, y > b) of two standard normal numbers: Φ(−a)Φ(−b) + ∫₀^ρ φ₂(a, b; r) dr."""
-    rho = min(max(correlation, -1.0), 1.0)
-    if rho > 1 - 1e-12:
-        return float(scipy.stats.norm.sf(max(a, b)))
-
-    # r = sin t takes the singularity at ±1 away.
-    def density(t: float) -> float:
-        return math.exp(-(a * a + b * b - 2 * a * b * math.sin(t)) / (2 * math.cos(t) ** 2)) / (2 * math.pi)
-
-    whole = scipy.integrate.quad(density, 0.0, math.asin(rho), epsabs=0.0, epsrel=1e-10, limit=200)[0]
-    return max(float(scipy.stats.norm.sf(a) * scipy.stats.norm.sf(b)) + whole, 0.0)

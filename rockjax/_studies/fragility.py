@@ -11,29 +11,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._batch.batch import LANES, peak_responses
+from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
 from rockjax._boundaries.crossings import scan, scanned_soon
-from rockjax._boundaries.implicit import PAST
-from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
+from rockjax._boundaries.implicit import log_sensitivities
+from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, of_kind, require, texts
-from rockjax._engine.solve import solve
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
-from rockjax._parameters.sensitivities import check_parameters, varied
-from rockjax._programs.program import KeptProgram
+from rockjax._parameters.sensitivities import check_parameters
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
-from rockjax._results import REST
 from rockjax._structures import Podium
 
 from .lognormal import Lognormal, fit_capacities
-from .sensitivities import along_boundary
+from .spectra import numbered
 
 if TYPE_CHECKING:
     import xarray
@@ -145,7 +142,8 @@ def incremental_dynamic_analysis(
     """
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
-    records, known = as_records(owner, records)
+    given = records
+    records, known = as_records(owner, given)
     labels = labels_of(owner, records, known if names is None else names)
     levels = _levels(owner, intensity)
     check_single(owner, podium)
@@ -176,13 +174,9 @@ def incremental_dynamic_analysis(
         | _of_records(places, impacts, found.certain, unit, of),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
-            **record_coords(records),
+            **record_coords(records, given),
             "intensity": ("intensity", levels, of),
-            "boundary": (
-                "boundary",
-                np.arange(1, places.shape[1] + 1),
-                {"long_name": "boundaries from below"},
-            ),
+            "boundary": numbered(places),
         },
         attrs={
             "title": "Incremental dynamic analysis",
@@ -194,7 +188,10 @@ def incremental_dynamic_analysis(
         },
     )
     if sensitivities:
-        slopes = _sensitivities(podium, records, places[:, 0] / unit, tuple(sensitivities), options)
+        which, table = np.arange(count, dtype=np.int32), records.common_form()
+        slopes = log_sensitivities(
+            podium, places[:, 0] / unit, {"which": which}, tuple(sensitivities), options, records=table
+        )
         data["sensitivity"] = (
             ("parameter", "record"),
             slopes,
@@ -220,53 +217,6 @@ def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs)
         owner, f"measure {measure.name}", measure.values, lambda v: v > 0, "finite and > 0 for every record"
     )
     return measure
-
-
-def _sensitivities(
-    podium: Podium, records: Records | RecordPairs, scale, names: tuple[str, ...], options: Options
-) -> np.ndarray:
-    """d ln a/d ln y at boundaries `scale` (k,) of each record: (names, k); NaN where `scale` is."""
-    result = np.full((len(names), scale.size), np.nan)
-    at = np.flatnonzero(np.isfinite(scale))
-    records = records.common_form()
-    for start in range(0, at.size, LANES):
-        part = at[start : start + LANES]
-        filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)]).astype(np.int32)
-        found = _along(
-            podium,
-            records,
-            filled,
-            scale[filled],
-            options,
-            names=tuple(names),
-            margin=has_margin(options, podium),
-        )
-        result[:, part] = np.asarray(found)[: part.size].T
-    return result
-
-
-@KeptProgram
-def _along(
-    podium: Podium,
-    records: Records | RecordPairs,
-    which,
-    scale,
-    options: Options,
-    *,
-    names: tuple[str, ...],
-    margin: bool,
-):
-    def one(which, scale):
-        def past(logs):
-            factor = jnp.exp(logs)
-            motion = records.pick(which).scaled(scale * (1 + PAST) * factor[0])
-            structure = varied(podium, names, factor[1:])
-            (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
-            return boundary_residual(floats, margin)
-
-        return along_boundary(past, len(names), scale.dtype)
-
-    return jax.vmap(one)(which, scale)
 
 
 def overturning_distribution(

@@ -11,23 +11,25 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
 from rockjax._batch.batch import responses
+from rockjax._boundaries.crossings import Crossings
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.datasets import derived_numbers
 from rockjax._responses.simulate import REST
 from rockjax._results import Interrupted
+from rockjax._roots import halved
 from rockjax._structures import Podium
+
+from .spectra import kinds_of, numbered, stacked
 
 if TYPE_CHECKING:
     import xarray
 
-PARTS = 5  # of an interval, each time …
-ROUNDS = 6  # … so many times: 6e-5 of the grid's spacing
+HALVINGS = 14  # 6e-5 of the grid's spacing
 
 
 def with_boundaries(
@@ -45,30 +47,29 @@ def with_boundaries(
     overturns in its lowest row has its first boundary there. Ctrl-C raises [`rockjax.Interrupted`][] with the
     spectra as they were.
     """
-    kinds: dict[Any, list[int]] = {}
-    for k, podium in enumerate(podiums):
-        kinds.setdefault(jax.tree.structure(podium), []).append(k)
     found: dict[int, xarray.Dataset] = {}
-    for members in kinds.values():
+    for members in kinds_of(podiums).values():
         group = [spectra[k] for k in members]
-        overturned = np.stack([data["overturned"].values for data in group])
+        overturned = np.stack([data["overturned"].values.T for data in group])  # podium, frequency, amplitude
         y = group[0]["acceleration_ratio"].values
-        which, row, column = np.nonzero(overturned[:, 1:] != overturned[:, :-1])
-        order = np.lexsort((row, column, which))
-        which, row, column = which[order], row[order], column[order]
-        places = np.empty(0)
+        which, column, row = np.nonzero(np.diff(overturned, axis=2))
+        places = np.zeros(0)
         if which.size:
-            below = overturned[which, row, column]
             overturns = _overturns(
                 [podiums[k] for k in members], group, pulse, which, column, options, progress
             )
+            below = overturned[which, column, row]
+            as_below = lambda ratio, below=below, overturns=overturns: overturns(ratio) == below
             try:
-                places = _narrowed(y[row], y[row + 1], below, overturns)
+                places = 0.5 * sum(halved(as_below, y[row], y[row + 1], HALVINGS))
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
-            mine = which == j
-            found[k] = _added(data, column[mine], places[mine], overturned[j, 0], y[0])
+            mine, at_once = which == j, np.flatnonzero(overturned[j, :, 0])
+            line = np.concatenate([at_once, column[mine]])
+            order = np.argsort(line, kind="stable")
+            place = np.concatenate([np.full(at_once.size, y[0]), places[mine]])
+            found[k] = _added(data, line[order], place[order])
     return [found[k] for k in range(len(podiums))]
 
 
@@ -76,56 +77,29 @@ def _overturns(
     podiums: Sequence[Podium],
     spectra: Sequence[xarray.Dataset],
     pulse,
-    which,
-    column,
+    which: np.ndarray,
+    column: np.ndarray,
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """A function: acceleration ratios, one row per interval → whether they overturn."""
+    """A function: acceleration ratio of each interval → whether it overturns."""
     derived = [derived_numbers(podium) for podium in podiums]
-    unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which, None]
+    unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which]
     p = np.array([numbers["p_rad_s"] for numbers in derived])[which]
-    T_p = (pulse_period(p, spectra[0]["frequency_ratio"].values[column]))[:, None]
-    # One number where it is common to all, as for the grid: the same program.
-    pick = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[which, None]
-    together = jax.tree.map(pick, *(podium.split() for podium in podiums))
+    T_p = pulse_period(p, spectra[0]["frequency_ratio"].values[column])
+    together = stacked(podiums, lambda numbers: numbers[which])
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
-        peaks = responses(
-            together, pulse(ratio * unit, T_p), REST, None, options, progress, threading.Event()
-        )
+        motions = pulse(ratio * unit, T_p)
+        peaks = responses(together, motions, REST, None, options, progress, threading.Event())
         return np.broadcast_to(np.asarray(peaks.overturned), ratio.shape)
 
     return overturns
 
 
-def _narrowed(low: np.ndarray, high: np.ndarray, below: np.ndarray, overturns) -> np.ndarray:
-    """The first place in each interval where the verdict is no longer that at its lower end."""
-    each = np.arange(low.size)
-    for _ in range(ROUNDS):
-        places = low[:, None] + (high - low)[:, None] * np.arange(PARTS + 1) / PARTS
-        changed = np.ones((low.size, PARTS), bool)
-        changed[:, :-1] = overturns(places[:, 1:-1]) != below[:, None]
-        first = np.argmax(changed, axis=1)
-        low, high = places[each, first], places[each, first + 1]
-    return 0.5 * (low + high)
-
-
-def _added(
-    data: xarray.Dataset,
-    column: np.ndarray,
-    places: np.ndarray,
-    overturned_at_once: np.ndarray,
-    lowest: float,
-):
-    at_once = np.flatnonzero(overturned_at_once)
-    column = np.concatenate([at_once, column])
-    places = np.concatenate([np.full(at_once.size, lowest), places])
-    order = np.argsort(column, kind="stable")
-    column, places = column[order], places[order]
-    count = np.bincount(column, minlength=data.sizes["frequency_ratio"])
-    table = np.full((count.size, max(1, int(count.max(initial=0)))), np.nan)
-    table[column, np.arange(column.size) - np.searchsorted(column, column)] = places
+def _added(data: xarray.Dataset, column: np.ndarray, places: np.ndarray) -> xarray.Dataset:
+    nothing = np.zeros(column.size, int)
+    table, _ = Crossings(column, places, nothing > 0, nothing).table(data.sizes["frequency_ratio"])
     ratio = {
         "units": "1",
         "long_name": "a_p/(g tan α) where survival changes, between neighbours of the grid",
@@ -134,6 +108,4 @@ def _added(
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
         boundaries=(("frequency_ratio", "boundary"), table, ratio),
-    ).assign_coords(
-        boundary=("boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"})
-    )
+    ).assign_coords(boundary=numbered(table))

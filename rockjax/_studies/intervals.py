@@ -19,6 +19,8 @@ import numpy as np
 from scipy.special import log_ndtr
 from scipy.stats import chi2, t
 
+from rockjax._roots import halved
+
 _HALVINGS = 48
 _FARTHEST = 60  # doublings of a first step
 
@@ -108,11 +110,7 @@ def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
 
 def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
     """Where f, of arrays, passes zero between places where it is > 0 and places where it is not."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (positive + negative)
-        before = f(middle) > 0
-        positive, negative = np.where(before, middle, positive), np.where(before, negative, middle)
-    return 0.5 * (positive + negative)
+    return 0.5 * sum(halved(lambda y: f(y) > 0, positive, negative, _HALVINGS))
 
 
 def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:

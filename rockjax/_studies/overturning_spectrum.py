@@ -5,33 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from rockjax._batch.batch import LANES
 from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
 from rockjax._boundaries.crossings import Scan, scan
-from rockjax._boundaries.implicit import PAST
-from rockjax._boundaries.verdict import NARROWEST, boundary_residual, has_margin, margin_options
+from rockjax._boundaries.implicit import log_sensitivities
+from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, require
-from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
-from rockjax._parameters.sensitivities import check_parameters, varied
+from rockjax._parameters.sensitivities import check_parameters
 from rockjax._parameters.table import about
 from rockjax._parameters.variants import pulse_period
-from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe
-from rockjax._results import REST
 from rockjax._structures import Podium
 
-from .sensitivities import along_boundary
-from .spectra import check_resumed_parameters, check_resumes
+from .spectra import check_resumed_parameters, check_resumes, numbered
 
 if TYPE_CHECKING:
     import xarray
@@ -96,10 +89,10 @@ def overturning_spectrum(
     data.attrs |= {"max_acceleration_ratio": top, "scenes": found.scenes}
     if sensitivities:
         a_p, T_p = data["minimum"].values * unit, data["T_p"].values
-        slopes = _sensitivities(podium, pulse, a_p, T_p, tuple(sensitivities), options) / unit
+        slopes = log_sensitivities(podium, a_p, {"T_p": T_p}, tuple(sensitivities), options, pulse=pulse)
         data["sensitivity"] = (
             ("parameter", "frequency_ratio"),
-            slopes,
+            data["minimum"].values * slopes,
             {"units": "1", "long_name": "d a_ov/d ln y over g tan α, along the minimum"},
         )
         data = data.assign_coords(parameter=list(sensitivities))
@@ -164,11 +157,7 @@ def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -
             ),
         },
         coords={
-            "boundary": (
-                "boundary",
-                np.arange(1, places.shape[1] + 1),
-                {"long_name": "boundaries from below"},
-            ),
+            "boundary": numbered(places),
             "frequency_ratio": ("frequency_ratio", x, about("frequency_ratio")),
             "T_p": ("frequency_ratio", T_p, about("T_p")),
             "minimum_a_p": (
@@ -180,41 +169,3 @@ def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -
     )
     data.attrs = _attributes(podium, pulse, options)
     return data
-
-
-def _sensitivities(podium: Podium, pulse, a_p, T_p, names: tuple[str, ...], options: Options) -> np.ndarray:
-    """d a_ov/d ln y at boundaries a_p (n,) for pulses of T_p (n,): (names, n) [m/s²]; NaN where a_p is."""
-    result = np.full((len(names), a_p.size), np.nan)
-    at = np.flatnonzero(np.isfinite(a_p))
-    for start in range(0, at.size, LANES):
-        part = at[start : start + LANES]
-        filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
-        found = _along(
-            podium,
-            a_p[filled],
-            T_p[filled],
-            options,
-            pulse=pulse,
-            names=names,
-            margin=has_margin(options, podium),
-        )
-        result[:, part] = np.asarray(found)[: part.size].T
-    return result
-
-
-@KeptProgram
-def _along(podium: Podium, a_p, T_p, options: Options, *, pulse, names: tuple[str, ...], margin: bool):
-    own = [k for k, name in enumerate(names) if name != "T_p"]
-
-    def one(a_p, T_p):
-        def past(logs):
-            factor = jnp.exp(logs)
-            period = T_p * factor[1 + names.index("T_p")] if "T_p" in names else T_p
-            structure = varied(podium, [names[k] for k in own], factor[1 + np.array(own, int)])
-            motion = pulse(a_p * (1 + PAST) * factor[0], period)
-            (floats, _), _ = solve(structure, motion, REST, None, margin_options(options, margin))
-            return boundary_residual(floats, margin)
-
-        return a_p * along_boundary(past, len(names), a_p.dtype)
-
-    return jax.vmap(one)(a_p, T_p)

@@ -61,7 +61,8 @@ def record_spectrum(
     """
     owner = "record_spectrum"
     check_types(owner, podium, options)
-    records, known = as_records(owner, records)
+    given = records
+    records, known = as_records(owner, given)
     count, labels = len(records), labels_of(owner, records, known if names is None else names)
     sizes = np.asarray(as_float(p, f"{owner}: p"))
     if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
@@ -102,7 +103,7 @@ def record_spectrum(
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
-            **record_coords(records),
+            **record_coords(records, given),
             "p": ("p", sizes, {"units": "rad s-1", "long_name": "frequency parameter p"}),
             "R": ("p", R, {"units": "m", "long_name": "half diagonal of a column R"}),
         },

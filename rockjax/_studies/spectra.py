@@ -113,7 +113,7 @@ def rocking_spectra(
         of_scenes(owner, podium, pulse(1.0, 1.0), names)
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
     require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
-    kinds = _kinds(podiums)
+    kinds = list(kinds_of(podiums).values())
     import_meanwhile(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
 
@@ -121,12 +121,9 @@ def rocking_spectra(
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
-        group = [podiums[k].split() for k in members]
         T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha_m_s2"] for k in members])
-        # One number where it is common to all, else one per podium.
-        stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else np.asarray(y)[:, None, None]
-        together = jax.tree.map(stack, *group)
+        together = stacked([podiums[k] for k in members], lambda y: y[:, None, None])
         numbers = a_p[:, :, None], T_p[:, None, :]
         shape = np.broadcast_shapes(*(y.shape for y in numbers))
         todo = np.stack([_unsolved(known[k], shape[1:]) for k in members])
@@ -151,10 +148,11 @@ def rocking_spectra(
             for j, k in enumerate(members)
         ]
 
-    solved = _side_by_side(solve, list(kinds.values()), stop)
+    solved = _side_by_side(solve, kinds, stop)
     # Ctrl-C may come before the last kind has begun.
-    solved += [[known[k] for k in members] for members in list(kinds.values())[len(solved) :]]
-    ordered = _in_order(list(kinds.values()), solved)
+    solved += [[known[k] for k in members] for members in kinds[len(solved) :]]
+    spectra = {k: data for pair in zip(kinds, solved, strict=True) for k, data in zip(*pair, strict=True)}
+    ordered = [spectra[k] for k in sorted(spectra)]
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
     left = sum(int(_unsolved(data, size).sum()) for data in ordered)
     if left or stop.is_set():
@@ -175,19 +173,7 @@ def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], sto
     return [future.result() for future in futures]
 
 
-def _in_order(
-    kinds: list[list[int]], solved: list[list[xarray.Dataset | None]]
-) -> list[xarray.Dataset | None]:
-    """The spectra of all kinds as their podiums were given."""
-    spectra = {
-        k: spectrum
-        for members, group in zip(kinds, solved, strict=True)
-        for k, spectrum in zip(members, group, strict=True)
-    }
-    return [spectra[k] for k in sorted(spectra)]
-
-
-def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
+def kinds_of(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
     """Which podiums can share one batch: their numbers, by the structure of their pytrees. Those that take
     longest to compile come first."""
     kinds: dict[Any, list[int]] = {}
@@ -196,25 +182,27 @@ def _kinds(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
     return kinds
 
 
+def stacked(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
+    """Podiums of one kind as one: numbers that all have in common as they are, others (n,) as `per_podium`
+    shapes them."""
+    stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else per_podium(np.asarray(y))
+    return jax.tree.map(stack, *(podium.split() for podium in podiums))
+
+
+def numbered(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
+    """The coordinate along the columns of a table of boundaries."""
+    return "boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"}
+
+
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
     """Both axes, checked."""
-    axes = {
-        "frequency_ratio": np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio")),
-        "acceleration_ratio": np.asarray(as_float(acceleration_ratio, f"{owner}: acceleration_ratio")),
-    }
+    given = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
+    axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in given.items()}
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
-            raise ValueError(
-                f"rocking_spectrum: {name} must be a 1-D array with values, got shape {values.shape}"
-            )
-    require("rocking_spectrum", "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
-    require(
-        "rocking_spectrum",
-        "acceleration_ratio",
-        axes["acceleration_ratio"],
-        lambda v: v >= 0,
-        "finite and >= 0",
-    )
+            raise ValueError(f"{owner}: {name} must be a 1-D array with values, got shape {values.shape}")
+    require(owner, "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
+    require(owner, "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
     return axes
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from rockjax._checks import of_kind, whole
 from rockjax._machine.memory import readable_bytes
 from rockjax._motions.convert import AnyMotions
+from rockjax._motions.provenance import describe_motions
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_options
 from rockjax._results import REST, Interrupted, State
@@ -101,7 +102,7 @@ def sweep(
         layout = ChunkLayout.of(study.shape, size) if found is None else found.layout
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
-        found = _created(store, study, layout, pilot, chunk)
+        found = _created(store, study, layout, pilot, chunk, describe_motions(excitations))
     fingerprint, skeleton = found.about["fingerprint"], study.numbers.skeleton
     job = Job(found.path, fingerprint, skeleton, study.options, study.precision, study.sensitivities)
     todo, solved = _todo(found, progress)
@@ -121,13 +122,14 @@ def sweep(
     return data
 
 
-def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None) -> Store:
+def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions) -> Store:
     """A new store; or, where another client was the first to start this very sweep, that one."""
     import xarray
 
     coords = xarray.Dataset(coords=dict(coords_of(study)))
     fixed = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
-    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **describe_options(study.options)}
+    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **motions}
+    attrs |= describe_options(study.options)
     parts = coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
     try:
         return Store.create(path, study.about(layout), study.dims, *parts)

@@ -52,25 +52,19 @@ class Motion(NamedTuple):
         return min((lo for lo, _ in self.windows), default=math.inf)
 
 
-def scanned(
-    motions, monkeypatch, look_closer: Any = "first", asked: list[tuple[int, bool]] | None = None
-) -> crossings.Scan:
-    """By the batch, a line for each motion; how many scenes were `asked` for, and whether with reaches."""
+def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
+    """By the batch, a line for each motion."""
     lines = np.arange(len(motions))
 
     def margins(plane, x, y, options, progress, reaches):
-        if asked is not None:
-            asked.append((y.size, reaches))
         sharp = np.full(y.shape, options.rtol == OPTIONS.rtol)
         value = np.select([x == k for k in range(len(motions))], [m.margin(y, sharp) for m in motions])
-        reach = (
-            np.select([x == k for k in lines], [m.reach(y) for m in motions]) if reaches else np.zeros(y.size)
-        )
+        assert reaches
+        reach = np.select([x == k for k in lines], [m.reach(y) for m in motions])
         return value, np.full(y.shape, 3), reach
 
     monkeypatch.setattr(crossings, "margins", margins)
     monkeypatch.setattr(crossings, "_in_proportion", lambda *_: True)
-    monkeypatch.setattr(crossings, "_take_long", lambda *_: True)
     nothing = cast(crossings.Plane, None)
     return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
 
@@ -164,24 +158,6 @@ def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch)
         assert first[k, 0] == pytest.approx(expected, abs=1e-5, nan_ok=True)
     assert np.all(found.certain <= WIDTH)
     assert found.scenes < len(motions) * 0.25 / WIDTH
-
-
-def test_many_lines_are_looked_at_without_reaches_where_these_tell_nothing(monkeypatch):
-    """Between neighbours as close as the width, and where changes are narrowed down: the answers are the
-    same."""
-    motions = [Smooth(dip=dip) for dip in np.linspace(0.2, 0.9, 12)]
-    seen = {}
-    for several in (1, 100):
-        monkeypatch.setattr(crossings, "SEVERAL", several)
-        asked = []
-        found = scanned(motions, monkeypatch, asked=asked)
-        seen[several] = found, sum(size for size, reaches in asked if not reaches)
-    (found, without), (by_reaches, none) = seen.values()
-    assert none == 0
-    assert 0.1 * found.scenes < without < found.scenes
-    assert found.scenes == by_reaches.scenes
-    np.testing.assert_array_equal(found.crossings.y, by_reaches.crossings.y)
-    np.testing.assert_array_equal(found.certain, by_reaches.certain)
 
 
 def test_nothing_below_the_uplift_is_looked_at(monkeypatch):

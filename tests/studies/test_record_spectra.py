@@ -8,6 +8,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import plots
+from rockjax._motions.provenance import describe_motions
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
 RECORDS = rj.synthetic_motions(2, seed=3, duration=4.0, dt=0.04, pga=3.0)
@@ -40,6 +41,16 @@ def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
     assert np.allclose(moved[:, 0], moved[:, 1], rtol=0.05)
     R, alpha = spectrum["R"].values, 0.2
     assert np.allclose(moved[:, :2], 2 * R[:2] * (np.sin(alpha) - np.sin(alpha * (1 - rotation[:, :2]))))
+
+
+def test_records_are_told_by_their_samples_seeds_and_files(spectrum):
+    known = describe_motions(RECORDS)
+    assert spectrum["sha256"].values.tolist() == known["record_sha256"]
+    assert spectrum["seed"].values.tolist() == known["record_seed"] == [3, 3]
+    assert "source" not in spectrum.coords
+    assert describe_motions(rj.Records.of(RECORDS.records()))["record_pga_m_s2"] == pytest.approx([3.0, 3.0])
+    assert describe_motions(RECORDS[0])["record_name"] == known["record_name"][0] == RECORDS.names[0]
+    assert describe_motions(rj.Ricker(1.0, 1.0)) == {}
 
 
 @pytest.mark.slow

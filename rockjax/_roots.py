@@ -1,0 +1,129 @@
+"""Roots of functions in brackets: halving, Newton's method inside a bracket, and division into several parts.
+
+A bracket lies between a place where a function is > 0 and one where it is not, in either order. All methods
+work on arrays of brackets side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+MOST = 64  # divisions of a bracket
+FIRST = 0.02  # of a bracket: half the distance of the first two places beside the root of a straight line
+SAFE = 3.0  # times the error of that root, as the last one tells it
+TRUSTED = 0.03  # where places would be farther from the root, brackets are divided evenly
+
+
+def halved(is_positive: Callable[[Any], Any], positive, negative, count: int, xp: Any = np):
+    """Return the ends of brackets after `count` halvings: (positive, negative).
+
+    - `is_positive`: places → whether the function is > 0 there
+    - `xp`: `numpy`, or `jax.numpy` for a loop in a program
+    """
+
+    def halve(_, ends):
+        middle = 0.5 * (ends[0] + ends[1])
+        above = is_positive(middle)
+        return xp.where(above, middle, ends[0]), xp.where(above, ends[1], middle)
+
+    if xp is jnp:
+        return jax.lax.fori_loop(0, count, halve, (positive, negative))
+    for k in range(count):
+        positive, negative = halve(k, (positive, negative))
+    return positive, negative
+
+
+def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count: int):
+    """Return the ends of brackets, the root and the slope before it after `count` steps from the middle.
+
+    Newton's steps that leave the bracket become halvings. `f` is a function of one place, of JAX.
+    """
+
+    def step(_, carry):
+        positive, negative, place, _ = carry
+        value, slope = jax.jvp(f, (place,), (jnp.ones_like(place),))
+        positive = jnp.where(value > 0, place, positive)
+        negative = jnp.where(value > 0, negative, place)
+        onward = place - value / jnp.where(slope == 0, jnp.inf, slope)
+        inside = (slope != 0) & ((onward - positive) * (onward - negative) <= 0)
+        return positive, negative, jnp.where(inside, onward, 0.5 * (positive + negative)), slope
+
+    middle = 0.5 * (positive + negative)
+    return jax.lax.fori_loop(0, count, step, (positive, negative, middle, middle))
+
+
+def beside_line(at_a, at_b, even: int, offsets, xp: Any = np):
+    """Return places inside brackets (n,) with values `at_a`, `at_b` of other signs at their ends.
+
+    They are shares of the bracket from a to b, ascending, shape (n, even + 2·offsets): `even` equally spaced
+    ones, for certainty, and others `offsets` before and behind the root of the straight line, for speed.
+    """
+    drop = xp.where(at_a == at_b, 1.0, at_a - at_b)
+    root = (at_a / drop)[..., None]
+    spaced = xp.broadcast_to(_evenly(even), (*at_a.shape, even))
+    return xp.sort(xp.clip(xp.concatenate([spaced, root - offsets, root + offsets], axis=-1), 0, 1), axis=-1)
+
+
+def _evenly(count: int) -> np.ndarray:
+    return np.arange(1, count + 1) / (count + 1)
+
+
+class Brackets(NamedTuple):
+    """Places `a` with values > 0 and `b` with values ≤ 0, and what else is known at `b`; all (n,)."""
+
+    a: np.ndarray
+    b: np.ndarray
+    at_a: np.ndarray
+    at_b: np.ndarray
+    more_at_b: np.ndarray
+
+
+def narrowed(
+    brackets: Brackets,
+    evaluate: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    close: float,
+    lanes: int,
+) -> Brackets:
+    """Return brackets no wider than the share `close` of their places (host).
+
+    The root of the straight line through the ends is tried on both sides, as close as the last root was
+    right. Where it is not right, as where the function jumps, the bracket is divided evenly.
+
+    - `evaluate`: (brackets (m,), places (m, k)) → values, and what else is wanted of places with values ≤ 0;
+      NaN values count as > 0
+    - `lanes`: so many places at once cost what one does
+    """
+    a, b, at_a, at_b, more_at_b = brackets = Brackets(*map(np.array, brackets))
+    offset = np.full(a.size, FIRST)
+    for _ in range(MOST):
+        size = np.maximum(np.abs(a), np.abs(b))
+        wide = np.flatnonzero(np.abs(b - a) > close * size)
+        if wide.size == 0:
+            break
+        count, start, length = max(2, lanes // wide.size), a[wide], (b - a)[wide]
+        pairs = max(1, 3 * count // 8)
+        least = 0.4 * close * size[wide] / np.abs(length)
+        offsets = offset[wide, None] * 10.0 ** (np.arange(pairs) - pairs // 2)
+        part = beside_line(at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, least[:, None]))
+        part = np.where(offset[wide, None] <= TRUSTED, part, _evenly(count))
+        places = start[:, None] + length[:, None] * part
+        values, more = evaluate(wide, places)
+        row, first = np.arange(wide.size), np.argmax(np.append(values, at_b[wide, None], axis=1) <= 0, axis=1)
+        root = _straight(*(y[wide] for y in brackets[:4]))
+        for ends, inside in ((a, places), (at_a, np.nan_to_num(values, nan=1.0))):
+            ends[wide] = np.append(ends[wide, None], inside, axis=1)[row, first]
+        for ends, inside in ((b, places), (at_b, values), (more_at_b, more)):
+            ends[wide] = np.append(inside, ends[wide, None], axis=1)[row, first]
+        error = np.abs(_straight(*(y[wide] for y in brackets[:4])) - root)
+        offset[wide] = SAFE * error * np.abs((b - a)[wide]) / length**2
+    return brackets
+
+
+def _straight(a, b, at_a, at_b):
+    return a + (b - a) * at_a / (at_a - at_b)
