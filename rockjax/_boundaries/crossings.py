@@ -140,8 +140,8 @@ def scan(
             seen = look(np.repeat(line[of], y.shape[1]), y.ravel(), True)
             return seen.margin.reshape(y.shape), seen.impacts.reshape(y.shape)
 
-        ends = (answered.y, answered.margin)
-        brackets = Brackets(*(y[k] for y in ends for k in (survivor, other)), answered.impacts[other])
+        y, margin = answered.y, answered.margin
+        brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], answered.impacts[other])
         close = max(CLOSE, NOISE * float(options.rtol))
         brackets = narrowed(brackets, evaluate, close, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.more_at_b)

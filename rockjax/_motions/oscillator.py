@@ -8,6 +8,7 @@ is everywhere between them.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -108,10 +109,10 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
         if not at.size:
             continue
         of = start[at], load[at], slope[at]
-        sign = np.sign(velocity[k][at])
-        before = lambda tau, of=of, sign=sign: sign * oscillator.velocity(oscillator.after(*of, tau)) > 0
+        sign, after = np.sign(velocity[k][at]), functools.partial(oscillator.after, *of)
+        before = lambda tau, sign=sign, after=after: sign * oscillator.velocity(after(tau)) > 0
         low, high = halved(before, times[k][at], times[k + 1][at], _HALVINGS)
-        u = oscillator.displacement(oscillator.after(*of, 0.5 * (low + high)))
+        u = oscillator.displacement(after(0.5 * (low + high)))
         largest = max(largest, float(np.abs(u).max()))
     return largest
 

@@ -38,7 +38,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
         )
 
 
-def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"]) -> Podium:
+def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"] | Sequence[Array]) -> Podium:
     """The podium with named parameters times factors."""
     return variants.varied(
         podium,

@@ -61,9 +61,10 @@ def with_boundaries(
             below = overturned[which, column, row]
             as_below = lambda ratio, below=below, overturns=overturns: overturns(ratio) == below
             try:
-                places = 0.5 * sum(halved(as_below, y[row], y[row + 1], HALVINGS))
+                low, high = halved(as_below, y[row], y[row + 1], HALVINGS)
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
+            places = 0.5 * (low + high)
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
             mine, at_once = which == j, np.flatnonzero(overturned[j, :, 0])
             line = np.concatenate([at_once, column[mine]])

@@ -110,7 +110,8 @@ def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
 
 def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
     """Where f, of arrays, passes zero between places where it is > 0 and places where it is not."""
-    return 0.5 * sum(halved(lambda y: f(y) > 0, positive, negative, _HALVINGS))
+    positive, negative = halved(lambda y: f(y) > 0, positive, negative, _HALVINGS)
+    return 0.5 * (positive + negative)
 
 
 def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
