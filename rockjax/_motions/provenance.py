@@ -52,6 +52,7 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
+        assert isinstance(record, Record)
         return describe_record(record) | dict(origin(excitations))
     if isinstance(excitations, Motions):
         rows = [describe_motions(motion) for motion in excitations]
