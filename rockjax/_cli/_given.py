@@ -173,11 +173,12 @@ class Given:
 
     def podium(self) -> rj.Podium:
         """Return the structure."""
-        given = self.problem.structure
-        if isinstance(given, models.ByDimensions):  # for the attributes of files
+        given, attributes = self.problem.structure, {}  # of the files of the command
+        if isinstance(given, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
             kilograms = {f"{name}_kg": y for name, y in given.given().items() if name in masses}
-            MASSES.set({"columns": given.columns or 2} | kilograms)
+            attributes = {"columns": given.columns or 2} | kilograms
+        MASSES.set(attributes)
         return self.reader.structure(given)
 
     def panels(self) -> PanelsOf:
