@@ -96,6 +96,23 @@ def test_links_exist(page):
             assert page.parent.joinpath(target).exists(), target
 
 
+@pytest.mark.parametrize(
+    "page", [*TEXTS, ROOT / "CONTRIBUTING.md", ROOT / "rockjax/_engine/README.md"], ids=name
+)
+def test_files_that_are_named_exist(page):
+    """Of a path that is given in part, a file whose path ends like it."""
+    words = re.findall(
+        r"`((?:[\w.-]+/)*[\w.-]+\.(?:py|md)|(?:rockjax|optimise|tests|benchmarks|docs)/[\w./-]*)`",
+        page.read_text(),
+    )
+    paths = {
+        f"/{path.relative_to(ROOT).as_posix()}" for kind in ("*.py", "*.md") for path in ROOT.rglob(kind)
+    }
+    for word in words:
+        there = any(path.endswith(f"/{word}") for path in paths) or (ROOT / word).exists()
+        assert there or word == "your_model.py", word
+
+
 @pytest.mark.parametrize("package", ["rockjax", "optimise"])
 def test_every_public_name_is_in_the_reference(package):
     reference = "".join(page.read_text() for page in ROOT.glob("docs/api/*.md"))
