@@ -1,4 +1,4 @@
-"""A trial step: how long it is, how accurate, what becomes of it, and how long the next one is."""
+"""A trial step: its length, its error, its outcome and the length of the next step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene, Turn
 
-# Times the resolution of time: what the end of the scene follows so closely is not told from it.
+# Times the resolution of time: the end of the scene and an event this close to it count as simultaneous.
 AT_ONCE = 100
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
 MOST_BENT = 0.8  # of a hop, 8 θ̇ d³θ/dt³ / (3 θ̈²): 1 would be its end
@@ -38,14 +38,14 @@ class Attempt(NamedTuple):
     a0: Vector
     end: Step
     error: Value  # over tolerance
-    growth: Value  # how much longer the next step may be for it
+    growth: Value  # factor on the step length that this error allows for the next step
     finite: Flag
     accurate: Flag
     tiny: Value  # the resolution of time
 
 
 class Largest(NamedTuple):
-    """Of the superstructure over a step; absent where they are not wanted."""
+    """Largest values of the superstructure over a step; None for outputs that are not requested."""
 
     deformation: Values | None  # of each mode
     shear: Value | None
@@ -54,19 +54,28 @@ class Largest(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """What becomes of a trial."""
+    """Outcome of a trial: accepted, shortened or rejected, and the events at its end."""
 
     accepted: Flag
-    cut: Value  # fraction of the step to try instead, inf where there is no need
+    cut: Value  # fraction of the step to try instead; inf where no shorter step is needed
     lands: Flag  # ends on an event …
     after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
-    false_uplift: Flag  # a lift that the next step does not confirm is none: back to full contact
+    false_uplift: Flag  # a lift that the next step does not confirm: back to full contact
     peaks: Flag  # |θ| has a maximum at the guard's turning point
     superstructure: Largest
     turn: Turn  # that maximum
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
+    """Try one step from a state, without judging its events.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
+    - `replayed`: recorded decision of an accepted step, whose length is used; None for a free choice
+
+    Returns the `Attempt`. Its error is a constant for derivatives.
+    """
     constant = jax.lax.stop_gradient
     c, t = over_inertia(scene.c), state.t
 
@@ -74,10 +83,11 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     def field(t, x, v):
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
-    # How far: to the next breakpoint at most, and over a hop in one step.
+    # A step reaches the next breakpoint at most, and covers a hop at once.
     tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(state.piece)
-    # A breakpoint that the end follows at once is not looked at: the end is what moves the step.
+    # A breakpoint just before the end of the scene is ignored: the step ends with the scene, and moves with
+    # its end.
     last = constant(scene.end) <= constant(edge) + AT_ONCE * tiny
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
@@ -111,7 +121,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
 def _length(
     scene: Scene, state: LoopState, angular: Value, jerk: Value | None, fresh: Flag, stop: Value
 ) -> tuple[Value, Flag]:
-    """The length of the trial, and whether it reaches the stop."""
+    """Return the length of the trial [s], and whether it reaches the stop."""
     room = stop - state.t
     fits = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.whole * room))
     h = jnp.where(fits, room, jnp.where(state.h > 0.5 * room, scene.split * room, state.h))
@@ -134,8 +144,8 @@ def _length(
 
 
 def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value:
-    """The step shortened to where θ meets 0 on its way as a cubic: between samples of a record so nearly that
-    most impacts are landed on at once."""
+    """Shorten the step to the impact that a cubic of θ predicts. Between samples of a record the prediction
+    is so close that most impacts are landed on at the first trial."""
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
     theta, speed = jax.lax.stop_gradient((state.x[0], state.v[0]))
     left, speed, angular, jerk = (state.sigma * y for y in (theta, speed, angular, jerk))
@@ -145,15 +155,22 @@ def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value
 
 
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
-    """d³θ/dt³ at the start of the step, which tells when columns will meet the ground. It pays under records,
-    and under pulses where all impacts are wanted: those of a bouncing column are many."""
+    """Return d³θ/dt³ at the start of the step, which predicts the next impact. It is used under records, and
+    under pulses where all impacts are requested: a bouncing column has many."""
     moving = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), moving)
     return jax.lax.stop_gradient(jerks[0])
 
 
 def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
-    """Root mean square of the estimated error of a step from (x, v) over tolerance, in natural units."""
+    """Return the root mean square of a step's estimated error over tolerance, in natural units.
+
+    - `scene`: the prepared scene, which holds the tolerances
+    - `x`, `v`: positions and velocities at the start of the step
+    - `trial`: the step with its error estimates
+
+    A step is accurate where the result is at most 1.
+    """
     x_unit, v_unit = units(scene.c)
     total = jnp.zeros_like(x[0])
     for old, new, error, of_each in (
@@ -163,13 +180,14 @@ def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
         for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
             scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
             total = total + summed((e / scale) ** 2)
-    # Many modes at rest do not make up for one that is not.
+    # Divided by the number of degrees of freedom, not of modes: many modes at rest would hide one that moves.
     return jnp.sqrt(total / (2 * len(x)))
 
 
 def units(c: Coefficients) -> tuple[Vector, Vector]:
-    """Natural units of positions and velocities: α and pα, and for the superstructure its deformation at
-    uplift, g tan α/ω², or the sway of the beam's corner where that is less."""
+    """Return natural units of positions and velocities: α and pα for the rotation. The unit of the
+    superstructure is its deformation at uplift, g tan α/ω², or the sway of the beam's corner if that is
+    smaller."""
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:
         omega2 = c.vibration.omega2
@@ -179,13 +197,20 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
 
 
 def factor(plan: Plan, error: Value) -> Value:
-    """How much longer the next step may be for this error."""
+    """Return the factor on the step length that this error allows."""
     root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # a power takes longer
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
 
 def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Value:
-    """The controller's next step. A step that an event or a breakpoint cut short says little about it."""
+    """Return the controller's next step length [s].
+
+    - `scene`: the prepared scene
+    - `state`, `trial`: state before the accepted step, and that step
+    - `t`: time at its end [s]
+
+    A step that an event or a breakpoint has shortened does not reduce the controller's length.
+    """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
     proposed = jnp.where(shortened, jnp.maximum(proposed, state.h), proposed)
@@ -193,8 +218,14 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
 
 
 def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> tuple[Vector, Vector]:
-    """The state shortly after the end of the step: along the quintic through both of its ends, from the end
-    on."""
+    """Return positions and velocities shortly after the end of a step, by Taylor expansion from the end.
+
+    - `scene`: the prepared scene
+    - `state`, `trial`: state before the step, and the step
+    - `after`: time past the end of the step [s]
+
+    Third to fifth derivatives are those of the quintic through both ends.
+    """
     h = trial.h
     z = safe_ratio(after, h, h > 0)
     x, v = [], []
@@ -202,8 +233,7 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
         path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.longest)
-        # Third to fifth derivative at the end, over 3!, 4!, 5!; the lower ones are known better than by
-        # differences.
+        # Third to fifth derivative at the end, over 3!, 4!, 5!; the step itself gives the lower ones.
         d3 = third_at_end(path, a0, a1, h, scene.longest)
         d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))

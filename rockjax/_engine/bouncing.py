@@ -1,9 +1,8 @@
-"""Bounces that end at rest whatever happens on the way: they are not followed.
+"""Detection of bounces that certainly end at rest, which need not be followed.
 
-A rigid column that has hit the ground with little speed bounces on in ever shorter hops, each of which keeps
-e of the speed, and rests after a time that is easily bounded. Where the ground cannot lift it before then,
-and no hop is as high as it was before, nothing is left of the bounces but the state at rest, and that is the
-same from the first of them on.
+A rigid column that hits the ground slowly bounces on in ever shorter hops. Each hop keeps the fraction e of
+the speed, so the time until rest is easily bounded. If the ground cannot lift the column before then, and no
+hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first of them.
 """
 
 from __future__ import annotations
@@ -22,14 +21,14 @@ from .coefficients import Coefficients, present
 from .model import horizontal
 from .state import Decision, LoopState, Plan, Scene
 
-AHEAD = 2.0  # the ground motion is looked at for so much longer than bounces last as things are
+AHEAD = 2.0  # the ground motion is bounded over this many times the estimated duration of the bounces
 
 
 class Skipped(NamedTuple):
     """Bounces after an impact that are not followed."""
 
-    to_rest: Flag  # whether there are any, and the columns rest
-    impacts: Index  # so many
+    to_rest: Flag  # bounces are skipped, and the columns rest
+    impacts: Index  # number of skipped impacts
     slowest: Value  # least |θ̇| of them and of the impact before them
 
 
@@ -42,12 +41,19 @@ def skipped_bounces(
     speed: Value,
     replayed: Decision | None,
 ) -> Skipped:
-    """Where columns hit with the speed |θ̇|; `now` is the time, the piece and the ground acceleration then.
+    """Return the bounces after an impact that can be skipped.
 
-    They are followed where something is elastic, restrainers hold the columns or impacts are wanted, and
-    under motions that do not say how strong they can get in a while.
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state before the step that ends with the impact
+    - `now`: time [s], piece of the excitation and ground acceleration [m/s²] at the impact
+    - `hit`: whether the step ends with an impact
+    - `speed`: |θ̇| before the impact [rad/s]
+    - `replayed`: recorded decision to follow, or None
+
+    Bounces are followed if something is elastic, restrainers act, impacts are requested, or the ground motion
+    has no bound over a time interval.
     """
-    if replayed is not None:  # what rests has no speed, by whichever rule
+    if replayed is not None:  # a column at rest has no speed, whichever rule put it to rest
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
     if plan.skip_bounces and scene.c.restraint is None:
@@ -66,22 +72,22 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Whether columns that leave θ = 0 with the speed |θ̇| rest before the ground can lift them, and before
-    they are as high as they were; None where the ground motion does not say.
+    """Return whether columns that leave θ = 0 with the speed |θ̇| rest before the ground can lift them, with
+    all hops below the recorded peak; None if the ground motion has no bound.
 
-    Hops begin with speeds w eᵏ. Where the ground takes no more than leaves a deceleration a, each of them is
-    w²/(2a) high at most and lasts 2w eᵏ/a at most, all together 2w/(a(1 − e)).
+    Hops begin with speeds w eᵏ. If the ground leaves a deceleration of at least a, hop k is at most w²/(2a)
+    high and lasts at most 2w eᵏ/a; all of them last at most 2w/(a(1 − e)).
     """
     scene, state, now, speed = jax.lax.stop_gradient((scene, state, now, speed))
     c, (t, piece, shaking) = scene.c, now
     ground = jnp.abs(horizontal(shaking))
 
     def at_foot(ground: Value) -> Value:
-        """−θ̈ times its inertia, Eq. (24), at θ = 0 on the side to which the ground accelerates the
+        """Return −θ̈ times its inertia at θ = 0, Eq. (24), on the side to which the ground accelerates the
         columns."""
         return c.gravity * c.sin_alpha - c.ground * ground * c.cos_alpha
 
-    # How long all hops last, times what slows them down and what restitution takes.
+    # Duration of all hops, times the deceleration and the lost fraction 1 − e.
     lasts, taken = 2 * speed * c.inertia, 1 - c.restitution
     slows, room = at_foot(ground) * taken, scene.excitation.breakpoint(piece) - t
     ahead = jnp.minimum(AHEAD * lasts / jnp.where(slows > 0, slows, 1.0), room)
@@ -90,11 +96,11 @@ def _bounces_to_rest(
     if most is None:
         return None
     least = at_foot(most)
-    height = speed**2 * c.inertia / jnp.where(least > 0, least, 1.0)  # if no less than half is left up there
-    # The sine is steeper than 1 nowhere, and the cosine not than sin α.
+    height = speed**2 * c.inertia / jnp.where(least > 0, least, 1.0)  # if half is left there
+    # The slope of the sine is at most 1, and that of the cosine at most sin α.
     at_top = least - height * (c.gravity + c.ground * most * c.sin_alpha)
     rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken) & (height < state.peak)
-    if plan.margin:  # of a turning point, where nothing but gravity turns the columns back
+    if plan.margin:  # least margin of such a turning point: gravity alone turns the columns back
         rests &= present(state.margin) <= margin.at_rest(c, scene.overturn_angle, height)
     if plan.shear:
         rests &= _beam_at_most(c, most, height, speed) < present(state.shear) * c.g
@@ -102,19 +108,25 @@ def _bounces_to_rest(
 
 
 def _beam_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) -> Value:
-    """The most absolute acceleration of the beam over hops so high at most: that of columns that just lift,
-    Eqs. (14), (24), under a ground acceleration of this size to either side, and what rotation and its rate
-    add."""
+    """Bound the absolute acceleration of the beam over hops up to a height [m/s²].
+
+    - `c`: constants of the podium
+    - `ground`: bound of |ü_g| [m/s²]
+    - `height`: bound of |θ| [rad]
+    - `speed`: bound of |θ̇| [rad/s]
+
+    The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of rotation and its rate.
+    """
     per_moment = c.two_R / c.inertia
     lifting = per_moment * c.cos_alpha
     at_foot = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
-    # By the rotation ψ changes, and with it 2Rθ̈ cos ψ, by less than 2R(p² + |θ̈|) θ.
+    # The rotation changes ψ, and thereby 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|) θ.
     turned = 2 * per_moment * (c.gravity + c.ground * ground) * height
     return at_foot + turned + c.two_R * speed**2
 
 
 def _bounces_from(scene: Scene, speed: Value) -> Index:
-    """How many impacts there are until restitution leaves no more than the rest velocity of a speed |θ̇|."""
+    """Return the number of impacts after which restitution has reduced |θ̇| to the rest velocity."""
     speed = jax.lax.stop_gradient(speed)
     count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

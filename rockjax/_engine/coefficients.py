@@ -1,4 +1,4 @@
-"""What the equations need of a podium, worked out once per scene."""
+"""Constants of the equations of a podium, computed once per scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Several(NamedTuple):
-    """Of several modes, of what they leave out and of floors."""
+    """Constants of several modes, of the residual mass and of the floors."""
 
     eta: Values  # η_i
     shares: Values  # η_i over the mass of the superstructure
@@ -28,18 +28,18 @@ class Several(NamedTuple):
 
 
 class Vibration(NamedTuple):
-    """What vibrates: numbers of one mode, or rows of several."""
+    """Constants of the vibrating superstructure: numbers for one mode, rows for several."""
 
     coupling: Values  # 3η_i/(2R)
     demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
     omega2: Values  # ω_i²
     damping: Values  # 2ζ_iω_i
     uplifted_frequency: Value  # Eq. (31), the largest of (C15)
-    several: Several | None  # None of one mode that is all of the superstructure
+    several: Several | None  # None for a single mode that is the whole superstructure
 
 
 class Restraint(NamedTuple):
-    """What restrains the columns."""
+    """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
     slip: Value  # rate of the elongation over Rp below which forces without a slope are rounded
@@ -49,13 +49,13 @@ class Restraint(NamedTuple):
 
     @property
     def steep(self) -> bool:
-        """Whether a force has no slope where θ̇ = 0."""
+        """True if a force has an infinite slope at θ̇ = 0."""
         return any(each.steep for each in self.restrainers)
 
 
 class Coefficients(NamedTuple):
-    """What the equations need of a podium, computed once per scene. Numbers per N m_c where they carry
-    mass. What a podium has not is None, known before tracing."""
+    """Constants of the equations of a podium, computed once per scene. Quantities with mass are per N m_c.
+    Parts that the podium does not have are None, known before tracing."""
 
     alpha: Value
     sin_alpha: Value
@@ -72,10 +72,10 @@ class Coefficients(NamedTuple):
     spin: Value  # (1+λ+4γ) R², Eq. (18)
     impulse: Value  # C of the energy bound, see `energy_after`
     g: Value
-    eta: Value  # η of all that vibrates
+    eta: Value  # η of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
-    tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None where the ground moves horizontally alone
+    tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
 
     @property
     def several(self) -> Several | None:
@@ -83,13 +83,13 @@ class Coefficients(NamedTuple):
 
     @property
     def etas(self) -> Values:
-        """η_i of what vibrates."""
+        """Mass ratios η_i of the modes."""
         return self.eta if self.several is None else self.several.eta
 
 
 def over_inertia(c: Coefficients) -> Coefficients:
-    """The same for the equations of motion alone, with an inertia of 1 where it is the same at all times: not
-    to be divided by in each stage of a step."""
+    """Return the constants for the equations of motion alone. A constant inertia is divided out, which saves
+    a division in each stage of a step."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = once((c.gravity / c.inertia, c.ground / c.inertia))
@@ -97,7 +97,7 @@ def over_inertia(c: Coefficients) -> Coefficients:
 
 
 def present(value: T | None) -> T:
-    """What the plan says is there."""
+    """Narrow an optional value that the plan guarantees to be present."""
     assert value is not None
     return value
 
@@ -112,15 +112,17 @@ def weighted(weights: Values, values: Values) -> Value:
     return summed(weights * values)
 
 
-SLIP = 1e-8  # the tolerance that forces without a slope are rounded for, unless it is said
-ROUNDED = 10.0  # times the tolerance, over pα: the rate of rotation below which they are
+SLIP = 1e-8  # default tolerance for the rounding of forces with an infinite slope
+ROUNDED = 10.0  # times the tolerance: the rate of rotation over pα below which they are rounded
 
 
 def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = False) -> Coefficients:
-    """The constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; batches go through `vmap`).
+    """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; use `vmap` for
+    batches).
 
-    `slip` is the tolerance; ten times it is the rate |θ̇|/(pα) below which dampers with ν < 1 are rounded.
-    `vertical` says whether the ground moves vertically as well.
+    - `podium`: the podium, with scalar numbers
+    - `slip`: relative tolerance; dampers with ν < 1 are rounded below |θ̇|/(pα) = 10 `slip`
+    - `vertical`: whether the ground moves vertically as well
     """
     podium = podium.resolved()
     gamma, moving = podium.apart
@@ -132,7 +134,7 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        # Touching it is not uplift, and rounding may not decide about it.
+        # Reaching the threshold exactly is not uplift; the margin keeps rounding from deciding it.
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
@@ -167,7 +169,7 @@ def _vibration(podium: Podium) -> Vibration | None:
 
 def _several(modes: Oscillators) -> Several:
     whole = modes.mass_ratio
-    # Of no mass at all, the mean of the modes.
+    # Modes without any mass count equally.
     weighs = whole > 0
     shares = jnp.where(weighs, modes.eta, 1 / modes.count) / jnp.where(weighs, whole, 1.0)
     return Several(modes.eta, shares, modes.residual, modes.shapes)

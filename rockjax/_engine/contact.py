@@ -1,5 +1,4 @@
-"""Full contact where nothing is elastic: nothing moves before the next uplift, which is a root of the
-excitation."""
+"""Full contact of rigid podiums: nothing moves before the next uplift, which is a root of the excitation."""
 
 from __future__ import annotations
 
@@ -21,7 +20,10 @@ from .transitions import restart
 
 @functools.partial(jax.jit, static_argnames="plan")
 def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopState, StepInfo]:
-    """Full contact with nothing elastic: the next uplift is a root of the excitation."""
+    """Advance a rigid podium in full contact to its next uplift, a root of the excitation.
+
+    Returns the lifted state and the step's record. A scene that does not lift again ends.
+    """
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
     lifts_at = constant(scene.lookahead.next_exceedance(t, state.piece))
@@ -36,7 +38,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
-    # A crossing that falls on a breakpoint, but for rounding, is that of the piece before.
+    # A crossing that coincides with a breakpoint up to rounding belongs to the piece before it.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
@@ -54,7 +56,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     force = state.shear
     if plan.shear:
         until = jnp.where(lifts, now, scene.end)
-        # Where the ground jumps, the columns lift before the superstructure feels it.
+        # At a jump of the ground acceleration the columns lift before the superstructure responds.
         digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
         size = _largest_acceleration(scene, state.event_time, until, jnp.where(lifts & jumps, digit, 0.0))
         force = larger(size / c.g, present(state.shear))
@@ -76,11 +78,11 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
 
 
 def _largest_acceleration(scene: Scene, start: Value, end: Value, short: Value) -> Value:
-    """Return the largest |ü_g| between two times that move with the parameters, `short` of the second one
+    """Return the largest |ü_g| from `start` to `short` before `end`, times that move with the parameters
     [m/s²].
 
-    It is 0 where nothing is left of the motion. On an end of the interval, or where the motion jumps or has a
-    kink, the largest value moves with that time; where the motion turns smoothly, its time does not matter.
+    The result is 0 after the end of the motion. At an end of the interval, a jump or a kink, the largest
+    value moves with that time; at a smooth maximum, its time does not matter to first order.
     """
     constant, excitation = jax.lax.stop_gradient, scene.excitation
     first, last = constant(start), constant(end) - short

@@ -1,8 +1,7 @@
-"""Derivatives of one scene whose numbers are known: one program, kept between processes, serves whichever are
-asked for.
+"""Derivatives of one scene with concrete numbers: one stored program serves all requested derivatives.
 
-It finds the answers and their derivatives with respect to every number of the podium and the excitation, in
-one pass. What `jax.grad`, `jacfwd` or `jvp` then ask for is a combination of these.
+The program computes the answers and their derivatives with respect to every number of the podium and the
+excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -24,13 +23,14 @@ from rockjax._programs.program import KeptProgram
 def pushed(
     function: Callable, arguments: Sequence[Any], slopes: Sequence[Any], *, loops: bool = False
 ) -> tuple[Any, Any, Any]:
-    """(floats, their slopes, rest) of `function(*arguments)` → (floats, rest), the value worked out once.
+    """Return (floats, their slopes, rest) of `function(*arguments)` → (floats, rest), with one evaluation.
 
-    Slopes are derivatives with respect to some parameters in rows, beside each leaf of the arguments that
-    moves with them, None beside those that do not.
-
-    - `loops`: the function has loops in it, and goes through them once with value and slopes. One without is
-      linearised first: rows then only multiply and add, and what they share is not worked out again for each
+    - `function`: the function to push forward
+    - `arguments`: its arguments, pytrees
+    - `slopes`: a pytree for each argument: rows of derivatives with respect to some parameters, along a first
+      axis; None beside leaves that do not depend on them
+    - `loops`: True for a function with loops, which is evaluated once together with all slopes. A function
+      without loops is linearised first, so that rows share all intermediate results
     """
     absent = lambda y: y is None
     leaves, structure = jax.tree.flatten(tuple(arguments), is_leaf=absent)
@@ -49,14 +49,14 @@ def pushed(
         along = lambda *row: jax.jvp(of_live, point, list(row), has_aux=True)
         return jax.vmap(along, out_axes=(None, 0, None))(*directions)
     floats, linear, rest = jax.linearize(of_live, *point, has_aux=True)
-    # Held, or every row would work the coefficients out anew: a quarter of the time.
+    # Without the barrier every row would compute the coefficients again.
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, once(coefficients))
     return floats, jax.vmap(linear)(*directions), rest
 
 
 def which_move(function: Callable, at: Any) -> Any:
-    """For each output of a function, whether it moves with its argument."""
+    """Return, for each output of a function, whether it depends on the argument."""
     found: list[Any] = []
 
     @jax.custom_jvp
@@ -73,16 +73,16 @@ def which_move(function: Callable, at: Any) -> Any:
 
 
 def known(leaf: Any) -> bool:
-    """Whether the value of a leaf is known, though derivatives with respect to it may be wanted."""
+    """Return whether the value of a leaf is concrete, possibly inside a derivative."""
     if not isinstance(leaf, Tracer):
         return True
-    # Of a tracer for derivatives, the value that it is taken at.
+    # A tracer of derivatives holds the concrete value at which they are taken.
     value = getattr(leaf, "to_concrete_value", None)
     return value is not None and value() is not None
 
 
 def value_of(leaf: Any) -> Any:
-    """The value of a leaf that is known, without derivatives."""
+    """Return the concrete value of a leaf, without derivatives."""
     while isinstance(leaf, Tracer):
         leaf = leaf.to_concrete_value()  # pyright: ignore[reportAttributeAccessIssue]
     return leaf
@@ -90,10 +90,13 @@ def value_of(leaf: Any) -> Any:
 
 @functools.cache
 def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any, history: int | None):
-    """The answers of a scene from its leaves, with the derivative rule of this module.
+    """Return the function from the leaves of a scene to its answers, with the derivative rule of this module.
 
-    `slopes_of` gives the answers and the derivatives of their floats with respect to the leaves `numbers`, in
-    rows.
+    - `program`: computes the answers
+    - `slopes_of`: computes the answers and, in rows, the derivatives of their floats with respect to the
+      leaves `numbers`
+    - `structure`: tree structure of the arguments
+    - `history`: number of steps to keep, None for none
     """
 
     @jax.custom_jvp
@@ -120,7 +123,8 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
 
 
 def numbers_of(leaves) -> tuple[int, ...]:
-    """Which leaves are single numbers, with respect to which there may be derivatives."""
+    """Return the positions of the leaves that are single floating-point numbers, which may be
+    differentiated."""
     return tuple(
         i
         for i, y in enumerate(leaves)
@@ -129,8 +133,8 @@ def numbers_of(leaves) -> tuple[int, ...]:
 
 
 def along(slope: np.ndarray, directions: dict[int, Any]):
-    """The derivative of one answer along directions: as few and as small operations as can be, each of them
-    is compiled."""
+    """Return the derivative of one answer along directions, by few and small operations, since each is
+    compiled."""
     terms = []
     for k, direction in directions.items():
         each = jax.lax.broadcast(direction, slope.shape[1:]) if slope.ndim > 1 else direction
@@ -139,7 +143,7 @@ def along(slope: np.ndarray, directions: dict[int, Any]):
 
 
 def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, live):
-    """The rule where it has to be traced: with respect to samples, initial states, or inside another
+    """Apply the rule by tracing: with respect to samples or initial states, or inside another
     transformation."""
 
     def of_live(*values):

@@ -1,4 +1,4 @@
-"""Energy, power and what holds the frame up: Eqs. (16) to (19), with restrainers (C3) to (C22)."""
+"""Energy, power and restoring moment: Eqs. (16) to (19), with restrainers (C3) to (C22)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .model import acceleration, beam, elongation, horizontal_demand, plus
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """The inertia of Eq. (24) where the superstructure moves with the beam, with that of inerters, (C21)."""
+    """Return the inertia of Eq. (24) with the superstructure moving with the beam, including
+    inerters, (C21)."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -22,7 +23,7 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """What ½θ̇² of the kinetic energy of Eq. (18) is of, with inerters, (C17)."""
+    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters, (C17)."""
     mass = _apparent_mass(c)
     if mass is None:
         return c.spin
@@ -34,9 +35,10 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Gravity part of Eq. (19) per N m_c with what restrainers store, zero in full contact [m²/s²], (C3)."""
+    """Return the potential energy per N m_c, zero in full contact [m²/s²]: gravity, Eq. (19), and
+    restrainers, (C3)."""
     s, cos = sincos(0.5 * theta)
-    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2), A = |θ|: without cancellation at small rotations.
+    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2), A = |θ|, has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
     if c.restraint is None:
         return stored
@@ -46,14 +48,19 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
-    """V' of (C5) at |θ| = `theta`, per N m_c [m²/s²]."""
+    """Return V' of (C5) at |θ| = `theta`, per N m_c [m²/s²]."""
     one = jnp.ones_like(theta)
     return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Mechanical energy relative to the ground per N m_c, Eqs. (16)–(19) without the ground's terms [m²/s²],
-    (C17)."""
+    """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19) without the
+    ground's terms, (C17).
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
+    """
     total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + potential(c, sigma, x[0])
     if c.vibration is None:
         return total
@@ -64,7 +71,12 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def damper_power(c: Coefficients, held: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
-    """What restrainers take, (C/m_c)|ℓ̇|^(1+ν) of dampers, per N m_c [m²/s³]."""
+    """Return the power that restrainers dissipate, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
+
+    - `c`, `held`: constants of the podium and of its restrainers
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `x`, `v`: positions and velocities
+    """
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
     taken = sum((each.power(rate, held.slip) for each in held.restrainers), jnp.zeros_like(rate))
     return 0.5 * c.two_R * c.g * c.p * taken
@@ -73,11 +85,17 @@ def damper_power(c: Coefficients, held: Restraint, sigma: Value, x: Vector, v: V
 def power(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector
 ) -> tuple[Value, Value]:
-    """What the ground gives and what the damper takes, per N m_c [m²/s³]; between impacts Ė is their
-    difference.
+    """Return the power of the ground and the power dissipated by the superstructure's damper, per N m_c
+    [m²/s³].
 
-    The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia forces in Eq. (19); the damper of Eq.
-    (22) takes 2ζω_s η (u̇_t − u̇_b)². Vertical motion gives −v̈_g w v̇_b, (C18).
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`: positions and velocities
+
+    Between impacts Ė is their difference. The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia
+    forces in Eq. (19); the damper of Eq. (22) takes 2ζω_s η (u̇_t − u̇_b)². Vertical motion gives −v̈_g w
+    v̇_b, (C18).
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
@@ -94,12 +112,17 @@ def power(
 
 
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """The moment about the edges that holds the frame up, over its value at uplift [–].
+    """Return the restoring moment about the edges over its value at uplift [–].
 
-    Full contact bears what is asked of it, −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
-    act at the edges: they bear the weights and what lifts them, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g]
-    with v̈_b of Eq. (15). The columns' centres rise half as fast as the beam. Both are σ at uplift, where
-    v̈_b = 0. Restrainers add their forces times their levers, (C22).
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`: positions and velocities
+
+    In full contact it balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
+    act at the edges and carry the weights and their vertical acceleration: (sin ψ/sin α)[1 +
+    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15). The columns' centres rise half as fast as the beam.
+    Both expressions are σ at uplift, where v̈_b = 0. Restrainers add their forces times their levers, (C22).
     """
     s, cos = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
@@ -122,7 +145,8 @@ def _with_restrainers(
     theta_ddot: Value,
     rocking: Value,
 ) -> Value:
-    """The moment of weights over their own at uplift, with that of restrainers and over that of both."""
+    """Return the moment of weights and restrainers over its value at uplift, from the moment `rocking` of the
+    weights over their own value at uplift, (C22)."""
     stretch, lever = elongation(c, sigma, theta)
     rate = lever * theta_dot / c.p
     zero = jnp.zeros_like(stretch)
@@ -136,16 +160,18 @@ def _with_restrainers(
 
 
 def vertical_impulse(c: Coefficients, steepest: Value) -> Value:
-    """C_v of (C19) over C, with `steepest` the largest |sin ψ|: what ∫|v̈_g| dt counts beside ∫|ü_g| dt."""
+    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt; `steepest` is the largest |sin
+    ψ|."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * steepest / jnp.sqrt(2 * (spin + 4 * c.eta * steepest**2)) / c.impulse
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """The most that the energy can ever be again, when ∫|ü_g| dt = `impulse` is still to come.
+    """Bound the energy at all later times, with ∫|ü_g| dt = `impulse` still to come.
 
-    The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c; by Cauchy–Schwarz that is at most
+    The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c. By Cauchy–Schwarz this is at most
     2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts
-    only take. Valid while the potential cannot be negative, that is within |θ| ≤ 2α without restrainers.
+    only dissipate. The bound holds while the potential cannot be negative: within |θ| ≤ 2α without
+    restrainers.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2

@@ -17,14 +17,13 @@ from rockjax._types import Index, Value
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
-MANY_STEPS = 50_000  # trials; who allows fewer has run out of them for no other reason
-BOUNCING = 0.2  # of the steps end with an impact: nothing happens but hops
-MANY_RADIANS = 50_000  # of a superstructure's vibration on lifted columns
+MANY_STEPS = 50_000  # trials; only beyond this number is a cause searched for
+BOUNCING = 0.2  # fraction of steps that end with an impact, above which the columns only bounce
+MANY_RADIANS = 50_000  # of a superstructure's vibration on lifted columns, above which it counts as too stiff
 
 
 class Nodes(NamedTuple):
-    """The accepted steps of a scene: node k holds the state from which the next step starts, after any
-    impact."""
+    """Accepted steps of a scene: node k holds the state from which the next step starts, after any impact."""
 
     t: Float[Array, " n"]  # inf where unused
     x: tuple[Float[Array, " n ..."], ...]
@@ -36,7 +35,7 @@ class Nodes(NamedTuple):
 
 
 def blank_nodes(state: LoopState, capacity: int) -> Nodes:
-    """Room for `capacity` nodes, none of them used."""
+    """Return empty storage for `capacity` nodes."""
     zeros = jnp.zeros((capacity,), state.t.dtype)
     return Nodes(
         t=jnp.full_like(zeros, jnp.inf),
@@ -50,7 +49,7 @@ def blank_nodes(state: LoopState, capacity: int) -> Nodes:
 
 
 def _put(buffers, at: Index, values):
-    """Write values into row `at` of the buffers; past the end, nowhere."""
+    """Write values into row `at` of the buffers; indices past the end are dropped."""
     return jax.tree.map(lambda b, y: b.at[at].set(y, mode="drop"), buffers, values)
 
 
@@ -66,12 +65,13 @@ def _first_node(state: LoopState, capacity: int) -> Nodes:
 
 
 def runs(state: LoopState, max_steps: int) -> Array:
-    """Whether a scene goes on."""
+    """Return whether a scene is still running."""
     return (state.code == results.RUNNING) & (state.steps + state.rejected < max_steps)
 
 
 def closed(scene: Scene, state: LoopState) -> LoopState:
-    """Out of steps is a result as well, and says why where so many of them have one of two causes."""
+    """Give a scene that has used up its steps a result, which names the cause if one of two known causes
+    applies."""
     cause = jnp.full_like(state.code, results.OUT_OF_STEPS)
     many = state.steps + state.rejected >= MANY_STEPS
     if scene.c.vibration is not None:
@@ -83,7 +83,12 @@ def closed(scene: Scene, state: LoopState) -> LoopState:
 
 
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
-    """The state at its end."""
+    """Integrate a scene and return its final state.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: initial state
+    - `max_steps`: limit of accepted and rejected steps together
+    """
     state = ready_for_tangents(state)
     state = jax.lax.while_loop(
         lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
@@ -94,7 +99,13 @@ def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState
 def run_with_history(
     scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int
 ) -> tuple[LoopState, Nodes]:
-    """The state at its end, and its accepted steps on the way."""
+    """Integrate a scene and return its final state and its accepted steps.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: initial state
+    - `max_steps`: limit of accepted and rejected steps together
+    - `capacity`: number of nodes that can be stored; a scene with more ends with HISTORY_FULL
+    """
 
     def keep(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
         nodes = _append(nodes, state, info.impact_time, info.accepted)
@@ -107,7 +118,12 @@ def run_with_history(
 def record_decisions(
     scene: Scene, plan: Plan, state: LoopState, max_steps: int
 ) -> tuple[LoopState, Decision, Index]:
-    """The state at its end, the decisions of every accepted step, and their number."""
+    """Integrate a scene and return its final state, the decisions of all accepted steps, and their number.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: initial state
+    - `max_steps`: limit of accepted and rejected steps together, and length of the arrays of decisions
+    """
     like = jax.eval_shape(lambda: step(scene, plan, state)[1].decision)
     decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
 
@@ -125,11 +141,12 @@ def record_decisions(
 
 
 def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, kept):
-    """The state at its end, and what `keep(state, kept, info)` has kept of every step.
+    """Integrate a scene and return its final state, and the data that `keep(state, kept, info)` stores for
+    every step.
 
-    Lanes that have ended keep nothing any more. Were each lane to decide for itself when the loop ends, JAX
-    would choose between old and new buffers as a whole in every step of a vmapped loop, where only a row of
-    them is written.
+    Lanes that have ended store nothing more. If each lane decided for itself when the loop ends, JAX would
+    select between old and new buffers as a whole in every step of a vmapped loop, although only one row is
+    written.
     """
 
     def body(carry):
@@ -148,23 +165,29 @@ def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, k
 def replay(
     scene: Scene, plan: Plan, state: LoopState, decisions: Decision, count: Index, capacity: int | None
 ) -> tuple[LoopState, Nodes | None]:
-    """The state at its end through known decisions, in a loop that reverse mode can walk with bounded memory.
+    """Repeat a scene through recorded decisions, in a loop that reverse mode can differentiate with bounded
+    memory.
 
-    Reverse mode computes steps again from checkpoints. Rounding differs from one compilation of a step to
-    another, and a step rejected the second time only would leave states and cotangents at different times:
-    hence the recording beforehand.
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: initial state
+    - `decisions`, `count`: recorded decisions in rows of length `max_steps`, and their number
+    - `capacity`: number of nodes to store, None for none
 
-    Checkpoints are on two levels, the root of `max_steps` apart, and of a step nothing is kept but the state
-    before it: with more levels, or with all that a step computes, the program takes twice as long to compile.
+    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
+    Rounding differs between compilations of a step, and a step rejected only the second time would leave
+    states and cotangents at different times; therefore the decisions are recorded beforehand.
+
+    Checkpoints have two levels, √`max_steps` apart, and only the state before each step is stored: more
+    levels or more data per step would double the compilation time.
     """
     first = state
 
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def body(carry):
         state, nodes, k = carry
-        # Under `vmap` lanes at their end go on until the last is there. What they do is dropped, but zero
-        # times a derivative without a bound is no zero: they repeat their first step. One that never made a
-        # step has a decision of zeros; its length must not be zero.
+        # Under `vmap` finished lanes go on until the last has ended. Their results are dropped, but zero
+        # times an infinite derivative is NaN: they repeat their first step. A lane that never made a step
+        # has a decision of zeros; its length must not be zero.
         goes_on = k < count
         state = jax.tree.map(lambda now, at_first: jnp.where(goes_on, now, at_first), state, first)
         replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)

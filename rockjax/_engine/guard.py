@@ -27,10 +27,10 @@ from .state import LoopState, Plan, Scene
 
 
 class Guard(NamedTuple):
-    """σθ while rocking, which may not reach 0 or the overturning angle; in full contact the demand q, within
-    ±q_up.
+    """Guard of a mode: σθ while rocking, which may not reach 0 or the overturning angle; in full contact the
+    demand q, within ±q_up.
 
-    Over a step, monotone on both sides of at most one turning point. Everything but the two paths and
+    Over a step it is monotone on both sides of at most one turning point. Everything but the two paths and
     `ending` is a constant for derivatives.
     """
 
@@ -45,16 +45,25 @@ class Guard(NamedTuple):
     breaks_before_turn: Flag  # broken before the turning point …
     breaks_after_turn: Flag  # … or after it
     inside: Value  # where it breaks
-    ending: Quintic  # what is left of it, in the time past the end of the step …
-    time_past_end: Value  # … and when it is used up
-    converges: Flag  # if it falls there
-    turns_twice: Flag  # it turns more than once, and may break meanwhile
+    ending: Quintic  # distance to breaking, in the time past the end of the step …
+    time_past_end: Value  # … and its root …
+    converges: Flag  # … if Newton converges to it
+    turns_twice: Flag  # it turns more than once, and may break in between
 
 
 def watch(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step, fresh: Flag
 ) -> Guard:
-    """The guard over a step of length h from a state, with accelerations a0, to `end`."""
+    """Return the guard over a trial step.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
+    - `h`: length of the step [s]
+    - `a0`: accelerations at its start
+    - `end`: state and accelerations at its end
+    - `fresh`: whether the step starts on θ = 0, after an impact or an uplift
+    """
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
     path, at_end = once(_paths(scene, plan, state, ground_at, h, a0, end))
@@ -63,7 +72,7 @@ def watch(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
     rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
-    # What many later kernels need would be worked out again in each of them.
+    # Without the barrier every kernel that needs these would compute them again.
     rising, rises_on, turned = once((rising, rises_on, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
@@ -114,11 +123,11 @@ def watch(
 def _paths(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
 ) -> tuple[Quintic, Quintic]:
-    """σθ while rocking; in full contact the demand q, whose derivatives follow because everything is linear
-    there.
+    """Return the guard over the step as a quintic, and past its end as a cubic in time.
 
-    Over the step, and as a cubic in the time past its end: over a very short step the quintic of the step
-    knows the value only, its slopes are differences of nearly equal numbers.
+    The guard is σθ while rocking and the demand q in full contact, whose derivatives follow from linearity.
+    Over a very short step the slopes of the quintic are differences of nearly equal numbers, so the cubic at
+    the end uses the slopes of the step itself.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -141,8 +150,8 @@ def _paths(
 
 
 def _through(ends: Iterable[Value], h: Value, longest: Value) -> tuple[Quintic, Quintic]:
-    """The quintic through (value, slope, curvature) at the start and at the end, and the cubic at the
-    end."""
+    """Return the quintic through (value, slope, curvature) at both ends of a step, and the cubic at
+    its end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     path = quintic(x0, v0, a0, x1, v1, a1, h)
@@ -151,7 +160,7 @@ def _through(ends: Iterable[Value], h: Value, longest: Value) -> tuple[Quintic, 
 
 
 def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
-    """What is left until the guard breaks: to impact or overturning while rocking, to uplift in full
+    """Return the distance to breaking of the guard: to impact or overturning while rocking, to uplift in full
     contact."""
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
     sign = once(sign)
@@ -161,8 +170,8 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
 
 
 def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
-    """How long past the end of the step (s, at most `most`) the margin ends, if it falls there; a
-    constant."""
+    """Return the root of the margin past the end of the step [s], limited to ±`most`, and whether the margin
+    falls to zero there. Both are constants for derivatives."""
     margin = jax.lax.stop_gradient(margin)
     time_past_end = jnp.zeros_like(margin.c0)
     falls = margin.c1 < 0
@@ -170,6 +179,6 @@ def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Fl
         slope = margin.slope(time_past_end)
         time_past_end = time_past_end - safe_ratio(margin.value(time_past_end), slope, falls & (slope < 0))
         time_past_end = once(jnp.clip(time_past_end, -most, most))
-    # A margin that only touches zero makes Newton creep.
+    # Newton converges slowly to a margin that only touches zero.
     arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
     return time_past_end, falls & arrives

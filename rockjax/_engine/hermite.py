@@ -1,7 +1,8 @@
-"""The quintic Hermite polynomial of a step, on z ∈ [0, 1], and where it turns and crosses zero.
+"""The quintic Hermite polynomial of a step, on z ∈ [0, 1], with its turning points and roots.
 
-It joins value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant: below
-the local error of a fifth-order method, and good enough to know where to land for any other.
+It joins value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant. This
+is below the local error of a fifth-order method, and accurate enough to locate events for methods of any
+order.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import jax.numpy as jnp
 from rockjax._engine.once import once
 from rockjax._types import Flags, Value, Values
 
-# Of the safeguarded Newton searches. A turning point has to be known to about 1e-6 for the derivatives of
-# peaks; a crossing only says where to try next.
+# Iterations of the safeguarded Newton searches. Derivatives of peaks need a turning point to about 1e-6; a
+# crossing is only the end of the next trial.
 _TO_TURN, _TO_CROSS = 5, 4
 
 
 class Quintic(NamedTuple):
-    """c0 + c1 z + … + c5 z⁵; of one quantity, or of several in a row."""
+    """A polynomial c0 + c1 z + … + c5 z⁵ of one quantity, or of several in a row."""
 
     c0: Values
     c1: Values
@@ -42,7 +43,12 @@ class Quintic(NamedTuple):
 
 
 def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value) -> Quintic:
-    """The quintic with value x, slope v and curvature a in time at both ends of a step of length h."""
+    """Return the quintic with given values, slopes and curvatures in time at both ends of a step.
+
+    - `x0`, `v0`, `a0`: value, slope and curvature at the start
+    - `x1`, `v1`, `a1`: value, slope and curvature at the end
+    - `h`: length of the step [s]
+    """
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     rise = x1 - x0 - v0 - 0.5 * a0
     steepening = v1 - v0 - a0
@@ -59,15 +65,22 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
 
 
 def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, longest: Value) -> Values:
-    """h³/3! times the third derivative at the end of a step with curvatures a0 and a1.
+    """Return h³/3! times the third derivative at the end of a step.
 
-    Over a very short step the quintic is a difference of nearly equal numbers, and the mean is enough.
+    - `path`: quintic of the step
+    - `a0`, `a1`: curvatures at both ends
+    - `h`: length of the step [s]
+    - `longest`: longest step of the scene [s]
+
+    Over a very short step the quintic is a difference of nearly equal numbers, and the mean of the third
+    derivative is used.
     """
     return jnp.where(is_long(h, longest), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
 
 def is_long(h: Value, longest: Value) -> Flags:
-    """Whether the quintic of a step knows more than its ends."""
+    """Return whether a step is long enough for the higher coefficients of its quintic to be more than
+    rounding."""
     return h > 0.01 * longest
 
 
@@ -79,31 +92,31 @@ def _horner(coefficients: Sequence[Values], z: Values) -> Values:
 
 
 def derivative(coefficients: Sequence[Values]) -> list[Values]:
-    """Coefficients of the derivative of a polynomial, from those of the polynomial, lowest power first."""
+    """Return the coefficients of the derivative of a polynomial, lowest power first."""
     return [k * c for k, c in enumerate(coefficients) if k]
 
 
 @functools.partial(jax.jit, static_argnames="iterations")
 def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, iterations: int) -> Values:
-    """Where the polynomial passes from positive at lo to negative at hi: Newton from z, kept in by
-    bisection."""
+    """Return the root between `lo`, where the polynomial is positive, and `hi`, where it is negative: Newton
+    from z, safeguarded by bisection."""
     f, df, z = once((list(f), derivative(f), z))
     for _ in range(iterations):
         value, slope = once(_horner(f, z)), _horner(df, z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
-        # Or each iteration would be worked out again inside every later one.
+        # Without the barrier each iteration would be computed again inside every later one.
         z, lo, hi = once((z, lo, hi))
     return z
 
 
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-    """Where a quantity turns over a step, and whether it turns twice.
+    """Return the turning point of a quantity over a step, or its dip, and whether it turns twice.
 
-    Where its slopes at both ends have opposite signs (`turned`) it is the turning point. Else it may dip: the
-    slope is least, against its sign at the ends (`rising`), at the zero of the curvature that is returned;
-    where it changes sign there, the quantity turns before and after.
+    If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the quantity
+    may dip: z is the zero of the curvature, where the slope is least relative to its sign at the ends
+    (`rising`). If the slope changes sign there, the quantity turns both before and after it.
     """
     sign = once(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
@@ -116,18 +129,18 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 
 
 def _first_zero(f: Sequence[Values]) -> Values:
-    """Where a polynomial, positive after z = 0, is zero and negative at z = 1.
+    """Return the root of a polynomial that is positive just after z = 0 and negative at z = 1.
 
-    What begins at rest, as columns do that are lifted, has no slope at z = 0, and after an uplift that is
-    not a jump no curvature either, but for rounding: then z = 0 is no turning point, and is divided out.
+    A motion that begins at rest, such as an uplift, has no slope at z = 0. After an uplift without a jump it
+    has no curvature either, up to rounding. Then z = 0 is no turning point, and this root is divided out.
     """
     f = list(f)
     for _ in range(2):
         at_rest = f[0] <= 0
         divided = [*f[1:], jnp.zeros_like(f[0])]
         f = [jnp.where(at_rest, b, a) for a, b in zip(f, divided, strict=True)]
-    # The parabola through both ends that leaves the first along f: between samples of a record the slope of a
-    # rotation is very nearly that. It is positive at 0 and negative at 1, so that it has one zero there.
+    # Initial guess: the parabola through both ends, tangent to f at the first one, which is positive at 0 and
+    # negative at 1. Between samples of a record the slope of a rotation is very nearly such a parabola.
     last = sum(f[1:], f[0])
     bend = last - f[0] - f[1]
     root = jnp.sqrt(jnp.maximum(f[1] * f[1] - 4 * f[0] * bend, 0.0))
@@ -137,7 +150,8 @@ def _first_zero(f: Sequence[Values]) -> Values:
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
-    """The z in [lo, hi] at which the polynomial falls through zero, positive at lo and negative at hi."""
+    """Return the z in [lo, hi] at which the polynomial falls through zero, positive at lo and
+    negative at hi."""
     above, below = polynomial.value(lo), polynomial.value(hi)
     fall = above - below
     secant = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
@@ -145,10 +159,17 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
 
 
 def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:
-    """Whether the slope changes sign more than once in a step: in a dip, or at three places inside."""
+    """Return whether the slope changes sign more than once in a step.
+
+    - `polynomial`: the quantity over the step
+    - `rising`, `rising_after`: whether it rises at the start and at the end
+    - `dips`: whether it turns twice around a dip, as `turning_point_or_dip` returns
+
+    Besides dips, the slope is checked at three points inside the step.
+    """
     turns = jnp.zeros((), jnp.int32)
     before = rising
-    # Slopes at rounding of the value say nothing.
+    # Slopes below the rounding of the value are ignored.
     noise = 128 * jnp.finfo(polynomial.c0.dtype).eps * jnp.abs(polynomial.c0)
     for z in (0.25, 0.5, 0.75):
         slope = polynomial.slope(z)

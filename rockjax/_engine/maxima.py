@@ -14,22 +14,22 @@ from rockjax._types import Flag, Value, Values
 from .hermite import Quintic, derivative, turning_point_or_dip
 from .ratio import safe_ratio
 
-# An extremum is landed on when it would raise the record and lies well inside the step; near the ends the
-# polynomial is as good as the step itself.
+# A step is shortened to end on an extremum that would raise the record and lies well inside the step. Near
+# the ends the polynomial is as accurate as the step itself.
 NEAR_RECORD = 1e-2
 WELL_INSIDE = 0.02
-# … of what vibrates, whose derivatives grow with every swing.
+# Limits for the vibrating superstructure, whose derivatives grow with every swing.
 WELL_INSIDE_QUINTIC = 2e-3
 WELL_INSIDE_CUBIC = 1e-4
 ROUNDING = 64  # times the resolution of numbers
 
 
 class Maximum(NamedTuple):
-    """The largest |f| over a step, and how far to shorten the step to land on it; of one quantity, or of
-    several in a row."""
+    """The largest |f| over a step, and the shorter step that ends on it; of one quantity, or of several in a
+    row."""
 
     value: Values
-    cut: Values  # fraction of the step, inf where there is no need
+    cut: Values  # fraction of the step, inf where no shorter step is needed
 
 
 class End(NamedTuple):
@@ -72,7 +72,8 @@ def largest(
         size = jnp.abs(end.value + end.past * (end.rate + 0.5 * end.past * bend))
         value = jnp.where(size > value, size, value)
     value = once(value)
-    # In a short hop the quantity hardly changes: a maximum that the ends have to rounding is not landed on.
+    # Over a short hop the quantity is nearly constant: a maximum that equals an end value up to rounding
+    # needs no shorter step.
     of_ends = jnp.maximum(*sizes)
     stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))
     near = record * (1 - NEAR_RECORD)
@@ -83,14 +84,23 @@ def largest(
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:
-    """ω² d + 2ζω ḋ, the spring and damper force of a deformation polynomial, Eq. (7), over a step of length
-    h."""
+    """Return the spring and damper force per mass ω² d + 2ζω ḋ, Eq. (7), as a polynomial over a step.
+
+    - `deformation`: polynomial of the deformation d [m]
+    - `omega2`, `damping`: ω² [1/s²] and 2ζω [1/s]
+    - `h`: length of the step [s]
+    """
     rates = [*derivative(deformation), jnp.zeros_like(h)]
     return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 
 
 def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Quintic:
-    """The cubic Hermite polynomial, for a quantity whose curvature is not at hand."""
+    """Return the cubic Hermite polynomial over a step, for a quantity whose curvature is not available.
+
+    - `f0`, `rate0`: value and rate in time at the start
+    - `f1`, `rate1`: value and rate in time at the end
+    - `h`: length of the step [s]
+    """
     m0, m1, rise = h * rate0, h * rate1, f1 - f0
     zero = jnp.zeros_like(f0)
     return Quintic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, zero, zero)

@@ -1,15 +1,15 @@
-"""The model: equations of motion, uplift demand and impact map, each once, with the paper's numbers.
+"""The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
 
-σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One field serves all of them:
-with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ vanishes, so do u_b and u̇_b, and Eq. (22) becomes Eq. (4).
+σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves all of
+them: with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
 
-States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) where nothing is
-elastic, (θ, u) with an elastic superstructure, where u is a number of one mode and a row (u_1, …, u_n) of
-several. Which it is and how many is known before tracing; equations of modes are the same for both, and sums
-over modes are `summed`.
+States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) for rigid podiums, (θ,
+u) with an elastic superstructure, where u is a number for one mode and a row (u_1, …, u_n) for several. The
+number of modes is known before tracing. The equations of modes are the same for both, and `summed` sums over
+modes.
 
-Restrainers add what each of them says of an elongation and its rate; their equations are numbered (C1) … in
-docs/control.md. A podium without any never looks at them.
+Restrainers add forces that depend on an elongation and its rate; their equations are numbered (C1) … in
+docs/control.md. A podium without restrainers skips them.
 """
 
 from __future__ import annotations
@@ -26,17 +26,20 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, Restraint, Several, present, summed, weighted
 
-# Of the time to a stop, and of that since one: steps close to it are no longer.
+# Longest steps near a moment without motion: fractions of the time until it, and of the time since it.
 SLOWING, GATHERING = 0.75, 3.0
 
 
 def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
-    """How long the rate of rotation stays of the same size, where forces are steep at θ̇ = 0 [s].
+    """Return the longest step [s] over which the rate of rotation keeps its order of magnitude, for forces
+    with an infinite slope at θ̇ = 0.
 
-    A share of the time that it takes to stop, or that it has taken to come to its rate. Steps that are no
-    longer close in on a moment without motion in quarters, so that their error is that of the method although
-    the forces have no slope there; not in states alone, whose error tells, but in their derivatives as well,
-    whose error does not.
+    - `c`, `held`: constants of the podium and of its restrainers
+    - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
+
+    The step is a fraction of the time until the columns stop, or since they started from rest. Steps then
+    approach a moment without motion geometrically and keep the order of the method although the forces have
+    no slope there. This also keeps derivatives accurate, whose error the step-size control does not see.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     rounded = held.slip / (2 * c.sin_alpha)  # over p
@@ -48,24 +51,24 @@ def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: V
 
 
 class Elongation(NamedTuple):
-    """ℓ of (C1) and its derivative by θ, over R; both are zero in full contact."""
+    """Elongation ℓ of (C1) and its derivative with respect to θ, over R; both are zero in full contact."""
 
     stretch: Value
     lever: Value
 
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
-    """How far a column's joints are open."""
+    """Return the elongation of a device over both joints of a column."""
     return _elongation(c, sigma, *sincos(0.5 * theta))
 
 
 def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongation:
-    """The same from sin θ/2 and cos θ/2."""
+    """Return the elongation from sin θ/2 and cos θ/2."""
     return Elongation(4 * c.sin_alpha * sigma * s, 2 * c.sin_alpha * sigma * cos)
 
 
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
-    """sin ψ, cos ψ and the elongation by one sine and cosine, of θ/2; cos ψ is not to be asked of full
+    """Return sin ψ, cos ψ and the elongation from one sine and cosine, of θ/2. cos ψ is not valid in full
     contact."""
     s, cos = once(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
@@ -77,7 +80,8 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 def _restraint(
     c: Coefficients, held: Restraint, open_by: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
-    """What restrainers take from the right side of Eq. (24), and what they add to its inertia, (C8)."""
+    """Return the moment of restrainers, which the right side of Eq. (24) loses, and their addition to its
+    inertia, (C8)."""
     stretch, lever = open_by
     rate = lever * theta_dot / c.p
     against = c.p**2 * lever * sum(each.force(stretch, rate, held.slip) for each in held.restrainers)
@@ -88,8 +92,11 @@ def _restraint(
 
 
 def restraint_at_most(c: Coefficients, held: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """A bound of what restrainers take from the right side of Eq. (24), up to |θ| and |θ̇| inside the well,
-    (C20)."""
+    """Bound the moment of restrainers in Eq. (24), (C20).
+
+    - `c`, `held`: constants of the podium and of its restrainers
+    - `theta`, `theta_dot`: largest |θ| [rad], inside the well, and largest |θ̇| [rad/s]
+    """
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
     forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, held.slip) for each in held.restrainers)
@@ -100,22 +107,27 @@ def restraint_at_most(c: Coefficients, held: Restraint, theta: Value, theta_dot:
 
 
 def horizontal(ground: Value | Shaking) -> Value:
-    """ü_g of a ground motion."""
+    """Return ü_g of a ground motion."""
     return ground.horizontal if isinstance(ground, Shaking) else ground
 
 
 def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
-    """What gravity is multiplied with in Eq. (24): g becomes g + v̈_g in all weights."""
+    """Return the coefficient of gravity in Eq. (24), in which vertical motion replaces g by g + v̈_g."""
     return c.gravity * (1 + ground.vertical / c.g) if isinstance(ground, Shaking) else c.gravity
 
 
 def _relief(c: Coefficients, ground: Shaking) -> Value:
-    """q_up(t) over its static value, (C10): positive as long as g + v̈_g is."""
+    """Return q_up(t) over its static value, (C10): positive as long as g + v̈_g is."""
     return 1 + present(c.tilt) * ground.vertical / c.uplift
 
 
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
-    """Horizontal displacement and velocity of the beam (u_b, u̇_b), Eqs. (13), (14)."""
+    """Return the horizontal displacement [m] and velocity [m/s] of the beam (u_b, u̇_b), Eqs. (13), (14).
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `theta`, `theta_dot`: θ [rad] and θ̇ [rad/s]
+    """
     s, cos = sincos(sigma * c.alpha - theta)
     return c.two_R * (sigma * c.sin_alpha - s), c.two_R * theta_dot * cos
 
@@ -123,7 +135,12 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
 def beam_acceleration(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
 ) -> Value:
-    """Horizontal acceleration of the beam ü_b, Eq. (14)."""
+    """Return the horizontal acceleration of the beam relative to the ground ü_b [m/s²], Eq. (14).
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
+    """
     s, cos = sincos(sigma * c.alpha - theta)
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
@@ -131,13 +148,23 @@ def beam_acceleration(
 def beam_absolute(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
-    """Absolute horizontal acceleration of the beam, a_b = ü_g + ü_b."""
+    """Return the absolute horizontal acceleration of the beam a_b = ü_g + ü_b [m/s²].
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+    """
     return beam_acceleration(c, sigma, x[0], v[0], a[0]) + horizontal(ground)
 
 
 def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Vector:
-    """The equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22), under the ground acceleration `ground` =
-    ü_g, or ü_g and v̈_g, (C8).
+    """Return the accelerations of the equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22).
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ground acceleration ü_g, or ü_g and v̈_g, (C8) [m/s²]
+    - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
 
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
@@ -167,21 +194,31 @@ def plus(value: Value, more: Value | float) -> Value: ...
 @overload
 def plus(value: float, more: float) -> float: ...
 def plus(value: Value | float, more: Value | float) -> Value | float:
-    """The sum, where there is something to add: known before tracing."""
+    """Return the sum, or the value alone if nothing is to be added, which is known before tracing."""
     return value if isinstance(more, float) else value + more
 
 
 def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """q of Eq. (9) in full contact; the columns uplift where |q| exceeds `c.uplift`, to the side −sign q.
+    """Return the demand q of Eq. (9) in full contact [m/s²].
 
-    Where the ground moves vertically it is what q would be without, at the same share of q_up(t), (C10).
+    - `c`: constants of the podium
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`: positions and velocities
+
+    The columns uplift where |q| exceeds `c.uplift`, to the side −sign q. Under vertical motion q is divided
+    by q_up(t) over its static value, (C10), so that the threshold stays the same.
     """
     q = horizontal_demand(c, ground, x, v)
     return q / _relief(c, ground) if isinstance(ground, Shaking) else q
 
 
 def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """q of Eq. (9)."""
+    """Return q of Eq. (9), without the effect of vertical motion [m/s²].
+
+    - `c`: constants of the podium
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`: positions and velocities
+    """
     ground, modes = horizontal(ground), c.vibration
     if modes is None:
         return ground
@@ -189,8 +226,8 @@ def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Ve
 
 
 def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
-    """The demand with its first two derivatives in time, from those of the ground motion and of the state
-    (x, v): everything is linear in full contact but the weight that vertical motion takes off."""
+    """Return the demand and its first two derivatives in time, from those of the ground motion and of the
+    state (x, v). In full contact everything is linear except the weight, which vertical motion changes."""
     if not isinstance(grounds[0], Shaking):
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
     q, q1, q2 = (horizontal_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
@@ -202,16 +239,25 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
 
 
 def impact(c: Coefficients, theta_dot: Value) -> Value:
-    """θ̇ after an impact: Eq. (27) for θ̇, the same sense of rotation; u_t and u̇_t are continuous, Eq. (26).
+    """Return θ̇ after an impact, Eq. (27): the sense of rotation stays; u_t and u̇_t are continuous, Eq.
+    (26).
 
-    Where e ≤ 0 the result is 0: rocking ends.
+    If e ≤ 0 the result is 0: rocking ends.
     """
     return jnp.maximum(c.restitution, 0.0) * theta_dot
 
 
 def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector) -> Value:
-    """Shear of the superstructure over its weight, V_s/(m_t g), Eq. (7): its absolute horizontal acceleration
-    over −g, of several modes the mean over their masses and what moves with the beam."""
+    """Return the shear of the superstructure over its weight V_s/(m_t g) [–], Eq. (7).
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+
+    It is the absolute horizontal acceleration of the superstructure over −g; with several modes, the mean
+    over the modal masses and the residual mass.
+    """
     ground = horizontal(ground)
     if c.vibration is None:
         return -beam_absolute(c, sigma, ground, x, v, a) / c.g
@@ -231,7 +277,8 @@ def _carried(
     v: Vector,
     a: Vector,
 ) -> Value:
-    """Σ w_i(ü_i + ü_g) over the modes that are kept, and what is left of 1 of the beam's acceleration."""
+    """Return Σ w_i(ü_i + ü_g) over the retained modes, plus 1 − Σ w_i times the beam's absolute
+    acceleration."""
     found = weighted(weights, a[1] + ground)
     if several.residual is None:
         return found
@@ -239,16 +286,23 @@ def _carried(
 
 
 def drift_weights(floors: Values) -> Values:
-    """Γ_i(φ_ji − φ_{j−1,i}) of each story j, for the modes i: the drift of a story is their sum with the
-    modal deformations."""
+    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i; the drift of a story is their sum weighted by
+    the modal deformations."""
     return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 
 def floor_accelerations(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Values:
-    """Absolute horizontal accelerations of the floors, −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the modes
-    that are kept, F_i = −(ü_i + ü_g)."""
+    """Return the absolute horizontal accelerations of the floors [m/s²].
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+
+    They are −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the retained modes, with F_i = −(ü_i + ü_g).
+    """
     several, ground = present(c.several), horizontal(ground)
     of_floor = lambda weights: _carried(c, several, weights, sigma, ground, x, v, a)
     return jax.vmap(of_floor)(present(several.floors))

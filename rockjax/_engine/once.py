@@ -1,8 +1,7 @@
-"""Numbers that the compiler works out once.
+"""A barrier against repeated computation by the compiler.
 
-XLA makes kernels of a step, loops over lanes, and works out in each kernel again what it needs of the others,
-back to what is stored: in a trial of an elastic podium half of all operations. Numbers that several kernels
-need are stored here, and read again.
+XLA splits a step into kernels, loops over lanes, and computes in each kernel again all intermediate results
+that it needs, back to stored values. Values behind the barrier are stored once and read by all kernels.
 """
 
 from __future__ import annotations
@@ -15,5 +14,5 @@ T = TypeVar("T")
 
 
 def once(values: T) -> T:
-    """The same values, that nothing behind them works out again."""
+    """Return the values behind an optimisation barrier, so that later kernels do not compute them again."""
     return jax.lax.optimization_barrier(values)

@@ -8,6 +8,6 @@ from rockjax._types import Flags, Values
 
 
 def safe_ratio(a: Values, b: Values, wanted: Flags) -> Values:
-    """a/b where wanted, else 0; never a NaN, in derivatives neither."""
+    """Return a/b where wanted, else 0; neither the value nor its derivatives are ever NaN."""
     good = wanted & (b != 0)
     return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)
