@@ -1,5 +1,4 @@
-"""What a step leaves in the records: the largest rotation, deformation and shear, and the least overturning
-margin."""
+"""Records of a step: the largest rotation, deformation and shear, and the least overturning margin."""
 
 from __future__ import annotations
 
@@ -34,13 +33,19 @@ def step_peak(
     toppled: Flag,
     now: Value,
 ) -> tuple[Value, Value]:
-    """The largest |θ| of the step and its time, with their derivatives."""
+    """Return the largest |θ| of the step [rad] and its time [s], with their derivatives.
+
+    - `scene`, `state`: the prepared scene, and the state at the start of the step
+    - `trial`, `guard`, `outcome`: the accepted step, its guard and its outcome
+    - `hit`, `toppled`: whether it ends with an impact, or at the overturning angle
+    - `now`: time of its end, which moves with the parameters [s]
+    """
     at_stop = guard.at_end.value(outcome.after)
     end_angle = jnp.where(hit, 0.0, jnp.where(toppled, scene.overturn_angle, at_stop))
     peak = guard.path.value(guard.turn)
     peak, end_angle = once((peak, end_angle))
     at_turn = outcome.peaks & (peak >= end_angle)
-    # The largest rotation so far at an end that is no event is a turning point, but for rounding.
+    # A record at an end that is not an event is a turning point up to rounding.
     at_event = (outcome.lands | trial.ends) & ~at_turn
     crest = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, now, state.t + _time_to_turn(scene, state, trial, guard, crest))
@@ -48,10 +53,11 @@ def step_peak(
 
 
 def _time_to_turn(scene: Scene, state: LoopState, trial: Attempt, guard: Guard, z: Value) -> Value:
-    """Time from the start of a step to its turning point of θ near `z`, which moves with the parameters [s].
+    """Return the time from the start of a step to its turning point of θ near `z`, which moves with the
+    parameters [s].
 
-    Over a short step the slopes of the quintic are differences of nearly equal numbers: the turning point
-    moves as the speeds and accelerations at both ends say.
+    Over a short step the slopes of the quintic are differences of nearly equal numbers; there the speeds and
+    accelerations at both ends give the derivative of the time.
     """
     path, end = guard.path, trial.end
     speed = cubic(state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
@@ -66,7 +72,14 @@ def _time_to_turn(scene: Scene, state: LoopState, trial: Attempt, guard: Guard, 
 def turn_at_peak(
     scene: Scene, plan: Plan, state: LoopState, ground_at, trial: Attempt, guard: Guard, peaks: Flag
 ) -> Turn:
-    """A maximum of |θ| at the guard's turning point."""
+    """Return the maximum of |θ| at the guard's turning point, with its overturning margin and deceleration.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
+    - `trial`, `guard`: the step and its guard
+    - `peaks`: whether |θ| has a maximum; otherwise the result is inf
+    """
     h, sigma = trial.h, state.sigma
     span = _time_to_turn(scene, state, trial, guard, guard.turn)
     z = safe_ratio(span, h, h > 0)
@@ -86,10 +99,17 @@ def turn_at_peak(
 def least_margin(
     scene: Scene, state: LoopState, outcome: StepOutcome, x: Vector, v: Vector, toppled: Flag, stamp: Value
 ) -> Value:
-    """The overturning margin so far, after an accepted step to the state (x, v)."""
+    """Return the least overturning margin so far, after an accepted step.
+
+    - `scene`: the prepared scene
+    - `state`, `outcome`: state at the start of the step, and its outcome
+    - `x`, `v`: positions and velocities after the step
+    - `toppled`: whether the step ends at the overturning angle
+    - `stamp`: time at its end [s]
+    """
     before = present(state.margin)
     least = jnp.where(outcome.peaks & (outcome.turn.margin < before), outcome.turn.margin, before)
-    # Out of time on the way up: what is left from there.
+    # At the end of the scene a column on its way up has the margin of its present rotation.
     rises = (stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
     here = margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
     least = jnp.where(rises & (here < least), here, least)
@@ -97,7 +117,7 @@ def least_margin(
 
 
 class Maxima(NamedTuple):
-    """Of the superstructure over a step; None where they are not wanted."""
+    """Maxima of the superstructure over a step; None for outputs that are not requested."""
 
     deformation: Maximum | None = None  # of each mode
     shear: Maximum | None = None
@@ -106,7 +126,8 @@ class Maxima(NamedTuple):
 
     @property
     def cut(self) -> Value | float:
-        """How far to shorten the step to land on one of them."""
+        """Fraction of the step at which the first maximum that must be landed on lies; inf if there
+        is none."""
         cuts = [jnp.min(each.cut, axis=-1) if each.cut.ndim else each.cut for each in self if each]
         return functools.reduce(jnp.minimum, cuts) if cuts else math.inf
 
@@ -116,7 +137,7 @@ class Maxima(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """The length of a step [s], whether its polynomials know more than its ends, and how far past its time
+    """The length of a step [s], whether it is long enough for its polynomials, and how far past its time
     stamps it begins and ends [s]."""
 
     h: Value
@@ -133,23 +154,33 @@ class _Course(NamedTuple):
     last: tuple[Values, Values]
 
     def largest(self, span: _Span, record: Values, inside=WELL_INSIDE_QUINTIC, lands=True) -> Maximum:
-        """Its largest size over a step."""
+        """Return the largest absolute value over a step.
+
+        - `span`: the step
+        - `record`: largest absolute value so far
+        - `inside`: fraction of the step at both ends within which a maximum need not be landed on
+        - `lands`: whether maxima are landed on at all
+        """
         ends = End(*self.first, span.before), End(*self.last, span.after)
         return largest(self.path, span.h, span.long, record, ends, inside, lands)
 
 
 def _sum(weights: Values, course: _Course) -> _Course:
-    """Of the modes of a quantity over one step."""
+    """Return the weighted sum over the modes of a quantity."""
     return jax.tree.map(lambda values: weighted(weights, values), course)
 
 
 def superstructure_maxima(
     scene: Scene, plan: Plan, state: LoopState, ground_at, trial: Attempt, before: Value, after: Value
 ) -> Maxima:
-    """Largest of what is wanted of the superstructure over the step: deformations, shear, drifts, floor
+    """Return the requested maxima of the superstructure over the step: deformations, shear, drifts, floor
     accelerations.
 
-    The step begins `before` and ends `after` its time stamps.
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
+    - `trial`: the step
+    - `before`, `after`: times after its time stamps at which the step begins and ends [s]
     """
     modes = scene.c.vibration
     span = _Span(trial.h, is_long(trial.h, scene.longest), before, after)
@@ -162,7 +193,7 @@ def superstructure_maxima(
 
 
 def _by_slopes(quantity, c: Coefficients, state: LoopState, ground_at, trial: Attempt) -> _Course:
-    """A quantity that depends on accelerations, whose rates in time are found by differentiation."""
+    """Return a quantity that depends on accelerations; automatic differentiation gives its rates in time."""
     h, end = trial.h, trial.end
 
     def along(t, x, v):
@@ -190,7 +221,7 @@ def _elastic_maxima(
     (d0, r0, s0), (d1, r1, s1) = jets
     moved = _Course(quintic(d0, r0, s0, d1, r1, s1, h), (d0, r0), (d1, r1))
 
-    # Where the polynomial is as good as the step, the maximum need not be landed on.
+    # A maximum need not be landed on if the polynomial is as accurate as the step.
     if plan.deformation:
         record = present(state.deformation)
         found = found._replace(deformation=moved.largest(span, record, lands=plan.refine))
@@ -199,7 +230,7 @@ def _elastic_maxima(
         found = found._replace(drifts=drifts.largest(span, present(state.drifts), lands=plan.refine))
     if not (plan.shear or plan.floors):
         return found
-    # These take a derivative of the polynomial: they are landed on whatever the order.
+    # These use a derivative of the polynomial, so they are landed on for methods of any order.
     springs = _spring(modes, moved, jets, h)
     return _forces(scene.c, plan, modes, state, ground_at, trial, span, springs, found)
 
@@ -215,8 +246,8 @@ def _forces(
     springs: _Course,
     found: Maxima,
 ) -> Maxima:
-    """With the largest shear and accelerations of floors: forces of springs, less what moves with the
-    beam."""
+    """Add the largest shear and floor accelerations to `found`: spring forces, and for the mass that moves
+    with the beam its acceleration."""
     several, base, inside = modes.several, None, WELL_INSIDE_QUINTIC
     if several is not None and several.residual is not None:
         base, inside = _by_slopes(beam_absolute, c, state, ground_at, trial), WELL_INSIDE_CUBIC
@@ -246,7 +277,7 @@ Jet = tuple[Values, Values, Values]  # a quantity with its first two derivatives
 
 
 def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> tuple[Jet, Jet]:
-    """The deformation of each mode at both ends of the step."""
+    """Return the deformation of each mode with two derivatives in time, at both ends of the step."""
 
     def jet(x: Vector, v: Vector, a: Vector) -> Jet:
         u_b, u_b_dot = beam(c, state.sigma, x[0], v[0])
@@ -258,7 +289,7 @@ def _deformations(c: Coefficients, state: LoopState, trial: Attempt) -> tuple[Je
 
 
 def _spring(modes: Vibration, course: _Course, jets: tuple[Jet, Jet], h: Value) -> _Course:
-    """Force of the spring and damper of each mode over its mass, Eq. (7)."""
+    """Return the force of the spring and damper of each mode over its mass, Eq. (7)."""
     first, last = once(
         [(modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s) for d, r, s in jets]
     )
@@ -266,16 +297,22 @@ def _spring(modes: Vibration, course: _Course, jets: tuple[Jet, Jet], h: Value) 
 
 
 def energetic_impacts(scene: Scene, before: Energetic | None, hit: Flag, speed: Value) -> Energetic | None:
-    """With one more impact, where there is one, of the speed |θ̇⁻|."""
+    """Return the sum over impacts after a step.
+
+    - `scene`: the prepared scene
+    - `before`: the sum before the step; None without error estimates
+    - `hit`: whether the step ends with an impact
+    - `speed`: |θ̇⁻| before it [rad/s]
+    """
     if before is None:
         return None
     ratio = jax.lax.stop_gradient(speed / (scene.c.p * scene.c.alpha))
-    # On along the tangent: of faster ones a difference of speeds tells as well.
+    # Faster impacts continue along the tangent, so that differences of their speeds still count.
     one = jnp.where(hit, jnp.minimum(ratio * ratio, 1.0) ** 4 + 8 * jnp.maximum(ratio - 1, 0.0), 0.0)
     return Energetic(before.total + one, jnp.where(hit, one, before.last))
 
 
 def larger(new: Values, record: Values) -> Values:
-    """The larger of two, with the derivative of one of them: `maximum` would take half of each where they
-    tie."""
+    """Return the larger of two values with the derivative of one of them. `maximum` would average both
+    derivatives at ties."""
     return jnp.where(new > record, new, record)

@@ -1,8 +1,8 @@
 """One explicit Runge–Kutta step for second-order systems, from the tableau of any explicit method.
 
-For x' = v, v' = a(t, x, v) the stage velocities need not be stored: with k_j the stage accelerations, x_i = x
-+ c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. Algebraically the same method, with half the sums
-where the acceleration does not depend on the velocity.
+For x' = v, v' = a(t, x, v) the stage velocities need not be stored. With the stage accelerations k_j, x_i = x
++ c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. This is algebraically the same method, with half the
+sums if the acceleration does not depend on the velocity.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 
 
 class Step(NamedTuple):
-    """What one trial step found."""
+    """State, accelerations and error estimates at the end of a trial step."""
 
     x: Vector
     v: Vector
@@ -43,20 +43,26 @@ def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Values | f
 def step(
     tab: Tableau, acceleration: Acceleration, t: Value | float, h: Value, x: Vector, v: Vector, a: Vector
 ) -> Step:
-    """One step of length h from (t, x, v), where the acceleration is already known to be `a`."""
+    """Advance a second-order system by one step.
+
+    - `tab`: tableau of the method
+    - `acceleration`: (t, x, v) ↦ accelerations
+    - `t`, `h`: time at the start and length of the step [s]
+    - `x`, `v`, `a`: positions, velocities and known accelerations at the start
+    """
     parts = range(len(x))
     h2 = h * h
 
     def at(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
         vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
-        # Each of several accelerations needs all of it.
+        # All accelerations need the whole state.
         return once((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
-        # Or each stage would be worked out again inside every later one.
+        # Without the barrier each stage would be computed again inside every later one.
         k.append(once(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = at(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)

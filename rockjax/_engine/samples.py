@@ -1,10 +1,9 @@
-"""Samples of a record that are passed without a trial.
+"""Passing samples of a record without a trial.
 
-Under a record steps end on every sample, far shorter than the tolerance asks for, and at most of them
-nothing happens: rigid columns rock on, from one sample to the next. Such samples are passed by steps of a
-Nyström method, and nothing of a trial but their error is looked at: a rotation that rises or falls all the
-way from one place inside the well to another meets no guard, and sets no record that the next trial does not
-see. Trials are made of the samples at which more may happen.
+Under a record steps end on every sample, and are far shorter than the tolerance requires. At most samples no
+event occurs: rigid columns rock on from one sample to the next. Such samples are passed by steps of a Nyström
+method of which only the error is checked. A rotation that is monotone and stays inside the well meets no
+guard, and sets no record that the next trial would miss. All other samples get a trial.
 """
 
 from __future__ import annotations
@@ -28,18 +27,19 @@ from .tableaus import nystrom
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:
-    """Whether there are samples to pass, and accelerations depend on nothing but time and rotation."""
+    """Return whether the excitation has samples to pass, and accelerations depend on time and
+    rotation only."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return plan.pass_samples and sampled and scene.c.restraint is None
 
 
 def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
-    """Whether samples may be passed from an accepted step on."""
+    """Return whether samples may be passed after an accepted step."""
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.quiet)
 
 
 def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """The state at the first sample from which on something happens, of one scene alone."""
+    """Return the state at the first sample that needs a trial, for one scene alone."""
     if state.passing is None:
         return state
     onward = functools.partial(past_sample, scene, plan)
@@ -47,8 +47,8 @@ def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
 
 def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """The state at the next sample, where `passing` is set and nothing happens on the way; else the same
-    state, with `passing` not set."""
+    """Advance to the next sample if `passing` is set and the step needs no trial; otherwise clear
+    `passing`."""
     constant = jax.lax.stop_gradient
     record: AbstractSampled = scene.excitation  # pyright: ignore[reportAssignmentType]
     c, sigma, piece = over_inertia(scene.c), state.sigma, state.piece
@@ -68,23 +68,23 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     a = once(field(ground, state.x, state.v))
     along = lambda s, x, v: field(ground + slope * s, x, v)
     end = once(runge_kutta(nystrom(), along, 0.0, h, state.x, state.v, a))
-    # Not past the last one, at which the motion may jump to zero.
+    # The last sample is not passed: the motion may jump to zero there.
     goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
     goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
     goes &= _goes_on(scene, state, a, end, h)
     if plan.shear:
         goes &= _shear_stays_under(scene, state, (ground, last), a, end, h)
     goes = once(goes)
-    # The field is the same on both sides of a sample: where that moves, the state at the stamp does not.
+    # The field is continuous at a sample: if the sample moves, the state at the stamp does not.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(goes, new, old), moved, state)
     return moved._replace(passing=goes)
 
 
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
-    """Whether the rotation rises or falls all the way, inside of the well.
+    """Return whether the rotation is monotone over the sample and stays inside the well.
 
-    θ̈ is very nearly linear from one sample to the next. Where it keeps its sign, or is too small to stop the
+    θ̈ is nearly linear from one sample to the next. If it keeps its sign, or is too small to stop the
     columns, θ̇ does not change its sign twice.
     """
     angle, speeds, changes = jax.lax.stop_gradient(
@@ -99,17 +99,17 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
 def _shear_stays_under(
     scene: Scene, state: LoopState, ground: tuple[Value, Value], a: Vector, end: Step, h: Value
 ) -> Flag:
-    """Whether the shear does not rise above its record on the way.
+    """Return whether the shear stays below its record up to the next sample.
 
-    Over a sample its second derivative is C at most, and it lies less than C z(1 − z) h²/2 above the straight
-    line between its ends.
+    If its second derivative is at most C, it lies at most C z(1 − z) h²/2 above the straight line between its
+    ends.
     """
     c, sigma = scene.c, state.sigma
     ends = (ground[0], state.x, state.v, a), (ground[1], *end[:3])
     first, last = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in ends])
     record = jax.lax.stop_gradient(present(state.shear))
     over = jax.lax.stop_gradient(_bend(scene.c, ground, (state.v[0], end.v[0]), (a[0], end.a[0]), h)) / c.g
-    # Either it falls from the first, or there is room for all that it can rise.
+    # Either it falls from the first end on, or the most that it can rise stays below the record.
     falls = (first <= record) & (last + 0.5 * over <= first)
     return falls | (jnp.maximum(first, last) + 0.125 * over <= record)
 
@@ -121,8 +121,14 @@ def _bend(
     changes: tuple[Value, Value],
     h: Value,
 ) -> Value:
-    """h² times a bound of the second derivative in time of the beam's absolute acceleration, Eq. (14), over a
-    sample: of ü_g, which is a straight line there, nothing is left."""
+    """Bound h² times the second derivative in time of the beam's absolute acceleration over a sample, Eq.
+    (14).
+
+    - `c`: constants of the podium
+    - `ground`: ü_g at both ends [m/s²]; it is linear in between and does not contribute itself
+    - `speeds`, `changes`: θ̇ [rad/s] and θ̈ [rad/s²] at both ends
+    - `h`: length of the step [s]
+    """
     speed, change = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, changes))
     w, wh = h * h * change, h * (speed + h * change)  # θ̈ h² and θ̇ h at most
     jerk = h * h * jnp.abs(changes[1] - changes[0])  # θ⃛ h³

@@ -1,4 +1,4 @@
-"""A scene made ready for the loop: the plan, the constants, and the state at the start."""
+"""Preparation of a scene for the loop: the plan, the constants and the initial state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .transitions import contact_mode, restart
 
 
 def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
-    """What is decided before tracing."""
+    """Return the choices that are made before tracing."""
     top = podium.superstructure
     elastic = podium.vibrates
     stories = top.stories if isinstance(top, ShearBuilding) else 0
@@ -47,7 +47,7 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
         to_the_end=history,
         refine=tab.order > 5,
         skip_bounces=not (elastic or history or {"impacts", "errors"} & set(options.outputs)),
-        # A method of lower order that is asked for makes a trial of every sample.
+        # A requested method of lower order makes a trial of every sample.
         pass_samples=not (elastic or history) and tab.order > 6,
         tableau=tab,
         several=top is not None and top.several,
@@ -58,9 +58,8 @@ def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
 
 
 def as_compiled(podium: Podium, options: Options) -> Options:
-    """These options with all that makes no difference to a program as it is by default, so that who asks for
-    the same has one program: the order of outputs, those that the podium does not have, `history` and
-    `throw`."""
+    """Return the options with defaults for everything that does not affect the program: the order of outputs,
+    outputs that the podium does not have, `history` and `throw`. Equal requests then share one program."""
     numbers, structure = jax.tree.flatten(options)
     top, elastic = podium.superstructure, podium.vibrates
     plain = _as_compiled(structure, elastic, top is not None, elastic and isinstance(top, ShearBuilding))
@@ -69,7 +68,7 @@ def as_compiled(podium: Podium, options: Options) -> Options:
 
 @functools.lru_cache(maxsize=256)
 def _as_compiled(structure, elastic: bool, superstructure: bool, stories: bool):
-    """The same of the structure of options."""
+    """Return the tree structure of the options for `as_compiled`."""
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
     has = {"peak_deformation": elastic, "peak_shear": superstructure} | dict.fromkeys(OF_STORIES, stories)
     there = lambda names: tuple(name for name in OUTPUTS if name in names and has.get(name, True))
@@ -79,20 +78,21 @@ def _as_compiled(structure, elastic: bool, superstructure: bool, stories: bool):
     return jax.tree.structure(options.replace(outputs=outputs, history=HISTORY, throw=True))
 
 
-# Of a closer look: the rest velocity reached so many impacts later, half of the usual one at most, and
-# the least part of it, for columns that hop on for long, where an impact takes less than this times rtol and
-# nothing is elastic.
+# The closer solution, which estimates errors, has a lower rest velocity: the speed after this many further
+# impacts, at most half of the usual one. The least fraction of it holds for rigid podiums that hop on for
+# long, where an impact takes less than the last factor times rtol.
 IMPACTS_LATER, LATEST_REST, LEAST_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# Times √rtol of the step, and at most: its quintic carries the state over the rest …
+# Part of a step within which its quintic carries the state on to an event: times √rtol, and at most.
 LANDED, FARTHEST = 10.0, 0.02
-# Up to a breakpoint the first solution takes one step or halves. A closer look takes a third and the rest, or
-# its errors there would be the same; from an event on too, unless the controller's step is twice as long.
+# Up to a breakpoint the usual solution takes one step or halves it. The closer solution splits at a third,
+# so that its errors differ; after an event too, unless the controller's step is twice as long.
 SPLIT, SPLIT_CLOSER, WHOLE_CLOSER = 0.5, 1 / 3, 2.0
-LANDED_CLOSER = 0.1  # … of a closer look over so much of that, or errors of landing would be the same in both
+LANDED_CLOSER = 0.1  # times LANDED in the closer solution, so that its landing errors differ as well
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
-    """End of the excitation plus 30/p, or 10 T_s where that is longer [s]."""
+    """Return the default end of a scene [s]: the end of the excitation plus 30/p, or plus 10 T_s if that is
+    longer."""
     after = 30 / podium.p
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is not None:
@@ -102,18 +102,19 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 
 def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
-    """One of two numbers: that of a closer look, by which errors are estimated, or the usual one."""
+    """Return one of two numbers: that of the closer solution, which estimates errors, or the usual one."""
     return jnp.where(options._stride < 1, closer, usual)
 
 
 def _estimated(plan: Plan, options: Options) -> Value | None:
-    """By how much an estimate of a lower order than usual is too large, at the length that it allows."""
+    """Return the factor that corrects an error estimate of lower order than usual at the step length it
+    allows; None for an estimate of the usual order."""
     behind = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (behind / plan.tableau.order) if behind else None
 
 
 def _longest_step(c: Coefficients) -> Value:
-    """As long as rocking, and what vibrates while it lasts, can be seen in [s]."""
+    """Return the longest step that resolves rocking, and the vibration during it [s]."""
     longest = 1 / c.p
     fastest = None if c.restraint is None else c.restraint.restrained_frequency
     if c.vibration is not None:
@@ -122,14 +123,14 @@ def _longest_step(c: Coefficients) -> Value:
 
 
 def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Options) -> Value:
-    """As long as the ground motion can be seen in, while it lasts [s]."""
+    """Return the longest step that resolves the ground motion while it lasts [s]."""
     start, quiet = excitation.support
     duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
     excited = jnp.where(duration > 0, jnp.minimum(longest, options._stride * duration / 16), longest)
     pair = isinstance(excitation, GroundMotion)
     parts = (excitation.horizontal, excitation.vertical) if pair else (excitation,)
     intervals = [part.sampling.dt for part in parts if isinstance(part, AbstractSampled)]
-    if len(intervals) == len(parts):  # steps end on every sample, the longest are as long as the sampling
+    if len(intervals) == len(parts):  # steps end on every sample, so the longest are the sampling interval
         shortest = functools.reduce(jnp.minimum, intervals)
         excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * shortest), excited)
     return excited
@@ -143,26 +144,26 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing(options: Options) -> Value:
-    """The part of a step within which it lands on an event."""
+    """Return the part of a step within which it lands on an event."""
     part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
     return part * _closer(options, LANDED_CLOSER, 1.0)
 
 
 def _rest_velocity(c: Coefficients, options: Options) -> Value:
-    """The speed below which columns come to rest after an impact [rad/s].
+    """Return the speed below which columns come to rest after an impact [rad/s].
 
-    A closer look lets them rest some impacts later: what the rest velocity takes away shows in it.
+    The closer solution lets them rest some impacts later, which reveals the error of the rest velocity.
     """
     rest = options.rtol if options.rest_velocity is None else options.rest_velocity
     left = jnp.clip(c.restitution, 0.0, 1.0)
     later = jnp.clip(left**IMPACTS_LATER, LEAST_REST, LATEST_REST)
-    if c.vibration is None:  # what vibrates takes the speed that impacts leave, in ever more hops
+    if c.vibration is None:  # with vibration, the superstructure takes up the speed that impacts leave
         later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, LEAST_REST, later)
     return rest * c.p * c.alpha * _closer(options, later, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
-    """Positions and velocities at the start; of modes one number may stand for all."""
+    """Return positions and velocities at the start; one number may stand for all modes."""
     if modes is None:
         return (initial.theta,), (initial.theta_dot,)
 
@@ -175,7 +176,7 @@ def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
 
 
 def _whole(values: Values) -> Value:
-    """One number that is finite where all of a row are."""
+    """Return one number that is finite if all numbers of a row are."""
     return jnp.sum(values) if values.ndim else values
 
 
@@ -187,7 +188,13 @@ def prepare(
     options: Options,
     plan: Plan,
 ) -> tuple[Scene, LoopState]:
-    """The scene and its state at the start of the excitation."""
+    """Return the prepared scene and its state at the start of the excitation.
+
+    - `podium`, `excitation`: structure and ground motion, with scalar numbers
+    - `initial`: initial state
+    - `t_end`: end of the scene [s]; None for the default
+    - `options`, `plan`: options of the solver, and the static choices made from them
+    """
     scene = _scene(podium, excitation, t_end, options, plan)
     return scene, _first_state(scene, initial, plan)
 
@@ -216,7 +223,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest=rest,
         estimated=_estimated(plan, options),
-        pass_below=_closer(options, 0.0, 1.0),  # none in a closer look, in which their error shows
+        pass_below=_closer(options, 0.0, 1.0),  # none in the closer solution, to reveal their error
         lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         slowest=constant(rest / jnp.maximum(c.restitution, jnp.finfo(rest.dtype).tiny)),
         landing=_landing(options),
@@ -240,7 +247,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(moves, side, contact_mode(c, q)))
-    # An initial rotation is where the scene begins; on θ = 0 an initial velocity starts to that side.
+    # An initial rotation gives the mode; at θ = 0 an initial velocity gives it.
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
     sane = jnp.all(jnp.isfinite(jnp.stack([*map(_whole, jax.tree.leaves((c, start, end, x, v)))])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
@@ -281,7 +288,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
 
 
 def _no_records(plan: Plan, c: Coefficients, t: Value) -> dict[str, Any]:
-    """Of the superstructure before anything has happened; None where they are not wanted."""
+    """Return the initial records of the superstructure; None for outputs that are not requested."""
     zeros = lambda *shape: jnp.zeros(shape, t.dtype)
     modes = () if c.vibration is None else c.vibration.omega2.shape
     return {

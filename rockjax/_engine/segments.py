@@ -1,12 +1,16 @@
-"""The literal form: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, the impact map between
-segments.
+"""The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, with the impact map
+between segments.
 
-A cross-check for the flat engine and a home for any Diffrax solver. It shares with it the equations, the
-guard, the impact map, the certificate and the direct way of rigid scenes to the next uplift, and corrects
-what an event alone gets wrong: the root on the interpolant is only a first guess, so the segment is solved
-again to end there and finished by Newton; a guard that was broken and met again between the ends of a step is
-found on a dense sample, and the segment cut there; a segment that starts on its own guard starts exactly on
-it, with a first step that fits the hop; a peak is solved to, not interpolated.
+It cross-checks the flat engine and accepts any Diffrax solver. Both share the equations, the guard, the
+impact map, the certificate and the direct search for the next uplift of rigid scenes. Events alone are not
+accurate enough, so four corrections are made:
+
+- The root on the interpolant is only a first guess: the segment is solved again to end there, and finished by
+  Newton.
+- A guard that breaks and recovers between the ends of a step is found on a dense sample, and the segment is
+  cut there.
+- A segment that starts on its own guard starts exactly on it, with a first step that fits the hop.
+- Peaks are solved to, not interpolated.
 """
 
 from __future__ import annotations
@@ -37,13 +41,21 @@ from .transitions import transition
 STEPS = 4096  # of one solve; a longer segment is continued
 SAMPLES = 513  # of the interpolant, to look for peaks and missed events
 State2 = tuple[Vector, Vector]
-Rows = tuple[Float[Array, " n ..."], ...]  # of several nodes, for each degree of freedom
+Rows = tuple[Float[Array, " n ..."], ...]  # rows over nodes, for each degree of freedom
 
 
 def run_segments(
     scene: Scene, plan: Plan, state: LoopState, options: Options, capacity: int | None
 ) -> tuple[LoopState, Nodes | None]:
-    """The state at its end and, if `capacity` is given, its accepted steps on the way."""
+    """Integrate a scene segment by segment.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: initial state
+    - `options`: options with the solver
+    - `capacity`: number of nodes to store, None for none
+
+    Returns the final state, and the accepted steps or None.
+    """
     nodes = None
     if capacity is not None:
         nodes = blank_nodes(state, capacity)
@@ -105,7 +117,8 @@ def _keep(
 
 
 class _Mode(NamedTuple):
-    """The equations of one mode on one piece of the ground motion, in states (x, v) and over their units."""
+    """Equations of one mode on one piece of the ground motion, in states (x, v) and in states over their
+    units."""
 
     scene: Scene
     sigma: Value
@@ -131,7 +144,7 @@ class _Mode(NamedTuple):
         return self.scaled((v, self.rates(t, x, v)))
 
     def guard(self, t, x, v):
-        """Positive inside the mode, as in the flat engine."""
+        """Return the guard, positive inside the mode, as in the flat engine."""
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
@@ -142,7 +155,7 @@ def _mode(scene: Scene, state: LoopState) -> _Mode:
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
-    """(t1, what to save, event) ↦ Diffrax's solution from the state to t1."""
+    """Return a function (t1, what to save, event) ↦ Diffrax's solution from the state to t1."""
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
     a0 = mode.rates(t0, state.x, state.v)
@@ -177,7 +190,7 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
 
 
 class _Path(NamedTuple):
-    """A segment as solved until its guard broke, or to its stop."""
+    """A segment, solved until its guard broke or to its stop."""
 
     mode: _Mode
     solve: Callable[..., Any]
@@ -190,15 +203,15 @@ class _Path(NamedTuple):
     samples: State2
 
     def solve_to(self, t1) -> State2:
-        """The state at t1, by a solve that ends there."""
+        """Return the state at t1, from a solve that ends there."""
         t0, p = self.start, self.mode.scene.c.p
         inside = jnp.maximum(t1, t0 + 4 * jnp.finfo(t0.dtype).eps * (jnp.abs(t0) + 1 / p))
         solution = self.solve(inside, diffrax.SaveAt(t1=True))
         return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
     def missed(self) -> tuple[Flag, Value]:
-        """Whether the guard was broken where the ends of the steps did not see it, and when first (else
-        inf)."""
+        """Return whether the guard broke between the ends of steps without notice, and the first such time
+        (else inf)."""
         mode, c, times = self.mode, self.mode.scene.c, self.times
         values = jax.vmap(mode.guard)(times, *self.samples)
         scale = jnp.where(mode.rocking, c.alpha, c.uplift)
@@ -207,7 +220,8 @@ class _Path(NamedTuple):
         return missed, jnp.where(missed, times[jnp.argmax(broken)], jnp.inf)
 
     def end(self) -> tuple[Value, Vector, Vector]:
-        """Time and state at the end; on an event solved to the guess, finished by Newton."""
+        """Return time and state at the end of the segment; an event is solved to its guess and finished by
+        Newton."""
         mode, fired, t0 = self.mode, self.fired, self.start
         guess = jnp.where(fired, self.reached, t0 + 0.5 * (self.reached - t0))
         x, v = self.solve_to(jnp.where(fired, guess, self.reached))
@@ -226,8 +240,8 @@ class _Path(NamedTuple):
         return jax.lax.fori_loop(0, 2, newton, (ended, x, v))
 
     def largest(self, quantity, record) -> tuple[Value, Value]:
-        """(value, time) of the largest |quantity| of the segment: solved to if it lies inside and beats the
-        record."""
+        """Return (value, time) of the largest |quantity| of the segment; a maximum inside that beats the
+        record is solved to."""
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
         here = self.times[k]
@@ -306,7 +320,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
 
 
 def _raised_each(raised, quantities, records: Values) -> Values:
-    """The records of one quantity or of each in a row, one after another."""
+    """Return the updated records of one quantity, or of each quantity in a row, one after another."""
     if not records.ndim:
         return raised(quantities, records)
 
@@ -318,7 +332,7 @@ def _raised_each(raised, quantities, records: Values) -> Values:
 
 
 def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
-    """The state after the segment, with the largest of everything on it."""
+    """Return the state after the segment, with its records."""
     mode, scene = path.mode, path.mode.scene
     c, sigma = scene.c, mode.sigma
     peak, peak_time = path.largest(lambda t, x, v: sigma * x[0], state.peak)
@@ -369,8 +383,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 
 
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
-    """The state after one segment, or the same state with a cut where the guard was broken unseen; and the
-    nodes kept."""
+    """Advance by one segment, or return the same state with a cut if the guard broke without notice; return
+    the stored nodes as well."""
     path = _path(_mode(scene, state), options, state)
     missed, cut = path.missed()
     end = _arrival(path, state)

@@ -1,4 +1,4 @@
-"""The certificate: when energy proves that a wanted output cannot change any more."""
+"""The certificate: when energy proves that a requested output cannot change any more."""
 
 from __future__ import annotations
 
@@ -18,14 +18,19 @@ from .state import LoopState, Plan, Scene
 
 
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
-    """Whether everything that is wanted stands, whatever the rest of the excitation does.
+    """Return whether all requested outputs are final, whatever the rest of the excitation does.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state after a step
+    - `piece`: piece of the excitation that follows
+    - `ground`: ground acceleration on it now, ü_g, or ü_g and v̈_g [m/s²]
 
     The energy can never exceed `energy_after` again. If that is less than the potential at the recorded peak
-    (or at the top of the well, where the peak is past it), the rotation stays under the record. In full
-    contact only the oscillator holds energy; where its bound and the rest of the ground's acceleration
-    together stay under Eq. (9), the columns never lift again: of several modes each then swings for itself.
-    Deformation and shear have bounds of their own.
-    Vertical motion lifts with all its impulse while the columns rock, and takes off weight, (C19), (C20).
+    (or at the top of the well, if the peak is past it), the rotation stays below the record. In full contact
+    only the oscillators hold energy. If their bound and the bound of the remaining ground acceleration
+    together stay below Eq. (9), the columns never lift again; several modes then vibrate independently.
+    Deformation and shear have bounds of their own. Vertical motion adds its full impulse while the columns
+    rock, and reduces weights, (C19), (C20).
     """
     scene, state = jax.lax.stop_gradient((scene, state))
     c = scene.c
@@ -35,7 +40,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     now = energy(c, sigma, x, v)
     most = energy_after(c, now, impulse)
     one = jnp.ones_like(t)
-    # Restrainers move the top of the well; what counts as overturned may come before it.
+    # Restrainers move the top of the well; the overturning angle may be smaller.
     well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
     vertical = 0.0
     if isinstance(scene.lookahead, PairLookahead):
@@ -48,7 +53,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
         stays_under &= most < potential(c, one, jnp.minimum(state.peak, well))
     if plan.margin:
         stays_under &= most < (1 - present(state.margin)) * potential(c, one, scene.overturn_angle)
-    # At rest with nothing elastic it goes to its next uplift at once, and knows by itself that there is none.
+    # A rigid podium at rest goes directly to its next uplift, and ends there if none follows.
     if c.vibration is None:
         if plan.shear:
             angular = _angular_at_most(c, well, most, to_come, vertical)
@@ -59,7 +64,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
         sigma == 0, (jnp.sqrt(jnp.maximum(now, 0.0)) + jnp.sqrt(c.eta / 2) * impulse) ** 2, jnp.inf
     )
     each, several = c.vibration, c.several
-    # Each mode for itself: √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
+    # For each mode √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
     swing = jnp.sqrt(v[1] ** 2 + each.omega2 * x[1] ** 2) + impulse if several is not None else None
     demand = to_come + _demand_of_springs(c, each, jnp.where(sigma == 0, contact, 0.0), swing)
     if not isinstance(vertical, float):
@@ -82,18 +87,18 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
 
 
 def every(flags: Flags) -> Flag:
-    """Whether it is so of all modes or stories."""
+    """Return whether a flag holds for all modes or stories."""
     return jnp.all(flags, axis=-1) if flags.ndim else flags
 
 
 def _some(mass: Values) -> Values:
-    """A mass to divide by."""
+    """Return a positive mass to divide by."""
     return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)
 
 
 def _demand_of_springs(c: Coefficients, each: Vibration, contact: Value, swing: Values | None) -> Value:
-    """The most that springs add to the demand q in full contact, at given energy; of several modes, from how
-    far each can swing."""
+    """Bound the part of springs in the demand q in full contact: by the energy `contact` of one mode, or by
+    the bounds `swing` of several."""
     if swing is not None:
         return weighted(each.demand, jnp.sqrt(each.omega2 + each.damping**2) * swing)
     own = each.demand / jnp.sqrt(_some(c.eta))
@@ -101,8 +106,8 @@ def _demand_of_springs(c: Coefficients, each: Vibration, contact: Value, swing: 
 
 
 class _Bounds(NamedTuple):
-    """How far several modes can swing any more: by the energy of all while the columns rock, and each for
-    itself once they rest for good."""
+    """Bounds of several modes: by their common energy while the columns rock, and for each mode alone after
+    the columns rest for good."""
 
     eta: Values
     rests: Flag
@@ -110,13 +115,13 @@ class _Bounds(NamedTuple):
     swing: Values  # of √(u̇_i² + ω_i²u_i²) in full contact
 
     def of_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
-        """The most of Σ w_i y_i, where |y_i| is √(u̇_i² + ω_i²d_i²) at most; `beam` adds to Σ w_i²/η_i while
-        the columns rock."""
+        """Bound Σ w_i y_i for |y_i| ≤ √(u̇_i² + ω_i²d_i²); `beam` adds to Σ w_i²/η_i while the
+        columns rock."""
         rocking = jnp.sqrt(2 * self.most * (summed(weights**2 / _some(self.eta)) + beam))
         return jnp.where(self.rests, weighted(jnp.abs(weights), self.swing), rocking)
 
     def of_each(self, omega2: Values) -> Values:
-        """The most of each deformation."""
+        """Bound each deformation [m]."""
         rocking = jnp.sqrt(2 * self.most / (_some(self.eta) * omega2))
         return jnp.where(self.rests, self.swing / jnp.sqrt(omega2), rocking)
 
@@ -129,8 +134,16 @@ def _angular_at_most(
     vertical: Value | float,
     springs: Value | None = None,
 ) -> Value:
-    """The most that |θ̈| + θ̇²|sin ψ| can be inside the well: |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq. (14), with
-    |sin ψ| ≤ sin α there. (C20) leaves out the sine. `springs` is the most of Ση_iF_i."""
+    """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
+
+    - `c`: constants of the podium
+    - `well`: |θ| at the top of the well [rad]
+    - `most`: bound of the energy per N m_c [m²/s²]
+    - `to_come`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]
+    - `springs`: bound of Σ η_iF_i [m/s²]; None without springs
+
+    With it |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq. (14), and |sin ψ| ≤ sin α there. (C20) omits the sine.
+    """
     steepest = _steepest(c, well)
     weight = c.gravity if isinstance(vertical, float) else c.gravity * (1 + vertical / c.g)
     angular = (weight * steepest + c.ground * to_come) / c.inertia + steepest * 2 * most / c.spin
@@ -151,8 +164,15 @@ def _several_stand(
     to_come: Value,
     vertical: Value | float,
 ) -> Flag:
-    """Whether everything of several modes stays under its record: deformations, drifts, forces of springs and
-    of what moves with the beam."""
+    """Return whether all outputs of several modes stay below their records.
+
+    - `scene`, `plan`, `state`: as in `certificate`
+    - `several`, `bounds`: constants and bounds of the modes
+    - `well`: |θ| at the top of the well [rad]
+    - `to_come`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]
+
+    The outputs are deformations, drifts, and forces of springs and of the mass that moves with the beam.
+    """
     c, each = scene.c, present(scene.c.vibration)
     stands, stiff = jnp.ones((), bool), jnp.sqrt(each.omega2 + each.damping**2)
     if plan.deformation:
@@ -162,7 +182,7 @@ def _several_stand(
         stands &= every(jax.vmap(of_story)(drift_weights(present(several.floors))) < present(state.drifts))
 
     def of_springs(weights: Values) -> Value:
-        """The most of Σ w_i F_i, by Cauchy–Schwarz; at rest u̇_b = 0."""
+        """Bound Σ w_i F_i, by Cauchy–Schwarz; at rest u̇_b = 0."""
         beam = weighted(weights, each.damping) ** 2 * c.two_R**2 / c.spin
         return bounds.of_sum(weights * stiff, beam)
 
@@ -172,7 +192,7 @@ def _several_stand(
         base = to_come + jnp.where(bounds.rests, 0.0, c.two_R * angular)
 
     def at_most(weights: Values) -> Value:
-        """Of springs, and of what moves with the beam."""
+        """Bound the forces of springs and of the mass that moves with the beam."""
         found = of_springs(weights)
         return found if several.residual is None else found + jnp.abs(1 - summed(weights)) * base
 
@@ -184,5 +204,5 @@ def _several_stand(
 
 
 def _steepest(c: Coefficients, well: Value) -> Value:
-    """The largest |sin ψ| up to the top of the well."""
+    """Return the largest |sin ψ| up to the top of the well."""
     return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(well - c.alpha))

@@ -1,9 +1,9 @@
-"""From a structure and an excitation to the end of the scene, with derivatives.
+"""Solution of one scene from a structure and an excitation, with derivatives.
 
-Derivatives with respect to numbers are a Jacobian found in forward mode alongside the value, in one pass; the
-rule hands it to forward and reverse mode alike, so `jax.grad` costs what `jax.jacfwd` does. With respect to
-arrays (the samples of a record) the loop itself is differentiated, by a form of it that reverse mode can walk
-with bounded memory.
+Derivatives with respect to numbers are a Jacobian, computed in forward mode together with the value, in one
+pass. Forward and reverse mode both use it, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the
+samples of a record) the loop itself is differentiated, in a form that reverse mode can differentiate with
+bounded memory.
 """
 
 from __future__ import annotations
@@ -39,10 +39,16 @@ def solve(
     options: Options,
     history: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
-    """((floats, nodes), (integers and flags, rest of the nodes)) of one scene.
+    """Solve one scene.
 
-    `history` is the number of steps to keep, None keeps none. Where all numbers are known, derivatives wanted
-    or not, the programs are those that are kept between processes.
+    - `podium`, `excitation`: structure and ground motion, with scalar numbers
+    - `initial`: initial state
+    - `t_end`: end of the scene [s]; None for the default
+    - `options`: options of the solver
+    - `history`: number of steps to keep; None keeps none
+
+    Returns ((floats, nodes), (integers and flags, rest of the nodes)). If all numbers are concrete, with or
+    without derivatives, stored programs are used.
     """
     podium = podium.split().without_idle_restrainers()
     arguments = podium, excitation, initial, t_end, options
@@ -80,7 +86,8 @@ def _solve_with_slopes(
     numbers: tuple[int, ...],
     history: int | None = None,
 ):
-    """The answers, and the derivatives of their floats with respect to some of the leaves, in rows."""
+    """Return the answers, and in rows the derivatives of their floats with respect to the leaves
+    `numbers`."""
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
     function, _ = _functions(structure, plan_for(podium, options, history is not None), options, history)
     floats, jacobian, integers = _with_jacobian(function, leaves, numbers)
@@ -88,7 +95,8 @@ def _solve_with_slopes(
 
 
 def _functions(structure: Any, plan: Plan, options: Options, history: int | None):
-    """The answers from the leaves of the arguments; and the same for derivatives with respect to arrays."""
+    """Return the function from the leaves of the arguments to the answers, and its form for derivatives with
+    respect to arrays."""
 
     def scene(leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
@@ -107,7 +115,8 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
         return _with_nodes(answers(ready, plan, state), nodes)
 
     def recorded(*leaves):
-        """The same for derivatives with respect to arrays, in forward and reverse mode."""
+        """Return the answers in a form for derivatives with respect to arrays, in forward and
+        reverse mode."""
         constant = jax.lax.stop_gradient
         ready, state = scene(leaves)
         state = state._replace(passing=None)  # a decision for every step
@@ -125,7 +134,7 @@ SLOPES = KeptProgram(_solve_with_slopes)
 
 
 def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
-    """What a scene at its end has to say: numbers with derivatives, and integers and flags."""
+    """Return the outputs of a finished scene: numbers with derivatives, and integers and flags."""
     nan = jnp.full_like(state.t, jnp.nan)
     absent = jnp.zeros_like(state.t)
     ratio = state.peak / scene.c.alpha
@@ -144,7 +153,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         floats |= _of_stories(scene, plan, state)
     if plan.errors:
         floats["energetic"], floats["last_energetic"] = present(state.energetic)
-        # What is too much at the overturning angle, over the inertia.
+        # Excess energy at the overturning angle, over half the inertia.
         floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
         floats["fall_time"] = scene.c.p * state.overturn_time
     integers = {
@@ -160,7 +169,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
 
 
 def _deformation(plan: Plan, state: LoopState, absent: Array) -> Array:
-    """Of each mode, of one superstructure that has no others its own."""
+    """Return the peak deformation: a row for superstructures of several modes, otherwise one number."""
     found = present(state.deformation) if plan.deformation else absent
     if not plan.deformation and plan.elastic:
         found = jnp.broadcast_to(absent, state.x[1].shape)
@@ -168,7 +177,8 @@ def _deformation(plan: Plan, state: LoopState, absent: Array) -> Array:
 
 
 def _of_stories(scene: Scene, plan: Plan, state: LoopState) -> dict[str, Array]:
-    """Largest drifts and floor accelerations; of a building that is rigid none, and those of the beam."""
+    """Return the largest drifts and floor accelerations; a rigid building has no drifts and the beam's
+    acceleration."""
     nan = jnp.full_like(state.t, jnp.nan)
     drifts = present(state.drifts) if plan.drifts else nan
     floors = present(state.floors) if plan.floors else nan
@@ -180,7 +190,7 @@ def _of_stories(scene: Scene, plan: Plan, state: LoopState) -> dict[str, Array]:
 
 
 def _with_nodes(answer, nodes: Nodes | None):
-    """Floats and integers apart: only the former have tangents."""
+    """Return floats and integers separately, since only floats have tangents."""
     floats, integers = answer
     if nodes is None:
         return (floats, None), (integers, None)
@@ -188,7 +198,7 @@ def _with_nodes(answer, nodes: Nodes | None):
 
 
 def _differentiable(function, for_arrays, provided: bool):
-    """`function(*leaves)` → (floats, integers), with the derivative rule of this module."""
+    """Return `function(*leaves)` → (floats, integers) with the derivative rule of this module."""
     evaluate = jax.custom_jvp(function)
 
     def rule(primals, tangents):
@@ -211,7 +221,7 @@ def _differentiable(function, for_arrays, provided: bool):
 
 
 def _of_some(function, leaves, live):
-    """Some of the leaves, and the function of these alone."""
+    """Return some of the leaves, and the function of these leaves alone."""
 
     def of_live(*values):
         changed = list(leaves)
@@ -223,7 +233,8 @@ def _of_some(function, leaves, live):
 
 
 def _with_jacobian(function, leaves, live):
-    """(floats, their derivatives with respect to some of the leaves in rows, integers), in one pass."""
+    """Return (floats, their derivatives with respect to some of the leaves in rows, integers), in
+    one pass."""
     point = [_first_order_only(y) if i in live else y for i, y in enumerate(leaves)]
     units: list[Any] = [None] * len(point)
     for k, i in enumerate(live):
@@ -233,8 +244,7 @@ def _with_jacobian(function, leaves, live):
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """The identity. Event times are held fixed to first order, so a second derivative would be silently
-    wrong."""
+    """Return x; second derivatives raise an error, since event times are held fixed to first order only."""
     return x
 
 

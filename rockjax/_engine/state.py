@@ -1,4 +1,4 @@
-"""What the loop is of: the plan, the scene, the state that is carried, and what may be kept of a step."""
+"""Data types of the integration loop: the plan, the scene, the carried state, and the record of a step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tableaus import Tableau
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What is decided before tracing."""
+    """Choices that are made before tracing."""
 
     elastic: bool
     superstructure: bool
@@ -31,26 +31,26 @@ class Plan:
     errors: bool
     to_the_end: bool  # a history goes on until t_end, or rest for good
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
-    skip_bounces: bool  # that end at rest whatever happens on the way
-    pass_samples: bool  # of a record, without a trial, where nothing happens
+    skip_bounces: bool  # do not follow bounces that certainly end at rest
+    pass_samples: bool  # pass samples of a record at which no event occurs without a trial
     tableau: Tableau
     several: bool  # displacements and deformations have an axis of modes
     stories: int
     drifts: bool  # of the stories …
     floors: bool  # … and accelerations of the floors
-    turns: bool = False  # what is known of the turning point of each step is kept as well
+    turns: bool = False  # the turning point of each step is kept as well
 
 
 class Turn(NamedTuple):
-    """A turning point |θ| = θ_m that a step has passed, inf where it has passed none."""
+    """A turning point |θ| = θ_m within a step; inf if there is none."""
 
     margin: Value  # the overturning margin of that point alone
     slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
 
 
 class Energetic(NamedTuple):
-    """Impacts by their speed: each counts as y⁸, y = |θ̇⁻|/(pα), so that those count from which columns can
-    overturn, and faster ones as 1 + 8(y − 1)."""
+    """Sums over impacts by their speed. Each counts y⁸, y = |θ̇⁻|/(pα), so that only impacts count after
+    which columns can overturn; faster ones count 1 + 8(y − 1)."""
 
     total: Value  # of all so far …
     last: Value  # … and of the last one
@@ -68,11 +68,11 @@ class Scene(NamedTuple):
     rest: Value  # rest velocity [rad/s]
     lost: Value  # −ln e
     slowest: Value  # impact, which leaves the rest velocity [rad/s]
-    estimated: Value | None  # what the estimate of a lower order than usual counts; None: all of it
+    estimated: Value | None  # factor on error estimates of lower order than usual; None for none
     pass_below: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event
-    split: Value  # part of what is left up to a breakpoint that is the first of two steps …
-    whole: Value  # … where the controller's step is no longer than this times it
+    split: Value  # first of two steps up to a breakpoint, as a part of the distance to it …
+    whole: Value  # … if the controller's step is at most this times the distance
     rtol: Value
     atol: Value
     longest: Value  # longest step [s] …
@@ -81,7 +81,7 @@ class Scene(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """The automaton's state. Times and steps are constants for derivatives; states at them carry the
+    """State of the automaton. Times and steps are constants for derivatives; states at them carry the
     tangents."""
 
     t: Value
@@ -91,14 +91,14 @@ class LoopState(NamedTuple):
     sigma: Value  # mode: 0 full contact, ±1 rocking
     piece: Index
     h: Value  # the controller's step
-    cut: Value  # a shorter one to land on an event, inf where there is none
+    cut: Value  # a shorter step to land on an event, inf if none is needed
     code: Index  # results.RUNNING, or how the scene ended
     peak: Value  # max|θ| so far
     peak_time: Value
-    deformation: Values | None  # of each mode; None where not wanted
-    shear: Value | None  # likewise
-    margin: Value | None  # likewise
-    turn: Turn | None  # of the last trial; None where not wanted
+    deformation: Values | None  # of each mode; None if not requested
+    shear: Value | None  # None if not requested
+    margin: Value | None  # None if not requested
+    turn: Turn | None  # of the last trial; None if not requested
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
@@ -107,20 +107,20 @@ class LoopState(NamedTuple):
     slowest_before_peak: Value  # … and up to the peak
     steps: Index
     rejected: Index
-    drifts: Values | None = None  # of each story, None where not wanted
-    floors: Values | None = None  # likewise: absolute accelerations of the floors
+    drifts: Values | None = None  # of each story, None if not requested
+    floors: Values | None = None  # absolute accelerations of the floors, None if not requested
     energetic: Energetic | None = None  # None without error estimates
     passing: Flag | None = None  # samples may be passed from here; None where they never are
 
 
-# What of it moves with the parameters and tells on a peak. Modes, times and lengths of steps are constants
-# for derivatives, and nothing feeds on the times of events and the speeds of impacts that are kept.
+# Fields that carry tangents into the peaks. Modes, times and step lengths are constants for derivatives, and
+# recorded event times and impact speeds affect nothing else.
 MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors", "turn")
 
 
-MOVING_TURNS = ("event_time", "x", "v", "turn")  # what tells on the turning points
+MOVING_TURNS = ("event_time", "x", "v", "turn")  # fields that carry tangents into the turning points
 
-# What has a tangent besides, once a step has been taken.
+# Other fields that have a tangent after the first step.
 _REPORTED = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
 
 
@@ -130,7 +130,7 @@ def _given(numbers):
 
 
 def _given_jvp(primals, tangents):
-    """Where some have tangents all have them, and rows of them where those are rows."""
+    """Give every number a tangent, of the same rows as the tangents that exist."""
     absent = lambda y: isinstance(y, SymbolicZero)
     one = next(y for y in jax.tree.leaves(tangents[0], is_leaf=absent) if not absent(y))
     zero = jax.lax.select(False, one, jnp.zeros_like(one))[(0,) * one.ndim]
@@ -146,22 +146,21 @@ _given.defjvp(_given_jvp, symbolic_zeros=True)
 
 
 def ready_for_tangents(state: LoopState) -> LoopState:
-    """The same; where part of it has tangents, so has all that will have them in the loop.
+    """Return the state, with tangents for all fields that get them in the loop if any field has one.
 
-    JAX differentiates the body of a loop again whenever it finds another number that moves, and batches it
-    again: three times instead of once.
+    JAX differentiates and batches the body of a loop again whenever it finds another field with a tangent.
+    With all tangents from the start it does so only once.
     """
     return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_REPORTED)}))
 
 
 def moving(state: LoopState, names: Iterable[str] = MOVING) -> dict[str, Any]:
-    """The part of a state that carries the tangents of its peaks, or of so much of it."""
+    """Return the fields of a state that carry the tangents of its peaks, or the named ones."""
     return {name: getattr(state, name) for name in names}
 
 
 class Decision(NamedTuple):
-    """All that is discrete about an accepted step. With these, a step can be repeated whatever its
-    rounding."""
+    """All discrete choices of an accepted step. With them a step can be repeated whatever its rounding."""
 
     h: Value
     reaches: Flag  # the stop
@@ -171,8 +170,8 @@ class Decision(NamedTuple):
 
 
 class StepInfo(NamedTuple):
-    """What may be kept of a trial: whether it was accepted, the time of the impact it ended on (else NaN),
-    and how."""
+    """Record of a trial: whether it was accepted, the time of the impact it ended on (else NaN), and its
+    decision."""
 
     accepted: Flag
     impact_time: Value

@@ -1,9 +1,9 @@
-"""The step: one scene, one trial, read as the automaton it advances.
+"""The step: one trial of one scene, which advances the automaton.
 
-A trial Runge–Kutta step is taken; a quintic through both of its ends is the guard: σθ while rocking, the
-demand q in full contact. If the guard is broken inside the step, the step is shortened to end there and tried
-again; once it ends on the event (to a small part of its length, the rest by Taylor) the event is applied. So
-an event costs the solver's own accuracy, and nothing about it needs remembering from one trial to the next.
+A trial Runge–Kutta step is taken. A quintic through both of its ends is the guard: σθ while rocking, the
+demand q in full contact. If the guard breaks inside the step, the step is shortened to end there and tried
+again. Once it ends on the event (up to a small part of its length, covered by Taylor expansion) the event is
+applied. An event is therefore as accurate as the solver, and needs no memory from one trial to the next.
 
 Times, step lengths and roots are constants for derivatives. An event is differentiated by moving the state to
 it and back (`restart`), which is exact in forward and reverse mode.
@@ -48,16 +48,19 @@ NEARLY = 0.95  # of the uplift demand
 def step(
     scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
 ) -> tuple[LoopState, StepInfo]:
-    """Advance one scene by one trial step; in full contact without anything elastic, to the next uplift at
-    once.
+    """Advance one scene by one trial step; a rigid podium in full contact goes directly to its next uplift.
 
-    With a decision, the accepted step that it comes from is repeated.
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
+
+    Returns the new state and the record of the step.
     """
     if plan.elastic:
         return trial(scene, plan, state, replayed)
     if replayed is None:
-        # Side by side both are worked out anyway, and `cond` would copy the samples of records into every
-        # lane in every step.
+        # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of records into
+        # every lane in every step.
         ahead = past_all(scene, plan, state)
         ways = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *ways)
@@ -69,13 +72,19 @@ def step(
     )
 
 
-# A function of its own to JAX, as are others inside: traced once for all programs and derivatives that are
-# built of it. The compiler inlines it.
+# Jitted on its own so that JAX traces it once for all programs and derivatives; the compiler inlines it.
 @functools.partial(jax.jit, static_argnames="plan")
 def trial(
     scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
 ) -> tuple[LoopState, StepInfo]:
-    """Try a step, look at the guard over it, and either advance or try again with a shorter one."""
+    """Try a step, evaluate the guard over it, and either advance or prepare a shorter trial.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state at the start of the step
+    - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
+
+    Returns the new state and the record of the step.
+    """
     ground_at = scene.excitation.piece(state.piece)
     tried = attempt(scene, plan, state, ground_at, replayed)
     guard = watch(scene, plan, state, ground_at, tried.h, tried.a0, tried.end, tried.fresh)
@@ -94,6 +103,7 @@ def _classify(
     guard: Guard,
     replayed: Decision | None,
 ) -> StepOutcome:
+    """Return the outcome of a trial from its error, its guard and its maxima."""
     constant = jax.lax.stop_gradient
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, state.sigma != 0
     near = jnp.maximum(scene.landing * h, tiny)
@@ -103,8 +113,8 @@ def _classify(
     lands = (
         guard.converges & (jnp.abs(guard.time_past_end) <= near) & known & ~guard.breaks_before_turn & in_time
     )
-    # What happens at the end of the scene or just before it does not happen any more, but for overturning:
-    # answers there move with the end, not with the event.
+    # Events at the end of the scene or just before it are ignored, except overturning: answers there move
+    # with the end, not with the event.
     over = (
         trial.ends
         & guard.converges
@@ -125,7 +135,7 @@ def _classify(
     false_uplift = trial.fresh & (constant(state.v[0]) == 0) & broken & (h < 1e-9 / constant(c.p))
     event = jnp.where(broken & ~false_uplift, jnp.maximum(guard.inside, 0.02), jnp.inf)
 
-    # Maxima inside the step; where the polynomial is not good enough for them, they are landed on as well.
+    # Maxima inside the step are landed on if the polynomial is not accurate enough for them.
     well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     peaks = rocking & guard.rising & guard.turned
     record = guard.top > state.peak * (1 - NEAR_RECORD)
@@ -135,13 +145,13 @@ def _classify(
         least = present(state.margin)
         record |= constant(turn.margin) < least + NEAR_RECORD * (1 - least)
     wanted = plan.refine & peaks & record
-    # A demand that turns close under the threshold is looked at where it turns.
+    # If the demand turns just below the threshold, the step is shortened to end at that turning point.
     doubtful = ~rocking & guard.turned & ~guard.breaks_before_turn & (jnp.abs(guard.top) > NEARLY * c.uplift)
     turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
     maxima = superstructure_maxima(scene, plan, state, ground_at, trial, before, after)
     turning = jnp.minimum(turning, maxima.cut)
     turning = jnp.where(h > tiny, turning, jnp.inf)
-    # (A second-order method does not know the first motion after an uplift, θ ~ t³, well enough to be asked.)
+    # (A second-order method is too inaccurate for this check just after an uplift, where θ ~ t³.)
     halve = jnp.where(guard.turns_twice & (h > tiny) & (plan.tableau.order > 2), 0.5, jnp.inf)
 
     cut = jnp.minimum(jnp.minimum(turning, event), halve)
@@ -161,7 +171,7 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """The state after an accepted step: the automaton's transitions, and the records."""
+    """Return the state after an accepted step, with the automaton's transitions and the records."""
     constant = jax.lax.stop_gradient
     t, h, sigma, rocking = state.t, trial.h, state.sigma, state.sigma != 0
     accepted, lands, false_uplift = outcome.accepted, outcome.lands, outcome.false_uplift
@@ -222,8 +232,8 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
-    # Back to the stamp by the field after it. An event that falls on a breakpoint comes before it: from one
-    # to the other by the field between them, where both move their own ways.
+    # Return to the stamp by the field after the event. An event on a breakpoint comes before it; the field
+    # between them applies from one to the other if they move differently.
     stops = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), delta)
     x, v = restart(scene, stamp, delta - stops, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, stops, x, v, mode, (state.piece, piece))
@@ -235,7 +245,7 @@ def _advance(
 
 
 def _records(state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
-    """The largest of everything of the superstructure so far."""
+    """Return the updated records of the superstructure."""
     found = outcome.superstructure
     return {
         name: None if new is None else larger(new, present(getattr(state, name)))
@@ -244,7 +254,7 @@ def _records(state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
 
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:
-    """The state after a rejected step: as before, to be tried shorter."""
+    """Return the state after a rejected step: unchanged, with a shorter step to try."""
     shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),

@@ -1,8 +1,8 @@
-"""Butcher tableaus: of the methods with a name as numbers kept beside this file, of any other explicit
-Diffrax solver from itself.
+"""Butcher tableaus: stored beside this file for the named methods, taken from the solver for other explicit
+Diffrax solvers.
 
-They are Diffrax's numbers, which a test compares; to import Diffrax for them would take a tenth of the time
-until a first answer. `write` writes them again.
+The numbers are Diffrax's, which a test compares. They are stored because importing Diffrax is slow; `write`
+stores them again.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ OF_ORDER_8 = "dopri8"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tableau:
-    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. There is one of each
-    method."""
+    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. Each method has one
+    instance."""
 
     order: int
-    estimate: int  # order of what the error is estimated by
+    estimate: int  # order of the embedded error estimate
     c: np.ndarray
     A: np.ndarray
     AA: np.ndarray
@@ -43,7 +43,7 @@ class Tableau:
 
 @functools.cache
 def tableau(method: str | diffrax.AbstractERK) -> Tableau:
-    """The tableau of a method of [`rockjax.Options`][] that is explicit."""
+    """Return the tableau of an explicit method of [`rockjax.Options`][]."""
     kept = _kept().get(method) if isinstance(method, str) else None
     numbers = numbers_of(solver_of(method)) if kept is None else kept
     stages = len(numbers["a"]) + 1
@@ -56,17 +56,18 @@ def tableau(method: str | diffrax.AbstractERK) -> Tableau:
 
 
 def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
-    """The tableau that a method stands for, where accelerations depend on velocities, and where they do not:
-    `"dopri8"` is the method of its order that needs the fewest stages."""
+    """Return the tableau for a method, which depends on whether accelerations depend on velocities: for
+    `"dopri8"` it is the method of order 8 with the fewest stages."""
     return nystrom() if method == OF_ORDER_8 and not velocities else tableau(method)
 
 
 @functools.cache
 def nystrom() -> Tableau:
-    """RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430): of order 8 with
-    eight new accelerations a step, where these do not depend on the velocity.
+    """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430): order 8
+    with eight new accelerations a step, for accelerations that do not depend on the velocity.
 
-    Weights for positions are its own, not products of those for velocities; stage velocities there are none.
+    The weights for positions are its own, not products of those for velocities; there are no stage
+    velocities.
     """
     rows = [
         (1 / 800,),
@@ -91,7 +92,7 @@ def nystrom() -> Tableau:
     positions = stages[-1]
     middle = 5875 / 36288, 4625 / 21168, 41 / 224, 4625 / 21168, 5875 / 36288
     velocities = np.array([223 / 7938, 0, *middle, 223 / 7938, 0])
-    # Of order 6, by which the error is estimated.
+    # Weights of order 6, for the error estimate.
     middle = 1610737 / 44674560, 10023263 / 33505920, -497221 / 12409600, 10023263 / 78180480
     sixth = np.array([7987313 / 109941300, 0, *middle, 1610737 / 402071040, 0, 0])
     middle = 1610737 / 40207104, 10023263 / 23454144, -497221 / 6204800, 10023263 / 23454144
@@ -102,7 +103,7 @@ def nystrom() -> Tableau:
 
 
 def numbers_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
-    """The tableau of an explicit Diffrax solver as numbers and lists of numbers."""
+    """Return the tableau of an explicit Diffrax solver as numbers and lists of numbers."""
     import diffrax
 
     source, order = getattr(solver, "tableau", None), solver.order(None)  # pyright: ignore[reportArgumentType]
@@ -124,7 +125,7 @@ def _kept() -> dict[str, dict[str, Any]]:
 
 
 def write() -> None:
-    """Write the numbers of the Diffrax that is installed."""
+    """Write the numbers of the installed Diffrax."""
     from rockjax._files import write_whole
 
     known = {name: numbers_of(solver_of(name)) for name in EXPLICIT}

@@ -1,4 +1,4 @@
-"""What an event does to mode and state, and how its moving time enters derivatives."""
+"""Events: their effect on mode and state, and the derivative of their time."""
 
 from __future__ import annotations
 
@@ -36,13 +36,19 @@ def transition(
     halted: Flag | bool = False,
     to_rest: Flag | bool = False,
 ) -> Transition:
-    """The transition of the automaton from the state (x, v) in mode σ, under the ground acceleration that
-    follows.
+    """Apply the transition of the automaton at the end of a step.
 
-    - `hit`: an impact; `lifted`: an uplift under the demand `demand` before the event; else the mode stays,
-      but columns at rest lift where the ground has jumped
-    - `halted`: a lift that is none: back to full contact
-    - `to_rest`: an impact that leaves nothing that lasts: to rest
+    - `scene`: the prepared scene
+    - `sigma`: mode σ before it
+    - `x`, `v`: positions and velocities before it
+    - `ground`: ground acceleration that follows, ü_g, or ü_g and v̈_g [m/s²]
+    - `hit`: an impact
+    - `lifted`: an uplift under the demand `demand` before the event [m/s²]
+    - `halted`: a false uplift, back to full contact
+    - `to_rest`: an impact that leads to rest
+
+    Without an event the mode stays, but columns at rest lift if the ground acceleration has jumped above the
+    threshold.
     """
     c, rocking = scene.c, sigma != 0
     rests = halted | ~rocking
@@ -57,16 +63,16 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """The mode of columns at rest under the demand q: they lift where |q| exceeds Eq. (9), touching it is not
-    uplift."""
+    """Return the mode of columns at rest under the demand q. They lift where |q| exceeds Eq. (9); equality is
+    not uplift."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
 def after_impact(
     scene: Scene, sigma: Value, theta_dot: Value, q: Value, to_rest: Flag | bool = False
 ) -> tuple[Value, Value]:
-    """(θ̇⁺, σ⁺) of an impact: Eq. (27), over to the other side; below the rest velocity, full contact or
-    uplift anew; `to_rest`: to rest whatever the speed."""
+    """Return (θ̇⁺, σ⁺) after an impact, Eq. (27): rocking on the other side; below the rest velocity, or with
+    `to_rest`, full contact or a new uplift."""
     onward = impact(scene.c, theta_dot)
     moves = (jnp.abs(onward) > scene.rest) & ~jnp.asarray(to_rest)
     return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
@@ -75,10 +81,16 @@ def after_impact(
 def past_breakpoint(
     scene: Scene, stamp: Value, delta: Value, x: Vector, v: Vector, sigma: Value, pieces: tuple[Index, Index]
 ) -> tuple[Vector, Vector]:
-    """The state at the moving time of a breakpoint between two pieces, seen at its fixed stamp.
+    """Return the state after a breakpoint between two pieces, moved from its varying time to its fixed stamp.
 
-    Where breakpoints of a horizontal and a vertical motion fall on one time and move their own ways, from one
-    to the other by the field between them.
+    - `scene`: the prepared scene
+    - `stamp`: fixed time stamp of the breakpoint [s]
+    - `delta`: difference of its time, zero in value, with derivatives [s]
+    - `x`, `v`, `sigma`: positions, velocities and mode
+    - `pieces`: pieces before and after
+
+    If breakpoints of a horizontal and a vertical motion coincide but move differently, the field between them
+    applies from one to the other.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -93,10 +105,16 @@ def past_breakpoint(
 def restart(
     scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index
 ) -> tuple[Vector, Vector]:
-    """The state (x, v) at the time of an event, seen at the fixed time stamp t.
+    """Return the state (x, v) at the time of an event, moved to the fixed time stamp t.
 
-    The event's time moves with the parameters, by `delta` (zero in value); the stamp does not. With the state
-    taken to the event by the field before it, mapped, and brought back by the field after it, the pair is the
+    - `scene`: the prepared scene
+    - `t`: fixed time stamp [s]
+    - `delta`: time of the event after the stamp, zero in value, with derivatives [s]
+    - `x`, `v`, `sigma`: positions, velocities and mode after the event
+    - `piece`: piece of the excitation after it
+
+    The event's time moves with the parameters; the stamp does not. The state is taken to the event by the
+    field before it, mapped, and brought back by the field after it; the derivative of this sequence is the
     saltation matrix. The way back is zero in value, so only derivatives pay for it.
     """
     del scene, t, delta, sigma, piece
