@@ -1,7 +1,7 @@
-"""Many scenes at once: lanes that step together and take the next scene as soon as theirs has ended.
+"""Batches of scenes: lanes that step together and take the next scene as soon as theirs has ended.
 
-A thread per core owns `LANES` lanes and goes on from one chunk of scenes to the next, without waiting for
-those that are still running. Accelerators have lanes by the thousand, each device its own.
+A thread per core owns `LANES` lanes and continues from one chunk of scenes to the next, without waiting for
+scenes that are still running. Each accelerator has thousands of lanes of its own.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from .executors import AbstractExecutor, executor
 from .reach import SCALE
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
-# What fits the first-level cache and still fills the vector unit.
+# As many lanes as fit the first-level cache and fill the vector unit.
 LANES = 32
 CHUNK = 1024  # scenes prepared at once
-QUICK = 5  # times the lanes: so many quick scenes a thread is woken for
+QUICK = 5  # quick scenes per lane below which waking a further thread does not pay
 
 # An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
-ACCELERATOR_LANES = 1024, 32768  # at least, so that few programs serve all sizes of batches; and at most
+ACCELERATOR_LANES = 1024, 32768  # least, so that few programs serve all batch sizes, and most
 ACCELERATOR_CHUNK = 4  # scenes prepared at once for each lane
 ACCELERATOR_NUMBERS = 2**26  # of all lanes in one array: wide scenes have fewer lanes
 
-_REPORTING = threading.Lock()  # batches side by side may share one progress bar
+_REPORTING = threading.Lock()  # concurrent batches may share one progress bar
 
 
 def peak_responses(
@@ -66,25 +66,30 @@ def peak_responses(
 ) -> Peak:
     """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
-    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; together they broadcast
-    to the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists
-    of records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy
-    arrays of that shape. Scenes that end without an answer keep their `result`, and a `RuntimeWarning` counts
-    them: one scene never costs the others their answers. Ctrl-C raises [`rockjax.Interrupted`][], a
-    `KeyboardInterrupt` that holds the answers so far, as soon as the present chunks of scenes are through;
-    the last scenes of a batch are not waited for.
+    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; the arrays broadcast to
+    the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists of
+    records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy arrays
+    of that shape. Scenes without an answer keep the reason in their `result`, and a `RuntimeWarning` counts
+    them; the other scenes are not affected. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt`
+    that holds the answers so far, after the present chunks of scenes; it does not wait for the last scenes of
+    a batch.
 
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-    - `sensitivities`: parameters y with respect to whose logarithms the derivatives of all wanted peaks are
-      found as well, the others held: parameters of the podiums as in [`rockjax.grid`][] (`"alpha"`, `"R"`,
-      `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and `"scale"`, a factor on
-      any motion. They are the `sensitivities` of the answer
-    - `devices`: JAX devices of one platform that share the scenes, one host thread drives them all. By
-      default a thread on each core where JAX runs on a CPU, else all of `jax.local_devices()`
-    - `threads`: how many on a CPU, ≥ 1; by default one for each core that this process may use. Not with
-      `devices`
+    - `podiums`: the structures
+    - `excitations`: the ground motions
+    - `initial`: initial state; by default at rest
+    - `t_end`: end of each scene [s]; by default long enough after the excitation
+    - `options`: options of the solver and the requested outputs
+    - `progress`: `True` for a progress bar, or any object with `update(number_of_scenes)`
+    - `sensitivities`: parameters y for which derivatives of all requested peaks with respect to ln y are
+      computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
+      (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
+      `"scale"`, a factor on any motion. They are the `sensitivities` of the answer
+    - `devices`: JAX devices of one platform that share the scenes, driven by one host thread. By default one
+      thread on each core if JAX runs on a CPU, else all of `jax.local_devices()`
+    - `threads`: number of threads on a CPU, ≥ 1; by default one for each core that this process may use. Not
+      with `devices`
 
-    Raises `ValueError` for inputs that make no sense, and for `options.engine` other than `"flat"`.
+    Raises `ValueError` for invalid inputs, and for `options.engine` other than `"flat"`.
     """
     excitations = as_batch("peak_responses", excitations)
     peaks = responses(
@@ -104,7 +109,7 @@ def peak_responses(
 
 
 def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
-    """A `RuntimeWarning` that counts the scenes without an answer."""
+    """Emit a `RuntimeWarning` that counts the scenes without an answer."""
     _warn_of_codes(np.asarray(results.code_of(peaks.result)), stacklevel + 1)
 
 
@@ -128,7 +133,15 @@ def responses(
     threads: int | None = None,
     sensitivities: Sequence[str] = (),
 ) -> Peak:
-    """[`peak_responses`][rockjax.peak_responses] that another thread can stop, and that warns of nothing."""
+    """Compute [`peak_responses`][rockjax.peak_responses] without warnings; another thread can stop it.
+
+    - `podiums`, `excitations`, `initial`, `t_end`, `options`, `progress`, `devices`, `threads`,
+      `sensitivities`: as there
+    - `stop`: event that stops the batch once it is set
+
+    Raises [`rockjax.Interrupted`][] with the answers so far when stopped, and `ValueError` for invalid
+    inputs.
+    """
     check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
@@ -169,8 +182,13 @@ def responses(
 def bare_responses(
     podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, reach: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Floats and integers of a batch of shape (n,) as of `peak_responses`; where wanted among them the
-    `reach` of each scene."""
+    """Return floats and integers of a batch of shape (n,), as computed for `peak_responses`.
+
+    - `podiums`, `excitations`: structures and ground motions
+    - `options`: options of the solver
+    - `progress`: as in `peak_responses`
+    - `reach`: whether the floats include the `reach` of each scene
+    """
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
     require_memory("peak_responses", scenes.total, BYTES + reach * BYTES_OF_SLOPES)
@@ -184,7 +202,8 @@ def bare_responses(
 
 
 class Tally(NamedTuple):
-    """What the lanes did, for those who measure: trials of scenes, and trials that the lanes had time for."""
+    """Utilisation of the lanes, for measurements: trials that advanced a scene, and trials that the lanes
+    could make."""
 
     useful: int
     possible: int
@@ -199,17 +218,21 @@ def run_batch(
     sensitivities: tuple[str, ...] = (),
     reach: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Floats and integers of every scene, and how busy the lanes were.
+    """Return floats and integers of every scene, and the utilisation of the lanes.
 
-    The floats hold the derivatives with respect to the logarithms of the parameters `sensitivities`, along a
-    last axis. With `reach`, for which these are the scale alone, they hold the `reach` as well.
-
-    Once `stop` is set, as Ctrl-C does, no scene begins any more; those that have not ended have the code
-    INTERRUPTED. Without it Ctrl-C raises.
+    - `scenes`: the batch
+    - `options`: options of the solver
+    - `progress`: as in `peak_responses`
+    - `stop`: event that stops the batch, set by Ctrl-C as well: no further scene begins, and unfinished
+      scenes have the code INTERRUPTED. If None, Ctrl-C raises
+    - `who`: executor of the lanes; by default on all cores or devices
+    - `sensitivities`: parameters for derivatives with respect to their logarithms, which the floats hold
+      along a last axis
+    - `reach`: whether the floats include the `reach`; then `sensitivities` must be the scale alone
     """
     who = executor("run_batch") if who is None else who
-    # Numbers of Python and of NumPy in the options are one kind: searches loosen and sharpen the same
-    # program.
+    # Python and NumPy numbers in the options get one type, so that searches with other tolerances use the
+    # same program.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
@@ -223,7 +246,7 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if who.hosts > 1 and len(todo) < 2 * who.hosts:
-                # Calls return at once: a thread that is ahead would take what another has the time for.
+                # Calls return at once: without waiting, one thread would take the last chunks from idle ones.
                 jax.block_until_ready(lanes)
             with lock:
                 numbers = todo.popleft() if todo else NOTHING
@@ -235,7 +258,7 @@ def run_batch(
                 return
 
     def work() -> None:
-        # One behind: the lanes already go on with the next chunk while the answers of this one are kept.
+        # The answers of a chunk are stored while the lanes already run the next one.
         for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
             number = answers.keep(cast(Done, ended))
             with _REPORTING:
@@ -263,8 +286,7 @@ def run_batch(
 
 
 class _Answers:
-    """What the threads of a batch have found so far; the codes of scenes that have not ended are
-    INTERRUPTED."""
+    """Answers that the threads of a batch have found so far; unfinished scenes have the code INTERRUPTED."""
 
     def __init__(self, scenes: SceneBatch, lanes: int):
         self.scenes, self.lanes = scenes, lanes  # of each device
@@ -275,7 +297,7 @@ class _Answers:
         self._closed = False
 
     def keep(self, ended: Done) -> int:
-        """Write the scenes that ended and return how many they are."""
+        """Store the scenes that ended and return their number."""
         done = jax.tree.map(np.asarray, ended)
         used = np.reshape(done.used, (-1, 1))
         several = used.size > 1  # devices, one after another; the rows of one are the first
@@ -284,10 +306,10 @@ class _Answers:
         with self._lock:
             if self._closed:
                 return 0
-            # Devices wait for the one that has most to do.
+            # All devices wait for the slowest one.
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * self.lanes
-            # The code last: without it a scene has not ended, should Ctrl-C come in between.
+            # The code is written last: after Ctrl-C in between, the scene still counts as unfinished.
             for whole, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
                 for name in sorted(part, key="code".__eq__):
                     values = part[name]
@@ -298,16 +320,15 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Take nothing more: Ctrl-C while threads start can leave one out of those that are waited
-        for."""
+        """Ignore further answers. If Ctrl-C comes while threads start, one of them may not be waited for."""
         with self._lock:
             self._closed = True
 
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[Numbers]:
-    """Chunks of scenes, dealt out in turn to as many chunks as there are threads: neighbours cost about the
-    same, so that all threads have as much to do and end at about the same time."""
-    # Fewer scenes than lanes would take as long as all of them; and to wake a thread takes longer than some.
+    """Yield chunks of scenes, interleaved between threads. Neighbouring scenes cost about the same, so all
+    threads have equal work and end at about the same time."""
+    # Fewer scenes than lanes take as long as a full set, and waking a thread costs more than a few scenes.
     least = lane_layout.lanes * who.devices * (QUICK if scenes.quick else 1)
     hosts = min(who.hosts, -(-scenes.total // least))
     most = lane_layout.size * who.devices * hosts
@@ -319,10 +340,10 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
 
 
 def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
-    """How many lanes a device has, and how many scenes are prepared at once."""
+    """Return the layout of lanes on a device: their number, and the number of scenes prepared at once."""
     refill = not scenes.wide
     if who.platform == "cpu":
-        lanes, size = LANES, CHUNK if refill else LANES  # of any number of scenes: one program
+        lanes, size = LANES, CHUNK if refill else LANES  # one program for any number of scenes
     else:
         least, most = ACCELERATOR_LANES
         share = -(-scenes.total // who.devices)

@@ -1,8 +1,8 @@
-"""Scenes made ready for the lanes, a chunk of them at once, and what a lane does with its scene.
+"""Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-Where sensitivities are wanted, a row for each parameter goes beside all that moves with it: beside the
-scenes, and beside the states in the lanes. A function of scene and state is then pushed forward, by the
-same rules as the derivatives of a single scene.
+With sensitivities, all quantities that depend on the parameters get a row for each parameter beside them: in
+the scenes, and in the states of the lanes. A function of scene and state is then pushed forward, by the same
+rules as the derivatives of a single scene.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rockjax._types import Flag
 
 
 class LaneLayout(NamedTuple):
-    """What a program is made for, besides the options."""
+    """Static choices of a program for lanes, besides the options."""
 
     axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
     structure: Any  # of (podium, excitation, initial, t_end)
@@ -36,32 +36,32 @@ class LaneLayout(NamedTuple):
     size: int  # scenes of a chunk, a multiple of the lanes
     # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
     refill: bool
-    sensitivities: tuple[str, ...] = ()  # parameters with respect to whose logarithms derivatives are wanted
-    reach: bool = False  # how far the scale may change is wanted, too; the only parameter is the scale then
+    sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
+    reach: bool = False  # whether the reach is requested; the only parameter is the scale then
 
     def plan(self, leaves, options: Options) -> Plan:
-        """What is decided before tracing, from the leaves of a chunk."""
+        """Return the choices made before tracing, from the leaves of a chunk."""
         podium = jax.tree.unflatten(self.structure, leaves)[0]
         return dataclasses.replace(plan_for(podium, options, history=False), turns=self.reach)
 
 
 class Slopes(NamedTuple):
-    """What goes beside the scenes and states of lanes: derivatives, a row for each parameter."""
+    """Derivatives beside the scenes and states of lanes, with a row for each parameter."""
 
-    parts: list[Any]  # of `Scene`: None beside what does not move with the parameters
+    parts: list[Any]  # of `Scene`: None beside leaves that do not depend on the parameters
     lane: dict[str, Any]  # of `moving` in a `LoopState`
 
 
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Whether a lane has trials to make; with nothing elastic, full contact is left at once, at the next
+    """Return whether a lane has trials to make. A rigid podium leaves full contact directly, at the next
     exchange."""
     going = runs(lane, options.max_steps)
     return going if plan.elastic else going & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
-    """One trial of a lane that moves; and what a lane in full contact does before it can: go to its next
-    uplift at once."""
+    """Return two functions of scene and lane: one trial of a moving lane, and the direct step to the next
+    uplift of a rigid podium in full contact."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
         going = once(makes_trials(plan, options, lane))
@@ -79,7 +79,7 @@ def automaton(plan: Plan, options: Options):
 
 
 class _ChunkSlopes(NamedTuple):
-    """The same of a chunk."""
+    """Derivatives beside the scenes and states of a chunk."""
 
     parts: list[Any]
     common: list[Any]
@@ -87,19 +87,18 @@ class _ChunkSlopes(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Scenes made ready: what differs between them has a row for each, what is common to all is there
-    once."""
+    """Prepared scenes: quantities that differ between them have a row for each, common ones are
+    stored once."""
 
-    parts: list[Any]  # of `Scene`: what differs
-    common: list[Any]  # of `Scene`: what does not, None where it does
+    parts: list[Any]  # of `Scene`: leaves that differ
+    common: list[Any]  # of `Scene`: common leaves, None where they differ
     structure: Any
     lane: LoopState  # at the start
     lane_differs: Any
     slopes: _ChunkSlopes | None
 
     def starts(self, lanes: int) -> tuple[LoopState, Slopes | None]:
-        """The first states of the chunk, as many as there are lanes, and the slopes of their scenes and of
-        them."""
+        """Return initial states of the first scenes, one for each lane, and the slopes beside them."""
 
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
@@ -119,9 +118,12 @@ class Chunk(NamedTuple):
         slopes: Slopes | None,
         loops: bool = False,
     ):
-        """(floats, their slopes, rest) of `function(scene, lane)` → (floats, rest) in every lane.
+        """Return (floats, their slopes, rest) of `function(scene, lane)` → (floats, rest) in every lane.
 
-        The slopes are None where there are none of scenes and lanes. `loops`: see `pushed`.
+        - `function`: the function of scene and state
+        - `parts`, `lane`: leaves of the scenes that differ, and states, a row for each lane
+        - `slopes`: derivatives of both, or None; the result's slopes are then None as well
+        - `loops`: see `pushed`
         """
 
         def scene(parts, common) -> Scene:
@@ -136,12 +138,12 @@ class Chunk(NamedTuple):
             return floats, None, rest
         beside = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         beside = slopes.parts, self.slopes.common, beside
-        single = slopes.lane["event_time"].shape[0] == 1  # nothing to share, and a sixth less to compile
+        single = slopes.lane["event_time"].shape[0] == 1  # one row shares nothing, and compiles faster
         return pushed(every, (parts, self.common, lane), beside, loops=loops or single)
 
 
 def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
-    """The scenes of a chunk, at their starts."""
+    """Return the scenes of a chunk, prepared at their starts."""
     structure, names = layout.structure, layout.sensitivities
     plan = layout.plan(leaves, options)
     _, settle = automaton(plan, options)
@@ -186,10 +188,10 @@ def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
 
 
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
-    """The leaves of a chunk with an initial state for each scene.
+    """Return the leaves of a chunk with an initial state for each scene, and their axes.
 
-    Derivatives of a state that is common to all differ from scene to scene: with a value that does not, the
-    derivative of `restart` would have another shape than its value.
+    Derivatives of a common initial state differ from scene to scene. If its value were shared, the derivative
+    of `restart` would have another shape than its value.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     own = jax.tree.leaves(initial)
@@ -201,7 +203,13 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
 
 
 def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
-    """Prepare the first `count` scenes of a chunk in blocks that fit the cache; the rest costs nothing."""
+    """Prepare the first `count` scenes of a chunk in blocks that fit the cache.
+
+    - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
+    - `layout`: layout of the lanes
+    - `options`: options of the solver
+    - `count`: number of scenes to prepare; the rows after them are undefined
+    """
     lanes = layout.lanes
 
     def block(start) -> Chunk:
@@ -211,7 +219,7 @@ def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
         ]
         return prepared(some, layout._replace(size=lanes), options)
 
-    # Of the first block only what is common to all scenes is worked out here.
+    # Only the common quantities of this first block are used; the loop below prepares its scenes.
     first = block(0)
     if layout.size == lanes:
         return first
@@ -227,7 +235,8 @@ def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
 
 
 def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
-    """All that has a row for each scene, the axes of these rows, and what makes a chunk of others like it."""
+    """Return all arrays with a row for each scene, the axes of these rows, and a function that puts such
+    arrays back into a chunk."""
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
@@ -251,7 +260,7 @@ def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chun
 
 
 def _differing(function, axes, leaves):
-    """For each output of the vmapped function, whether it differs between scenes."""
+    """Return, for each output of the vmapped function, whether it differs between scenes."""
     found: list[Any] = []
 
     @custom_vmap

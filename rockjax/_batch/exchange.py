@@ -1,8 +1,8 @@
-"""What lanes hand over when their scenes have ended: answers out, the next scenes in.
+"""Exchange of finished scenes: lanes write their answers and take the next scenes.
 
-A few lanes of a CPU are served one after another: only what changes is copied, and the whole loop over a
-chunk, trials and all, becomes one function of machine code. Where there are thousands of them, on an
-accelerator, all are served side by side.
+The few lanes of a CPU are served one after another, so that only changed rows are copied, and the whole loop
+over a chunk compiles to one function of machine code. The thousands of lanes of an accelerator are served in
+parallel.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from rockjax._types import Flag
 from .chunk import Chunk, Slopes
 from .scenes import Numbers
 
-ONE_BY_ONE = 64  # lanes at most that are served one after another
+ONE_BY_ONE = 64  # largest number of lanes that are served one after another
 
 
 class Lanes(NamedTuple):
-    """What the lanes hold from one chunk to the next."""
+    """Data that the lanes hold from one chunk to the next."""
 
     lane: LoopState
     parts: list[Any]  # of `Scene`: what differs between scenes
-    held: jax.Array  # which scene of the batch each lane holds, −1 where none
-    slopes: Slopes | None = None  # where sensitivities are wanted
-    reach: jax.Array | None = None  # where it is wanted, that of each scene so far
+    held: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
+    slopes: Slopes | None = None  # None without sensitivities
+    reach: jax.Array | None = None  # of each scene so far; None if not requested
 
 
 class Done(NamedTuple):
-    """Scenes that have ended, in the order of their ends; so many of the rows are used."""
+    """Scenes that have ended, in the order of their ends; the first `used` rows are valid."""
 
     which: jax.Array
     floats: dict[str, jax.Array]
@@ -55,7 +55,7 @@ Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and intege
 
 
 def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
-    """Room for the answers of so many scenes, of which none has ended."""
+    """Return empty storage for the answers of `rows` scenes."""
     floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
     none = jnp.zeros((), index_type)
     return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none, left=none)
@@ -64,7 +64,16 @@ def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
 def exchanged(
     chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    """The loop after all lanes that `ended` or hold nothing have been served."""
+    """Serve all lanes that have ended or hold no scene.
+
+    - `chunk`, `numbers`: the chunk of scenes, and their numbers in the batch
+    - `loop`: state of the loop
+    - `ended`: lanes whose scene has ended
+    - `answers`: answers of all lanes
+    - `refill`: whether lanes take further scenes
+
+    Returns the new state of the loop.
+    """
     serve = _one_by_one if ended.size <= ONE_BY_ONE else _together
     return serve(chunk, numbers, loop, ended, answers, refill)
 
@@ -75,7 +84,7 @@ def _one_by_one(
     count = jnp.arange(ended.size, dtype=jnp.int32)
 
     def put(stores, values, at, axis=0):
-        """Values written into one row of each store."""
+        """Write values into one row of each store."""
         return jax.tree.map(
             lambda store, y: jax.lax.dynamic_update_index_in_dim(
                 store, jnp.asarray(y, store.dtype), at, axis
@@ -127,8 +136,8 @@ def _together(
 
 
 def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
-    """The lanes with `load(of the chunk, whether it differs between scenes, of the lanes, axis of the lanes)`
-    of all that a lane takes over from the chunk."""
+    """Return the lanes with their next scenes. `load(stored, differs, current, axis)` returns the new values
+    of one array of the lanes, from its values in the chunk and whether they differ between scenes."""
 
     def over(stores, currents, axis=0):
         return [y if y is None else load(s, True, y, axis) for s, y in zip(stores, currents, strict=True)]
@@ -148,9 +157,9 @@ def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
 
 
 def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
-    """The answers of the lanes whose scenes have ended, written after those that are kept already.
+    """Append the answers of the lanes whose scenes have ended.
 
-    All lanes are written, those that have ended first: the others are written over, or not used.
+    All lanes are written, those that have ended first; the others are overwritten later, or not used.
     """
     count, number = jnp.arange(ended.size), jnp.cumsum(ended)
     place = jnp.where(ended, number - 1, ended.size)
@@ -167,7 +176,7 @@ def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
 
 
 def _written(done: Done, write, which: jax.Array, answers: Answers, number: jax.Array) -> Done:
-    """With `write(stores, of the lanes)` of all that is kept of so many scenes."""
+    """Store the answers of `number` scenes with `write(stores, values of the lanes)`."""
     floats, integers = answers
     return done._replace(
         which=write(done.which, which),

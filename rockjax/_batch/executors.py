@@ -1,4 +1,4 @@
-"""Who steps the lanes: a host thread per core, or one that drives a mesh of devices."""
+"""Executors of the lanes: a host thread per core, or one thread that drives a mesh of devices."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from .scenes import Numbers, SceneBatch
 # (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
 Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
 
-# Trials of the last scenes of a batch in one call, some tenths of a second: Ctrl-C stops between calls.
+# Trials of the last scenes of a batch in one call, short enough for Ctrl-C, which stops between calls.
 MANY_TRIALS = 30_000
 ALL_TRIALS = np.iinfo(np.int32).max
 
-# The vector unit at its full width: 1.7 times as fast where there is AVX-512, and no difference elsewhere.
+# Use the full width of the vector unit, which matters with AVX-512.
 _COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
 class AbstractExecutor(abc.ABC):
-    """So many host threads, each of which advances the lanes of so many devices at once."""
+    """Host threads that each advance the lanes of one or more devices."""
 
     hosts: int
     devices: int
@@ -41,11 +41,11 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        """Lanes to begin with, and what goes on with them through some scenes; if none follow, until all
-        have ended, or until it is time to look at those that are left.
+        """Return empty lanes, and a program that advances them through some scenes. If no scenes follow, it
+        runs until all have ended, or until the host should check the remaining ones.
 
-        The scenes are dealt to the devices in turn: neighbours cost about the same, and all devices end at
-        about the same time. Every device has its own lanes, and counts for itself.
+        The scenes are dealt to the devices in turn: neighbours cost about the same, so all devices end at
+        about the same time. Every device has its own lanes and counters.
         """
 
 
@@ -57,7 +57,7 @@ class ThreadExecutor(AbstractExecutor):
 
     def __init__(self, hosts: int):
         self.hosts = hosts
-        # Where JAX has accelerators, arrays would go there.
+        # If JAX has accelerators, arrays would go there by default.
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
@@ -72,7 +72,7 @@ class ThreadExecutor(AbstractExecutor):
 
 
 class DeviceExecutor(AbstractExecutor):
-    """Several devices of one platform, in step from chunk to chunk and on their own inside."""
+    """Several devices of one platform, synchronised between chunks and independent within them."""
 
     hosts = 1
 
@@ -83,7 +83,7 @@ class DeviceExecutor(AbstractExecutor):
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
-        # What is common to all scenes goes to the devices once.
+        # Leaves common to all scenes are sent to the devices once.
         leaves = [
             jax.device_put(y, common) if rows is None else y
             for y, rows in zip(scenes.leaves, scenes.rows, strict=True)
@@ -113,7 +113,7 @@ _on_one = KeptProgram(
 
 @functools.cache
 def _on_mesh(mesh: Mesh):
-    """The program of all devices of a mesh. None of its loops waits for another device."""
+    """Return the program of all devices of a mesh. None of its loops waits for another device."""
 
     def advance_all(held, leaves, first, stride, count, most, options, layout: LaneLayout):
         def on_each(held, leaves, first, stride, count, most, options):
@@ -137,9 +137,9 @@ def _on_mesh(mesh: Mesh):
 
 
 def executor(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractExecutor:
-    """The devices that are wanted; by default all accelerators there are, else threads.
+    """Return the executor for the requested devices or threads; by default all accelerators, else threads.
 
-    Raises `ValueError`, in the name of `owner`, for those that cannot be.
+    Raises `ValueError`, in the name of `owner`, for invalid devices or threads.
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")
@@ -171,13 +171,13 @@ def executor(owner: str, devices: Sequence | None = None, threads: int | None = 
 
 
 def _platform() -> str:
-    """Where JAX puts arrays: a default device may have been chosen."""
+    """Return the platform of new arrays, which JAX's default device may set."""
     chosen = jax.config.jax_default_device
     return getattr(chosen, "platform", chosen) or jax.default_backend()
 
 
 def workers() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:

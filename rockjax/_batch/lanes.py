@@ -1,8 +1,8 @@
-"""Lanes that step side by side: those whose scene has ended write it out and take the next one.
+"""Lanes that step in parallel: a lane whose scene has ended writes it out and takes the next one.
 
-One call of `advance` goes through one chunk of scenes on one core or device. Between calls its lanes keep the
-scenes that are still running. Inside, they make trials through the same per-lane step as everywhere else;
-every few of them the lanes that wait are served together.
+One call of `advance` processes one chunk of scenes on one core or device. Between calls its lanes keep the
+scenes that are still running. Within a call they make trials through the per-lane step that all engines
+share; every few trials the waiting lanes are served together.
 """
 
 from __future__ import annotations
@@ -32,16 +32,24 @@ from .reach import least_reach
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
-MANY = 2  # one in so many of the lanes with trials to make lets the others wait for them to pass samples
+MANY = 2  # samples are passed while at least one of this many running lanes can pass its next one
 
 
 def advance(
     held: Lanes, leaves, first, stride, count, most, options: Options, layout: LaneLayout
 ) -> tuple[Lanes, Done]:
-    """Go on until the last scene of a chunk is handed out, and then until every lane is at its end or all
-    have made `most` trials.
+    """Advance until the last scene of a chunk is handed out, and then until every lane has ended or made
+    `most` trials.
 
-    The chunk holds `count` scenes of the batch, numbers `first`, `first + stride`, …
+    - `held`: lanes after the chunk before
+    - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
+    - `first`, `stride`, `count`: numbers of the scenes in the batch: `first`, `first + stride`, …, `count` of
+      them
+    - `most`: number of trials after which the call returns
+    - `options`: options of the solver
+    - `layout`: layout of the lanes
+
+    Returns the lanes, and the scenes that have ended.
     """
     lanes, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
@@ -51,7 +59,7 @@ def advance(
     held = _turned(held)
 
     def through(function, state: Lanes) -> Lanes:
-        """The lanes after a function of scene and state."""
+        """Apply a function of scene and state to the lanes."""
 
         def after(scene: Scene, lane: LoopState):
             lane = function(scene, lane)
@@ -78,7 +86,7 @@ def advance(
         return exchanged(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
 
     def waiting(loop: Loop) -> jax.Array:
-        """How many lanes an exchange would help."""
+        """Return the number of lanes that an exchange would help."""
         more = (loop.lanes.held >= 0) | (loop.following < count)
         return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & more)
 
@@ -86,7 +94,8 @@ def advance(
         return (loop.following < count) | (loop.done.trials < most)
 
     def busy(loop: Loop) -> Flag:
-        """An exchange costs about a trial: worth it for a few lanes, or when nothing else goes on."""
+        """Return whether to go on with trials. An exchange costs about a trial, so it waits for a few lanes,
+        unless no lane has trials to make."""
         going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
         return going & unfinished(loop)
 
@@ -101,7 +110,8 @@ def advance(
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
     blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
-    # Those of the chunk and of the lanes before it, and a block of all lanes behind the last of them.
+    # Room for the scenes of the chunk, for those that the lanes held before, and for a block of all lanes
+    # after the last of them.
     done = room_for(size + 2 * lanes, blank, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
     loop = jax.lax.while_loop(
@@ -114,7 +124,7 @@ def advance(
 
 
 def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
-    """The lanes past samples at which nothing happens, as long as that is so for many."""
+    """Pass samples at which no event occurs, as long as many lanes can."""
     if state.lane.passing is None:
         return state
     going = jnp.sum(makes_trials(plan, options, state.lane))
@@ -123,24 +133,24 @@ def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes]
 
 
 def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:
-    """What of a lane has slopes beside it."""
+    """Return the fields of a lane that have slopes."""
     return {} if state.slopes is None else moving(lane, state.slopes.lane)
 
 
 def _unlimited(layout: LaneLayout) -> jax.Array | None:
-    """The reach of lanes that have not passed a turning point."""
+    """Return the reach of lanes that have not passed a turning point."""
     return jnp.full(layout.lanes, jnp.inf) if layout.reach else None
 
 
 def _turned(state: Lanes) -> Lanes:
-    """Rows of slopes inside lanes or lanes inside rows: the latter only in the loop, where a row fills a
-    vector."""
+    """Swap the first two axes of the slopes, rows and lanes. Lanes are innermost in the loop, where they fill
+    a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
 def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """What the scenes in the lanes have to say as they are, with their reach or the sensitivities of their
-    peaks."""
+    """Return the outputs of the scenes in the lanes at their present state, with the reach or the
+    sensitivities."""
     slopes = state.slopes if state.reach is None else None
     floats, slopes, integers = chunk.in_lanes(
         lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, slopes
@@ -156,7 +166,7 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
 
 
 def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
-    """Lanes that hold nothing, for a program that takes chunks of these scenes."""
+    """Return lanes without scenes, for a program that takes chunks of these scenes."""
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
@@ -167,14 +177,14 @@ def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Lanes without a scene."""
+    """Return lanes without scenes, from shapes and types alone."""
     plan = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
     return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **plan))
 
 
 @KeptProgram
 def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """The same as a program: only tracing tells the shapes of lanes."""
+    """Return lanes without scenes; a program of its own, since tracing determines their shapes."""
 
     def hold(leaves, numbers):
         chunk = prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))

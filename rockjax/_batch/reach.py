@@ -1,11 +1,10 @@
-"""How far the scale of a ground motion may change before a scene could overturn: an estimate, from
-derivatives.
+"""Reach of a scene: an estimate, from derivatives, of the change of the scale before it could overturn.
 
-Every turning point of a scene moves with the scale s of its motion. Prolonged along its derivative, its
-margin M is used up at a distance M/|∂M/∂ ln s|; and where its angular deceleration is used up it is a
-turning point no longer, so that what follows is another motion. The least of these over all turning points
-is the reach. Rocking so small that it is far from overturning is left out, for its derivatives are those of
-bouncing: they grow without bound and say nothing.
+Every turning point of a scene moves with the scale s of its motion. Extrapolated along its derivative, its
+margin M vanishes at a distance M/|∂M/∂ ln s|. Where its angular deceleration vanishes it is no longer a
+turning point, and a different motion follows. The reach is the least of these distances over all turning
+points. Small rocking far from overturning is left out, because its derivatives are those of bouncing, which
+grow without bound and are not informative.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from jax import Array
 from rockjax._engine.coefficients import present
 from rockjax._engine.state import LoopState
 
-SMALL = 0.95  # turning points of such a margin or more are left out …
-NOT_LARGE = 0.8  # … and their decelerations from this on
-SCALE = "scale"  # the parameter that lanes follow, a factor on the motion
+SMALL = 0.95  # turning points with this margin or more are left out …
+NOT_LARGE = 0.8  # … and decelerations of those with this margin or more
+SCALE = "scale"  # the differentiated parameter, a factor on the motion
 
 
 def least_reach(reach: Array, lane: LoopState, slopes: dict[str, Any]) -> Array:
-    """The reach so far, in ln s, with the turning points of the last trials of lanes; `slopes` are rows
-    beside them."""
+    """Return the reach so far, in ln s, including the turning points of the last trials of lanes; `slopes`
+    are the rows of derivatives beside them."""
     margin, slowing = present(lane.turn)
     of_margin, of_slowing = (row[0] for row in slopes["turn"])
     reach = jnp.minimum(reach, _distance(margin, of_margin, margin < SMALL))
@@ -33,7 +32,7 @@ def least_reach(reach: Array, lane: LoopState, slopes: dict[str, Any]) -> Array:
 
 
 def _distance(value: Array, slope: Array, counts: Array) -> Array:
-    """Where a straight line comes to zero; inf where it does not count."""
+    """Return the distance to the zero of a straight line; inf for values that do not count."""
     steep = jnp.abs(slope)
     moves = counts & (steep > 0)
     return jnp.where(moves, jnp.maximum(value, 0.0) / jnp.where(moves, steep, 1.0), jnp.inf)

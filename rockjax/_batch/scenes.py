@@ -1,4 +1,4 @@
-"""A batch of scenes: the arrays in the arguments against each other, every row kept once."""
+"""Batches of scenes: broadcast arguments, with every distinct row stored once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-SORTED = 4096  # scenes: of more, the end is a small part
-WIDE = 64  # numbers: a scene that carries more of its own (a record each) is not moved between lanes
+SORTED = 4096  # scenes; larger batches gain little from sorting, which shortens the end of a batch
+WIDE = 64  # numbers of its own in one leaf, above which a scene (with its record) is not moved between lanes
 
 
 class Numbers(NamedTuple):
-    """Which scenes of a batch a chunk holds: so many, first, first + stride, …"""
+    """Numbers of the scenes in a chunk: first, first + stride, …, `scenes` of them."""
 
     first: Any
     stride: Any
@@ -31,7 +31,7 @@ class Numbers(NamedTuple):
         return self.first + self.stride * place
 
     def dealt(self, devices: int) -> Numbers:
-        """Those of each device, in arrays, where they are dealt out in turn."""
+        """Return the numbers for each device, in arrays, with scenes dealt out in turn."""
         device = np.arange(devices)
         share = np.maximum(0, -(-(self.scenes - device) // devices))
         return Numbers(self.of(device), self.stride * devices, share)
@@ -44,11 +44,11 @@ class SceneBatch(NamedTuple):
     """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
 
     leaves: list[Any]
-    # Which row of a leaf belongs to each scene of the grid; None where it is common to all.
+    # Row of each leaf for every scene of the grid; None for a leaf common to all.
     rows: list[np.ndarray | None]
     structure: Any
     total: int
-    order: np.ndarray | None = None  # which scene of the grid is the first, second, …; None as they are
+    order: np.ndarray | None = None  # place in the grid of the first, second, … scene; None for grid order
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -56,18 +56,18 @@ class SceneBatch(NamedTuple):
 
     @property
     def podium(self) -> Podium:
-        """Of all scenes, where a number differs with their rows."""
+        """Podium of all scenes; numbers that differ are rows."""
         return jax.tree.unflatten(self.structure, self.leaves)[0]
 
     @property
     def quick(self) -> bool:
-        """Whether a scene takes but a few steps: nothing vibrates, and the motion is a pulse."""
+        """True if scenes take only a few steps: the podium is rigid, and the motion is a pulse."""
         podium, excitation, *_ = jax.tree.unflatten(self.structure, self.leaves)
         return isinstance(excitation, AbstractPulse) and not podium.vibrates
 
     @property
     def numbers(self) -> int:
-        """The most numbers that a scene has to itself in one leaf."""
+        """Largest number of values in one leaf that belong to a single scene."""
         return max(y[0].size for y, rows in zip(self.leaves, self.rows, strict=True) if rows is not None)
 
     @property
@@ -75,14 +75,14 @@ class SceneBatch(NamedTuple):
         return self.numbers > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:
-        """The places of scenes in the grid, in C order."""
+        """Return the places of scenes in the grid, in C order."""
         return which if self.order is None else self.order[which]
 
     def part(self, numbers: Numbers, size: int, devices: int = 1) -> list[Any]:
-        """The leaves of these scenes, dealt out to so many devices in turn.
+        """Return the leaves of some scenes, dealt out to the devices in turn.
 
-        Those of the devices lie one after another, each filled up to the compiled size with copies that are
-        never run.
+        The parts of the devices follow each other, each padded to the compiled size with copies that never
+        run.
         """
         place = np.arange(size)
         if devices > 1:
@@ -96,16 +96,21 @@ class SceneBatch(NamedTuple):
 
 
 def _picked(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Some of the rows, by their places in C order: `rows.flat[which]`, at once where they lie like this."""
+    """Return some of the rows, by their places in C order, as `rows.flat[which]`, which is slower for
+    contiguous rows."""
     return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
 
 
 def broadcast(
     owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
 ) -> tuple[SceneBatch, tuple[int, ...]]:
-    """All scenes of the arguments, and the shape of their grid.
+    """Return all scenes of the arguments, and the shape of their grid.
 
-    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    - `owner`: name for error messages
+    - `podiums`, `excitations`: structures and ground motions
+    - `initial`, `t_end`: initial states, and ends of the scenes [s] or None
+
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or are empty.
     """
     excitations = excitations.common_form()
     arguments = podiums.split(), excitations, as_start(owner, initial, podiums), as_end(owner, t_end)
@@ -127,10 +132,11 @@ def broadcast(
 
 
 def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarray | None:
-    """The scenes of a grid with weaker motions first.
+    """Return the scenes of a grid ordered by the strength of their motions, weak ones first; None for large
+    grids or equal strengths.
 
-    Motions that just lift the columns rock them longest, strong ones overturn them soon: with these in the
-    end, lanes are not left idle beside a few long scenes.
+    Motions that just lift the columns rock them longest, and strong ones overturn them soon. With strong
+    motions last, few lanes stay idle beside a few long scenes at the end.
     """
     if math.prod(shape) > SORTED:
         return None
@@ -143,9 +149,9 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
 def axes_of(
     owner: str, leaves: Sequence[Any], own: Sequence[int]
 ) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
-    """The axes of the grid that each leaf has, and the shape of the grid.
+    """Return the axes of the grid that each leaf has, and the shape of the grid.
 
-    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene.
+    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or are empty.
     """
     outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
     try:
@@ -158,7 +164,8 @@ def axes_of(
 
 
 def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
-    """Dimensions of each leaf that belong to one scene: those of the samples of a record, none otherwise."""
+    """Return the number of axes of each leaf that belong to one scene: those of a record's samples, else
+    none."""
     if not excitations.own_dimensions:
         return [0] * structure.num_leaves
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
