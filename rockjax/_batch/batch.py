@@ -44,7 +44,7 @@ LANES = 32
 CHUNK = 1024  # scenes prepared at once
 QUICK = 5  # quick scenes per lane below which waking a further thread does not pay
 
-# An accelerator has far more units than a core has vector lanes. Nothing of this has been measured yet.
+# An accelerator has far more units than a core has vector lanes. These numbers are estimates.
 ACCELERATOR_LANES = 1024, 32768  # least, so that few programs serve all batch sizes, and most
 ACCELERATOR_CHUNK = 4  # scenes prepared at once for each lane
 ACCELERATOR_NUMBERS = 2**26  # of all lanes in one array: wide scenes have fewer lanes
@@ -64,7 +64,7 @@ def peak_responses(
     devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
     threads: int | None = None,
 ) -> Peak:
-    """Peak responses of a batch of scenes, in parallel on all cores or devices (host).
+    """Compute peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
     Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; the arrays broadcast to
     the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists of
@@ -77,7 +77,7 @@ def peak_responses(
     - `podiums`: the structures
     - `excitations`: the ground motions
     - `initial`: initial state; by default at rest
-    - `t_end`: end of each scene [s]; by default long enough after the excitation
+    - `t_end`: end of each scene [s]; by default 30/p, or 10 T_s if that is longer, after the excitation
     - `options`: options of the solver and the requested outputs
     - `progress`: `True` for a progress bar, or any object with `update(number_of_scenes)`
     - `sensitivities`: parameters y for which derivatives of all requested peaks with respect to ln y are

@@ -219,7 +219,7 @@ def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
         ]
         return prepared(some, layout._replace(size=lanes), options)
 
-    # Only the common quantities of this first block are used; the loop below prepares its scenes.
+    # With several blocks only the common quantities of this one are used; the loop below prepares all scenes.
     first = block(0)
     if layout.size == lanes:
         return first

@@ -32,7 +32,7 @@ from .reach import least_reach
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
-MANY = 2  # samples are passed while at least one of this many running lanes can pass its next one
+MANY = 2  # samples are passed while more than one in this many running lanes can pass its next one
 
 
 def advance(

@@ -1,1 +1,1 @@
-"""The machine a program runs on: its memory, its threads, settings of its environment."""
+"""The machine a program runs on: memory, threads and settings of the environment."""

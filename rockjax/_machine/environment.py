@@ -1,4 +1,4 @@
-"""Settings that the environment gives."""
+"""Settings from environment variables."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import os
 
 
 def switched_off(variable: str) -> bool:
-    """Whether a variable of the environment says off."""
+    """Return whether an environment variable has a value such as "off"."""
     return os.environ.get(variable, "").strip().lower() in ("0", "off", "no", "false")

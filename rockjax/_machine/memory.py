@@ -1,16 +1,16 @@
-"""Refusal of batches whose answers do not fit into the memory."""
+"""Check that the answers of a batch fit into memory."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-# Of memory that a scene takes until its answers stand, besides its own numbers: 120 were measured for a
-# batch, 160 for spectra that are put together and written.
+# Peak memory per scene, besides its own numbers: 120 for a batch, 160 for spectra that are assembled and
+# written.
 BYTES = 160
-BYTES_OF_SLOPES = 32  # of one parameter with respect to which all peaks are differentiated
+BYTES_OF_SLOPES = 32  # per scene and parameter of the sensitivities
 SYSTEM = Path("/")
 
-# What can be done instead.
+# Alternatives that the error message suggests.
 SWEEP = (
     "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
     "and keeps them on disk"
@@ -21,8 +21,13 @@ FEWER_LINES = "ask for fewer at a time"
 def require_memory(
     owner: str, number: int, each: int = BYTES, of: str = "scenes", instead: str = SWEEP
 ) -> None:
-    """Raise `ValueError`, in the name of `owner`, where `number` scenes (or something else) of `each` bytes
-    do not fit into the memory that Linux says is free; `instead` is what can be done."""
+    """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
+
+    - `owner`: name for the error message
+    - `number`, `each`: number of scenes, and memory of each [bytes]
+    - `of`: plural noun for what is counted
+    - `instead`: advice in the message
+    """
     needed, free = number * each, []
     if needed < 2**20:  # not worth looking up what is free
         return

@@ -1,4 +1,4 @@
-"""Threads that compute like the one that starts them."""
+"""Threads with the JAX precision of the thread that starts them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ import jax
 
 TABLES = "xarray", "dask.array"  # xarray imports the latter for its first Dataset, where it is installed
 
-# Threads start where none is idle, however many wait for others. They end with the process, their work done.
+# A thread starts if none is idle, so waiting threads never block others. All finish their work before the
+# process ends.
 _POOLS: list[ThreadPoolExecutor] = []
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_POOLS.clear)  # a forked process has none of the threads
 
 
 def submit(work: Callable, *arguments: Any) -> Future:
-    """Run `work(*arguments)` in another thread, with the floating-point precision of this one, which JAX
-    keeps for each thread."""
+    """Run `work(*arguments)` in another thread with the floating-point precision of this one, which JAX keeps
+    for each thread."""
     x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
     def run() -> Any:
@@ -34,7 +35,7 @@ def submit(work: Callable, *arguments: Any) -> Future:
 
 
 def import_meanwhile(*modules: str) -> None:
-    """Import what is needed at the end (to make tables, to draw) while the scenes are worked out."""
+    """Import modules for tables and plots in the background, while the scenes are computed."""
 
     def load() -> None:
         for name in modules:
@@ -45,7 +46,7 @@ def import_meanwhile(*modules: str) -> None:
 
 
 def precision(x64: bool):
-    """In this context and thread, float64 or float32."""
+    """Return a context manager that sets float64 or float32 in this thread."""
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(x64)
     return jax.experimental.enable_x64(x64)  # pyright: ignore[reportAttributeAccessIssue]

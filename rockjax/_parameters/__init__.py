@@ -1,1 +1,1 @@
-"""The parameters of structures and ground motions, and variants of a structure or motion by their names."""
+"""Parameters of structures and ground motions, and variants of a structure or motion by parameter names."""

@@ -1,4 +1,4 @@
-"""Parameters of a podium with respect to whose logarithms derivatives are taken, by their names."""
+"""Parameters of a podium for derivatives with respect to their logarithms, by name."""
 
 from __future__ import annotations
 
@@ -15,8 +15,15 @@ from .table import clash
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
-    """Raise `ValueError` for a name that is no parameter of this podium with a derivative, nor one of `more`,
-    or for two that say the same."""
+    """Raise `ValueError` for names that cannot be parameters of sensitivities.
+
+    - `owner`: name for error messages
+    - `podium`: the podium
+    - `names`: names of parameters
+    - `more`: further valid names
+
+    Invalid are unknown names, parameters without a derivative, and two names for the same quantity.
+    """
     names = _checks.texts(owner, "sensitivities", names)
     parameters = variants.parameters_of(podium)
     fixed = {name for name, parameter in parameters.items() if variants.is_fixed(podium, parameter)}
@@ -39,7 +46,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
 
 
 def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"] | Sequence[Array]) -> Podium:
-    """The podium with named parameters times factors."""
+    """Return the podium with named parameters multiplied by factors."""
     return variants.varied(
         podium,
         {name: factor * variants.read(podium, name) for name, factor in zip(names, factors, strict=True)},

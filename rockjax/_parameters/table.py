@@ -1,5 +1,4 @@
-"""The parameters of structures and ground motions: name, symbol, unit, range, meaning, and where each is
-kept.
+"""Tables of parameters of structures and ground motions: name, symbol, unit, range, meaning and place.
 
 Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the
 documentation read these tables: a new parameter is an entry here. Nothing here needs JAX.
@@ -15,7 +14,7 @@ from rockjax._text.tables import written
 
 
 class Range(NamedTuple):
-    """Which numbers a parameter may be; the ends count where they are closed."""
+    """Interval of valid values of a parameter, with open or closed ends."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -23,14 +22,14 @@ class Range(NamedTuple):
     unit: str = ""  # of the words
 
     def holds(self, value: Any) -> Any:
-        """Whether a number, or each of an array, is inside."""
+        """Return whether a number is inside the range, or each number of an array."""
         above = value >= self.low if self.closed[0] else value > self.low
         below = value <= self.high if self.closed[1] else value < self.high
         return above & below
 
     @property
     def words(self) -> str:
-        """Such as `> 0` or `in [0, 1]`; nothing where every number is inside."""
+        """The range in words, such as `> 0` or `in [0, 1]`; empty if every number is valid."""
         low, high = (_WRITTEN.get(end, f"{end:g}") for end in (self.low, self.high))
         if math.isinf(self.high):
             return "" if math.isinf(self.low) else f"{'>=' if self.closed[0] else '>'} {low}"
@@ -50,12 +49,12 @@ POWER = Range(0.0, 1.0, (False, True))
 class Parameter(NamedTuple):
     """One number of a structure or ground motion.
 
-    - `name`: as axes, options, keys of problem files and variables call it; `symbol`, `unit` (as in datasets,
-      "1" for a ratio), `range`, `meaning`
-    - `place`: where the structure keeps it, attribute after attribute, with the class of a member of a tuple
-      in between: `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for what is worked out
-    - `formula`: what the symbol stands for; `note`: what a special value, or none, means
-    - `instead_of`: parameters that say the same, of which only one can be given
+    - `name`: its name in axes, options, keys of problem files and variables; `symbol`, `unit` (as in
+      datasets, "1" for a ratio), `range`, `meaning`
+    - `place`: path of attributes in the structure, with the class of a member of a tuple in between:
+      `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for derived parameters
+    - `formula`: definition of the symbol; `note`: meaning of a special value, or of none
+    - `instead_of`: parameters for the same quantity, only one of which can be given
     - `whole`: whether it is a whole number, which neither varies nor has a derivative
     """
 
@@ -78,7 +77,7 @@ class Parameter(NamedTuple):
 
     @property
     def about(self) -> dict[str, str]:
-        """Attributes of a variable of a dataset."""
+        """Attributes of a variable in a dataset."""
         return {"units": self.unit, "long_name": f"{self.meaning} {self.symbol}"}
 
 
@@ -87,7 +86,7 @@ def _named(*entries: Parameter) -> dict[str, Parameter]:
 
 
 def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", note: str = "") -> Parameter:
-    """A number without unit that is not negative."""
+    """Return a parameter without unit that is not negative."""
     return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
 
 
@@ -99,7 +98,7 @@ _TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "rest
 _STORIES, _UNIFORM = "number of stories of a building whose stories are alike", "superstructure.stories"
 _LINEAR = "1 is a linear damper"
 
-# Of a podium. What it keeps has a place; the others are worked out in variants.py.
+# Parameters of a podium. Stored ones have a place; the others are computed in variants.py.
 STRUCTURE = _named(
     Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
     Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
@@ -120,7 +119,7 @@ STRUCTURE = _named(
     _ratio("inertance_ratio", "μ", "inertance", _INERTER + "inertance", "b/m_c"),
 )
 
-# Of superstructures that have rows of numbers: one for each mode or story, numbered from 1, as `T_2`.
+# Parameters of superstructures with one number for each mode or story, numbered from 1, as `T_2`.
 ROWS = _named(
     _ratio("eta", "η", "mass ratio of the mode", "superstructure.eta"),
     Parameter("T", "T", "s", POSITIVE, "period of the mode", "superstructure.T"),
@@ -131,21 +130,21 @@ ROWS = _named(
     ),
     _ratio("story_damping", "ζ", "damping ratio of the mode", "superstructure.damping"),
 )
-# Of the same superstructures as a whole.
+# Parameters of the same superstructures as a whole.
 OF_ROWS = _named(
     _ratio("residual", "η_r", "mass ratio of what moves with the beam", "superstructure.residual"),
     _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
 )
 
 
-# What a building is made of where its stories are alike.
+# Parameters of a building with equal stories.
 BUILDING = _named(
     Parameter("stories", "n", "1", Range(1.0, closed=(True, False)), _STORIES, _UNIFORM, whole=True)
 )
 
 
 def numbered(entry: Parameter, number: int) -> Parameter:
-    """The parameter of one mode or story."""
+    """Return the parameter of one mode or story."""
     return entry._replace(
         name=f"{entry.name}_{number}",
         symbol=f"{entry.symbol}_{number}",
@@ -179,7 +178,7 @@ ROWS_OF_DIMENSIONS = _named(
     Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
 )
 
-# Of ground motions: fields of their classes, and the ratios of pulses, worked out in variants.py.
+# Parameters of ground motions: fields of their classes, and ratios of pulses, computed in variants.py.
 MOTION = _named(
     Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
     Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
@@ -198,31 +197,31 @@ MOTION = _named(
 
 
 def attribute(parameter: Parameter) -> str:
-    """What the attributes of a file call a parameter: its name and unit."""
+    """Return the name of a parameter in the attributes of a file: its name and unit."""
     name = {"lam": "lambda"}.get(parameter.name, parameter.name)
     return name if parameter.unit == "1" else f"{name}_{parameter.unit.replace(' ', '_').replace('-', '')}"
 
 
 def of_motion(name: str) -> Parameter:
-    """The parameter of a ground motion; of one that is not in the table only the name is known."""
+    """Return the parameter of a ground motion; without an entry in the table it has a name only."""
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 
 def entry_of(name: str) -> Parameter | None:
-    """The parameter of a name or a path, as `excitation.gamma`; None for what is no parameter."""
+    """Return the parameter of a name or a path, such as `excitation.gamma`; None if there is none."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)
 
 
 def about(name: str) -> dict[str, str]:
-    """Attributes of a variable or axis in a dataset; none for what is no parameter."""
+    """Return the attributes of a variable or axis in a dataset; empty for a name that is not a parameter."""
     entry = entry_of(name)
     return {} if entry is None else entry.about
 
 
 def clash(names: Iterable[str]) -> tuple[str, str] | None:
-    """Two of the names that say the same, None where no two do."""
+    """Return two of the names that describe the same quantity, None if there are none."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):
         for name in names:

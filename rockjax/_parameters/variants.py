@@ -1,5 +1,4 @@
-"""Parameters of structures and motions read and set by name: what a podium has, variants of it, pulses by
-their ratios."""
+"""Parameters of structures and motions, read and set by name, and pulses from their dimensionless ratios."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from .table import MOTION, OF_ROWS, ROWS, SIDES, STRUCTURE, Parameter, clash, nu
 
 
 def find(name: str) -> Parameter | None:
-    """The parameter of a structure of that name, or kept in that place."""
+    """Return the parameter of a structure with this name or place, None if there is none."""
     for table in (STRUCTURE, OF_ROWS):
         if name in table:
             return table[name]
@@ -30,7 +29,7 @@ def find(name: str) -> Parameter | None:
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
-    """Those of the parameters that this podium has, worked out ones among them."""
+    """Return the parameters of this podium by name, including derived ones."""
     plain = (STRUCTURE | OF_ROWS).items()
     found = {name: entry for name, entry in plain if not entry.whole and has(podium, entry)}
     top = podium.superstructure
@@ -43,7 +42,7 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
 
 
 def has(podium: Podium, parameter: Parameter) -> bool:
-    """Whether this podium has a parameter."""
+    """Return whether this podium has a parameter."""
     try:
         _kept(podium, parameter.place)
     except AttributeError:
@@ -52,8 +51,8 @@ def has(podium: Podium, parameter: Parameter) -> bool:
 
 
 def is_fixed(podium: Podium, parameter: Parameter) -> bool:
-    """Whether a parameter that this podium has is decided before tracing, as the exponent of a linear damper:
-    it has no derivative."""
+    """Return whether a parameter of this podium is fixed before tracing, such as the exponent of a linear
+    damper. It then has no derivative."""
     try:
         return not jax.tree.leaves(_kept(podium.split(), parameter.place))
     except AttributeError:  # a residual mass of 0 is left out
@@ -61,7 +60,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
 
 
 def read(podium: Podium, name: str) -> Any:
-    """The number that a parameter of this podium is. Raises `ValueError` for a name that is none of its
+    """Return the value of a parameter of this podium. Raises `ValueError` for names that are not its
     parameters."""
     parameter = _known(podium, name)
     if parameter.place:
@@ -70,10 +69,10 @@ def read(podium: Podium, name: str) -> Any:
 
 
 def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
-    """The podium with some of its parameters changed.
+    """Return the podium with some of its parameters changed.
 
-    Raises `ValueError` for names that are no parameters of it or that say the same, and for numbers out of
-    range.
+    Raises `ValueError` for names that are not its parameters, for two names of the same quantity, and for
+    numbers out of range.
     """
     known = {name: _known(podium, name) for name in values}
     values = {known[name].name: value for name, value in values.items()}
@@ -91,7 +90,7 @@ def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
 
 
 def check_values(owner: str, values: Mapping[str, Any]) -> None:
-    """Raise a `ValueError` for values of parameters, of a structure or a pulse, that are out of range."""
+    """Raise `ValueError` for parameters of a structure or a pulse that are out of range."""
     for name, value in values.items():
         allowed = (MOTION.get(name) or find(name) or STRUCTURE[name]).range
         words = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
@@ -99,12 +98,12 @@ def check_values(owner: str, values: Mapping[str, Any]) -> None:
 
 
 def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
-    """a_p of a pulse of given a_p/(g tan α) [m/s²]."""
+    """Return a_p [m/s²] of a pulse of given a_p/(g tan α)."""
     return acceleration_ratio * g_tan_alpha(podium.alpha, podium.g)
 
 
 def pulse_period(p: Any, frequency_ratio: Any) -> Any:
-    """T_p of a pulse of given ω_p/p [s], for a podium of frequency parameter p, Eq. (25)."""
+    """Return T_p [s] of a pulse of given ω_p/p, for a podium of frequency parameter p, Eq. (25)."""
     return 2 * math.pi / (frequency_ratio * p)
 
 
@@ -116,7 +115,7 @@ def _known(podium: Podium, name: str) -> Parameter:
 
 
 def _kept(holder: Any, place: str) -> Any:
-    """What is kept in a place. Raises `AttributeError` where the place is not there."""
+    """Return the value stored in a place. Raises `AttributeError` if the place does not exist."""
     for step in place.split(".") if place else ():
         if step.isdecimal():
             holder = _of_row(holder, int(step))
@@ -133,7 +132,7 @@ def _kept(holder: Any, place: str) -> Any:
 
 
 def _of_row(values: Any, number: int) -> Any:
-    """A member of a row, counted from 1."""
+    """Return a member of a row, counted from 1."""
     if members(values) is values and not isinstance(values, tuple):
         raise AttributeError("one number stands for all")
     row = parts(values)
@@ -143,7 +142,7 @@ def _of_row(values: Any, number: int) -> Any:
 
 
 def _member(members: tuple, kind: str) -> int:
-    """Which member of a tuple is of that class: the only one."""
+    """Return the position of the only member of a tuple with this class."""
     found = [k for k, member in enumerate(members) if type(member).__name__ == kind]
     if len(found) != 1:
         raise AttributeError(f"{len(found)} of class {kind}")
@@ -151,7 +150,7 @@ def _member(members: tuple, kind: str) -> int:
 
 
 def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
-    """A variant of a dataclass, or of a tuple of them, by places."""
+    """Return a variant of a dataclass, or of a tuple of them, with new values in some places."""
     below: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
         below.setdefault(step, {})[tuple(rest)] = value
@@ -172,6 +171,6 @@ def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
 
 
 def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:
-    """A row with other members in some places, counted from 1."""
+    """Return a row with new members in some places, counted from 1."""
     row = tuple(changes.get(k, y) for k, y in enumerate(parts(values), start=1))
     return row if isinstance(values, tuple) else joined(row)

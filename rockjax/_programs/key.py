@@ -1,8 +1,8 @@
 """Cache keys of programs, as text: equal texts mean the same program, in every process.
 
 A key holds the structure of the arguments (classes, static fields, shapes and types of the numbers), the
-versions of the libraries, the source of this package, JAX's settings, and the processor. Classes and
-functions of the user's own have no key: they may change between processes while their names stay.
+versions of the libraries, the source of this package, JAX's settings, and the processor. User-defined classes
+and functions have no key, since they may change between processes under the same name.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ _IRRELEVANT = ("cache", "log", "dump", "traceback", "profil", "hash")  # in name
 
 
 class Unknown(Exception):
-    """Something has no key that means the same in every process."""
+    """Raised for objects without a key that means the same in every process."""
 
 
 class TracedFunction:
-    """A function of the user's own, identified by what tracing makes of it and of its derivatives.
+    """A user-defined function, identified by the trace of itself and of its derivatives.
 
-    `like`: trees of arrays, or of their shapes, as its arguments will be. Other arguments give the right
-    answer too, under the same key.
+    - `function`: the function
+    - `like`: pytrees of arrays, or of their shapes, with the shapes of its arguments. Other arguments give
+      the right answer too, under the same key
     """
 
     def __init__(self, function: Callable, *like: Any):
@@ -58,7 +59,7 @@ class TracedFunction:
 
 
 def describe(value: Any) -> str:
-    """Return the key of a static part of the arguments. Raises `Unknown` where there is none."""
+    """Return the key of a static part of the arguments. Raises `Unknown` if it has none."""
     if value is None:
         return "None"
     if isinstance(value, TracedFunction):
@@ -85,7 +86,8 @@ def describe(value: Any) -> str:
 
 
 def _name(thing: Any) -> str:
-    """Return the full name of a class or function at the top of a module whose source or version is known."""
+    """Return the full name of a class or function at the top level of a module with known source or
+    version."""
     module, name = thing.__module__ or "", thing.__qualname__  # None in code run from a text
     found = sys.modules.get(module)
     for part in name.split("."):
@@ -111,7 +113,7 @@ def shapes(leaves: Iterable[Any]) -> str:
 
 
 def machine() -> str:
-    """Return what a program depends on besides what is traced: versions, settings, processor."""
+    """Return everything a program depends on besides its trace: versions, settings, processor."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
@@ -124,7 +126,7 @@ def machine() -> str:
 def _versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # what a compiler looks at; elsewhere the machine itself
+    try:  # the features a compiler uses; on other systems the name of the machine
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:
@@ -137,9 +139,9 @@ def _versions() -> str:
 
 @functools.cache
 def source() -> str:
-    """Return a hash of the package's source and of the tables of numbers in it.
+    """Return a hash of the package's source and of its tables of numbers.
 
-    Raises `Unknown` where there is no source to read.
+    Raises `Unknown` if the source cannot be read.
     """
     digest = hashlib.sha256()
     for package in _OWN:

@@ -1,5 +1,5 @@
-"""Functions that are traced and compiled once for each kind of arguments, in this process and in later
-ones."""
+"""Functions that are traced and compiled once for each kind of arguments, in this process and in
+later ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from . import store
 ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
 COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process
 _LOG = logging.getLogger("rockjax")
-_PATIENCE = 2.0  # s of compiling, after which a message says so
+_PATIENCE = 2.0  # s of compiling, after which a message announces it
 # Settings that a program is traced under and that may change within a process.
 _SETTINGS = operator.attrgetter(
     "jax_enable_x64",
@@ -34,26 +34,31 @@ _SETTINGS = operator.attrgetter(
     "jax_numpy_dtype_promotion",
     "jax_numpy_rank_promotion",
 )
-# Level 1 takes a quarter less time to compile than JAX's level 3; the programs are as fast.
+# Level 1 compiles faster than JAX's level 3, and the programs are as fast.
 _LEVEL = {"xla_backend_optimization_level": 1}
 
 
 class _Fixed(NamedTuple):
-    """What a program is compiled for besides the shapes and types of its arrays."""
+    """Static inputs of a program: everything besides the shapes and types of its arrays."""
 
     structure: Any
-    leaves: tuple[Any, ...]  # those that are not passed: functions, texts, …; None where one is
+    leaves: tuple[Any, ...]  # static leaves: functions, texts, …; None in the place of a passed leaf
     named: tuple[tuple[str, Any], ...]
 
 
 class KeptProgram:
-    """A compiled function of pytrees of arrays and numbers; all else in them, and keyword arguments, is
-    static.
+    """A compiled function of pytrees of arrays and numbers; other leaves and keyword arguments are static.
+
+    - `function`: the function
+    - `donate`: positions of arguments whose buffers are reused
+    - `arrays_only`: whether Python numbers are static, too
+    - `compiler_options`: options of XLA
+    - `name`: name in keys; by default that of the function
+    - `words`: name of the program in progress bars
 
     Concrete arguments on the CPU run a program that is stored between processes: it is loaded without tracing
-    and compiling, and gives the same answers to the last bit. All others, traced ones above all, go through
-    `jax.jit`. `donate` are the numbers of arguments whose buffers are reused; with `arrays_only` numbers
-    of Python are static, too; `words` is what a progress bar calls the program.
+    and compiling, and gives bitwise the same answers. All other arguments, such as tracers, go through
+    `jax.jit`.
     """
 
     def __init__(
@@ -88,12 +93,12 @@ class KeptProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def ahead(self, *arguments: Any, **named: Any) -> None:
-        """Load or compile, in another thread, what will be called with arguments of these kinds."""
+        """Load or compile, in another thread, the program for arguments of these kinds."""
         passed, fixed = self._split(arguments, named)
         key = fixed, _types(passed), _SETTINGS(jax.config)
 
         def make() -> None:
-            if _SETTINGS(jax.config) == key[2]:  # other threads have the usual ones
+            if _SETTINGS(jax.config) == key[2]:  # settings changed in this thread do not hold in another
                 self._make(key, passed)
 
         if key[1] is not None and key not in self._ready and _on_one_cpu():
@@ -105,7 +110,7 @@ class KeptProgram:
         return self._jit(fixed)(*passed)
 
     def forget(self) -> None:
-        """Drop the programs that this process holds; those in the store stay."""
+        """Drop the programs of this process; those in the store stay."""
         for held in (self._jits, self._ready, self._locks):
             held.clear()
 
@@ -137,7 +142,8 @@ class KeptProgram:
 
     def _make(self, key: Any, passed: list) -> Callable:
         """Load or compile the program of a key."""
-        # One thread does and others wait, except one that is tracing: the first may wait for it to end.
+        # One thread compiles while others wait. A tracing thread must not wait, since the first one may wait
+        # for its turn to trace.
         lock = self._locks.setdefault(key, threading.Lock())
         with contextlib.nullcontext() if _THREAD.tracing else lock:
             if key not in self._ready:
@@ -158,7 +164,7 @@ class KeptProgram:
         with compiling(self._words):
             with _tracing():
                 lowered = self._jit(fixed).lower(*passed)
-            if stored and not text:  # with the user's own classes: known by what tracing has made of them
+            if stored and not text:  # user-defined classes: identified by the trace
                 text = f"{how}\n{keys.machine()}\n{lowered.as_text()}"
                 found = _load(text)
             if found is not None:
@@ -167,7 +173,7 @@ class KeptProgram:
             _THREAD.from_jax = False
             compiled = lowered.compile(compiler_options=options)
         COUNTS["compiled"] += 1
-        # XLA does not write out the code of what it has loaded itself, from JAX's own cache.
+        # XLA cannot serialise programs that it has loaded from JAX's own cache.
         if text and not _THREAD.from_jax:
             _WRITING.append(submit(_write, text, compiled))
         return compiled
@@ -188,7 +194,7 @@ _TURN = threading.RLock()
 
 @contextlib.contextmanager
 def _tracing() -> Iterator[None]:
-    """Trace inside, one thread at a time: threads that trace at once delay each other's compilation."""
+    """Trace inside, one thread at a time: concurrent tracing delays compilation in other threads."""
     with _TURN:
         before, _THREAD.tracing = _THREAD.tracing, True
         try:
@@ -206,7 +212,7 @@ def _listen() -> None:
 
 
 def _load(text: str) -> Callable | None:
-    """Return a stored program, None where there is none that can be used."""
+    """Return a stored program, None if there is no usable one."""
     content = store.read(text)
     if content is None:
         return None
@@ -215,7 +221,7 @@ def _load(text: str) -> Callable | None:
         if b"lapack" in program:
             _find_lapack()
         found = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
-    except Exception as error:  # another library's format, a class that is gone
+    except Exception as error:  # a changed format, a class that no longer exists
         _LOG.debug("a stored program cannot be loaded: %r", error)
         store.discard(text)
         return None
@@ -225,16 +231,16 @@ def _load(text: str) -> Callable | None:
 
 @functools.cache
 def _find_lapack() -> None:
-    """Register LAPACK with XLA. JAX does so when it lowers the first program that needs it; one that is only
-    loaded would call a missing function and end the process."""
+    """Register LAPACK with XLA. JAX does so when it lowers the first program that needs it; without this, a
+    program that is only loaded would call a missing function and crash the process."""
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
 
 def _write(text: str, compiled: Any) -> None:
-    """Store a program, where that is possible."""
+    """Store a program, if possible."""
     try:
         content = serialize(compiled)
-        # A tree of modules is none any more once it is stored, and would fail when the program is called.
+        # A tree of modules does not survive storage, and would fail when the program is called: fail now.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
         store.write(text, pickle.dumps(content))
@@ -243,13 +249,13 @@ def _write(text: str, compiled: Any) -> None:
 
 
 def finish_writing() -> None:
-    """Wait until all programs that were compiled are in the store."""
+    """Wait until all compiled programs are stored."""
     wait(_WRITING)
     _WRITING.clear()
 
 
 def forget() -> None:
-    """Drop all programs that this process holds, JAX's as well; those in the store stay."""
+    """Drop all programs of this process, including JAX's; those in the store stay."""
     for program in _ALL:
         program.forget()
     jax.clear_caches()
@@ -261,8 +267,8 @@ _SAID = threading.Event()
 
 @contextlib.contextmanager
 def compiling(what: str) -> Iterator[None]:
-    """Name what is compiled inside, for progress bars; once in a process a message says what takes so
-    long."""
+    """Name the program being compiled inside, for progress bars; once per process a message announces a long
+    compilation."""
     _PRESENT.append(what)
     timer = threading.Timer(_PATIENCE, _say)
     timer.daemon = True
@@ -275,8 +281,8 @@ def compiling(what: str) -> Iterator[None]:
 
 
 def present_compilation() -> str | None:
-    """Return the name of what is being compiled, of several the latest; None where nothing is."""
-    names = _PRESENT[-1:]  # another thread may take it away
+    """Return the name of the program being compiled, the latest of several; None if there is none."""
+    names = _PRESENT[-1:]  # another thread may remove it
     return names[0] if names else None
 
 
@@ -294,8 +300,7 @@ def _cpu() -> Any:
 
 
 def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
-    """Return what a program is compiled for, of numbers and arrays; None unless all are concrete and on the
-    CPU."""
+    """Return the shapes and types of numbers and arrays; None unless all are concrete and on the CPU."""
     here, found = jax.sharding.SingleDeviceSharding(_cpu()), []
     for y in leaves:
         if isinstance(y, np.ndarray | np.generic):
@@ -308,7 +313,7 @@ def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
 
 
 def _on_one_cpu() -> bool:
-    """Return whether programs run on one CPU, as usual, and JAX's settings ask for nothing else."""
+    """Return whether programs run on a single CPU and JAX's settings do not change how."""
     settings: Any = jax.config
     usual = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"
     debugged = settings.jax_disable_jit or settings.jax_check_tracer_leaks
@@ -317,7 +322,7 @@ def _on_one_cpu() -> bool:
 
 @contextlib.contextmanager
 def nans_allowed() -> Iterator[None]:
-    """Leave out JAX's search for NaN and inf inside: in answers they stand for "none" and "not wanted"."""
+    """Disable JAX's checks for NaN and inf inside: answers use them for "none" and "not requested"."""
     settings: Any = jax.config
     if settings.jax_debug_nans or settings.jax_debug_infs:
         with jax.debug_nans(False), jax.debug_infs(False):

@@ -1,8 +1,8 @@
-"""The folder of stored programs: where it is, who may write to it, and how large it grows.
+"""The folder of stored programs: its place, its permissions and its size limit.
 
-Stored programs are executed, so the folder is used only if it belongs to this user and nobody else can write
-to it. Files are written atomically and carry a checksum. Beyond the size limit those unused for longest are
-deleted.
+Stored programs are executed, so the folder is used only if it belongs to this user and no other user can
+write to it. Files are written atomically and carry a checksum. Beyond the size limit the least recently used
+files are deleted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LOG = logging.getLogger("rockjax")
 
 
 class Entry(NamedTuple):
-    """A stored program: its file, its size [bytes], and when it was last used [s since 1970]."""
+    """A stored program: its file, its size [bytes], and the time of its last use [s since 1970]."""
 
     path: Path
     size: int
@@ -32,13 +32,13 @@ class Entry(NamedTuple):
 
 
 def enabled() -> bool:
-    """Return whether programs are stored: not with `ROCKJAX_CACHE=off`."""
+    """Return whether programs are stored; `ROCKJAX_CACHE=off` disables it."""
     return not switched_off("ROCKJAX_CACHE")
 
 
 def root() -> Path:
-    """Return `ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder (`XDG_CACHE_HOME`, or the
-    platform's)."""
+    """Return the cache folder: `ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder
+    (`XDG_CACHE_HOME`, or the platform's)."""
     if chosen := os.environ.get("ROCKJAX_CACHE_DIR"):
         return Path(chosen).expanduser()
     if shared := os.environ.get("XDG_CACHE_HOME"):
@@ -54,9 +54,9 @@ def folder() -> Path:
 
 
 def limit() -> int:
-    """Return the size that the folder may grow to [bytes], `ROCKJAX_CACHE_SIZE` in MiB.
+    """Return the size limit of the folder [bytes], `ROCKJAX_CACHE_SIZE` in MiB.
 
-    Raises `ValueError` where that is no number ≥ 0.
+    Raises `ValueError` if that is not a number ≥ 0.
     """
     text = os.environ.get("ROCKJAX_CACHE_SIZE", "").strip()
     try:
@@ -69,8 +69,8 @@ def limit() -> int:
 
 
 def _why_unsafe(path: Path) -> str | None:
-    """Return why nothing is read from a folder or file, None if it can be trusted. Raises `OSError` if it
-    cannot be looked at."""
+    """Return the reason why a folder or file is not trusted, None if it is. Raises `OSError` if it cannot be
+    read."""
     if not hasattr(os, "geteuid"):
         return None  # Windows: the user's folders have access lists of their own
     found = path.stat()
@@ -82,13 +82,13 @@ def _why_unsafe(path: Path) -> str | None:
 
 
 def why_unused() -> str | None:
-    """Return why no program is stored, None if programs are."""
+    """Return the reason why programs are not stored, None if they are."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
         unsafe = _why_unsafe(folder())
     except FileNotFoundError:
-        return None  # it is made when it is needed
+        return None  # it is created when needed
     except OSError as error:
         return f"{folder()}: {error.strerror}"
     usable = os.access(folder(), os.R_OK | os.W_OK | os.X_OK)
@@ -104,7 +104,7 @@ def _digest(key: str, data: bytes) -> bytes:
 
 
 def read(key: str) -> bytes | None:
-    """Return what is stored under a key; None if there is nothing, or nothing that can be trusted."""
+    """Return the data stored under a key; None if there is none, or none that can be trusted."""
     file = _file(key)
     try:
         unsafe = _why_unsafe(file.parent) or _why_unsafe(file)
@@ -127,8 +127,8 @@ def read(key: str) -> bytes | None:
 
 
 def write(key: str, data: bytes) -> None:
-    """Store data under a key, and make room. Raises `OSError` where that is impossible, as with a full
-    disk."""
+    """Store data under a key, and delete old programs beyond the size limit. Raises `OSError` on failure,
+    such as a full disk."""
     place, most = folder(), limit()
     place.parent.mkdir(parents=True, exist_ok=True)
     place.mkdir(mode=0o700, exist_ok=True)
@@ -153,15 +153,15 @@ def write(key: str, data: bytes) -> None:
 
 
 def discard(key: str) -> None:
-    """Delete what is stored under a key, if possible."""
+    """Delete the data stored under a key, if possible."""
     with contextlib.suppress(OSError):
         _file(key).unlink(missing_ok=True)
 
 
 def entries() -> list[Entry]:
-    """Return all stored programs, the one unused for longest first."""
+    """Return all stored programs, the least recently used first."""
     found = []
-    for path in folder().glob("*"):  # also what a process that was killed has left half-written
+    for path in folder().glob("*"):  # includes partial files of killed processes
         with contextlib.suppress(OSError):  # another process has just deleted it
             about = path.stat()
             found.append(Entry(path, about.st_size, about.st_mtime))
@@ -169,7 +169,7 @@ def entries() -> list[Entry]:
 
 
 def clear() -> int:
-    """Delete all stored programs and return how many there were. Raises `OSError` for one that cannot be."""
+    """Delete all stored programs and return their number. Raises `OSError` if one cannot be deleted."""
     found = entries()
     for entry in found:
         entry.path.unlink(missing_ok=True)

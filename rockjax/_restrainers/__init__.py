@@ -1,5 +1,5 @@
-"""Restrainers: devices between the ground and the beam, one module each. A new one is a module and its name
-in `KINDS`."""
+"""Restrainers: devices between the ground and the beam, one module each. A new device needs a module and its
+name in `KINDS`."""
 
 from .base import AbstractRestrainer
 from .damper import Damper

@@ -1,4 +1,4 @@
-"""Viscous dampers, linear and of a power law."""
+"""Viscous dampers, linear and with a power law."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as it is known before tracing: no number of the program, so that a linear damper needs
-    no powers."""
+    """The exponent 1, known before tracing: it is not a number of the program, so a linear damper needs no
+    powers."""
 
     def __new__(cls) -> Linear:
         return super().__new__(cls, 1.0)
@@ -29,7 +29,7 @@ jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Line
 
 
 def as_exponent(value, what: str = "Damper: exponent") -> Any:
-    """The converter of an exponent."""
+    """Convert the exponent of a damper; a plain 1 becomes `Linear`."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
         return Linear()
     return as_float(value, what)
@@ -39,13 +39,13 @@ class Damper(AbstractRestrainer):
     """A viscous damper beside every column: force C|ℓ̇|^ν against the rate of the elongation ℓ.
 
     - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
-    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array, also one
-      of 1, is any
-    - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
+    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array of 1 is a
+      general one
+    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only one of them
 
-    The force is 0 where the rate is: a damper never holds the column. For ν < 1 its slope is infinite there;
-    it is rounded below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for
-    concrete numbers outside these ranges.
+    The force is 0 at zero rate: a damper never holds the column. For ν < 1 its slope is infinite there; it is
+    rounded below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for concrete
+    numbers outside these ranges.
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))
@@ -61,7 +61,7 @@ class Damper(AbstractRestrainer):
 
     @property
     def linear(self) -> bool:
-        """Whether ν is known to be 1."""
+        """True if ν is known to be 1."""
         return isinstance(self.exponent, Linear)
 
     @property
@@ -69,7 +69,7 @@ class Damper(AbstractRestrainer):
         return not self.linear
 
     def _growth(self, rate: Value, slip: Value) -> Value | float:
-        """|rate|^(ν−1), rounded where it would be infinite."""
+        """Return |rate|^(ν−1), rounded near its pole."""
         if self.linear:
             return 1.0
         return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))

@@ -14,7 +14,18 @@ from .tendon import Tendon
 def restrainers_of(
     owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
-    """The restrainers of a column of `mass` [kg] from their numbers in N, N/m, N(s/m)^ν and kg."""
+    """Return the restrainers of a column from numbers in SI units.
+
+    - `owner`: name for error messages
+    - `mass`: mass of the column [kg]
+    - `R`: half diagonal of the column [m]
+    - `g`: acceleration of gravity [m/s²]
+    - `force`, `slope`: initial force [N] and stiffness [N/m] of the tendon
+    - `coefficient`, `exponent`: coefficient [N(s/m)^ν] and exponent ν of the damper
+    - `inertance`: inertance of the inerter [kg]
+
+    Devices with a plain 0 are left out. Raises `ValueError` for numbers out of range.
+    """
     given = {
         "tendon_force": force,
         "tendon_stiffness": slope,

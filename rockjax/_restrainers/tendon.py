@@ -14,10 +14,11 @@ class Tendon(AbstractRestrainer):
     """An unbonded elastic tendon along the centre line of every column: force P₀ + K ℓ, never slack, without
     yielding.
 
-    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it is a massless weight on each column
+    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts as a massless weight on each
+      column
     - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. From [`rockjax.Podium.critical_stiffness`][] on
       it makes the rocking stiffness positive
-    - `joints`: how many of the two joints it spans; 2 from the ground to the beam, 1 only one of them
+    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only one of them
 
     Raises `ValueError` for concrete numbers outside these ranges.
     """

@@ -1,4 +1,4 @@
-"""What the restrainers of a podium do together."""
+"""Combined effect of all restrainers of a podium."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-ROUNDS = 40  # of the search for the stability angle: more than it takes, with bisection as its safeguard
+ROUNDS = 40  # iterations of the search for the stability angle: more than enough, even by bisection
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
-    """The converter of `Podium.restrainers`."""
+    """Convert the argument `Podium.restrainers` to a tuple."""
     if value is None or isinstance(value, AbstractRestrainer) or not isinstance(value, tuple | list):
         raise ValueError(f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got {shown(value)}")
     return tuple(value)
 
 
 def check_restrainers(value: tuple) -> None:
-    """Raise `ValueError` for what is no restrainer."""
+    """Raise `ValueError` for members that are not restrainers."""
     for each in value:
         if not isinstance(each, AbstractRestrainer):
             raise ValueError(
@@ -36,18 +36,18 @@ def check_restrainers(value: tuple) -> None:
 
 
 def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number:
-    """τ: all forces at uplift, over m_c g."""
+    """Return τ, the sum of all forces at uplift over m_c g."""
     zero = jnp.zeros_like(like)
     return zero + sum(each.static_force(zero) for each in restrainers if each.stores)
 
 
 def apparent_mass(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """μ: all inertances over m_c; None where there is none, known before tracing."""
+    """Return μ, the sum of all inertances over m_c; None if there are none, known before tracing."""
     return _sum([each.apparent_mass for each in restrainers])
 
 
 def stiffness(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """κ: all stiffnesses, K R/(m_c g); None where there is none, known before tracing."""
+    """Return κ, the sum of all stiffnesses K R/(m_c g); None if there are none, known before tracing."""
     return _sum([each.slope for each in restrainers])
 
 
@@ -57,11 +57,11 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
-    """θ_s of (C7): the smallest |θ| in (0, π/2] where gravity and restrainers hold nothing any more; inf if
-    there is none.
+    """Return θ_s of (C7), the smallest |θ| in (0, π/2] at which gravity and restrainers no longer restore;
+    inf if there is none.
 
-    `weight` is w = γ+η+½. Up to α both hold, so that the search is between α and π/2: there V' of (C5) falls
-    through zero once at most.
+    `weight` is w = γ+η+½. Up to α both restore, so the root lies between α and π/2, where V' of (C5) falls
+    through zero at most once.
     """
     holding = [each for each in restrainers if each.stores]
     if not holding:
@@ -72,7 +72,7 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
 @jax.jit
 def _search(alpha: Number, weight: Number, holding: Sequence[AbstractRestrainer]) -> Number:
     def moment(angle):
-        """V'(A)/(Rg)."""
+        """Return V'(A)/(Rg)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
         return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
             each.static_force(stretch) for each in holding
