@@ -98,7 +98,7 @@ class KeptProgram:
         key = fixed, _types(passed), _SETTINGS(jax.config)
 
         def make() -> None:
-            if _SETTINGS(jax.config) == key[2]:  # settings changed in this thread do not hold in another
+            if _SETTINGS(jax.config) == key[2]:  # settings of the calling thread may not hold in this one
                 self._make(key, passed)
 
         if key[1] is not None and key not in self._ready and _on_one_cpu():

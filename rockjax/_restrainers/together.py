@@ -16,7 +16,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-ROUNDS = 40  # iterations of the search for the stability angle: more than enough, even by bisection
+ROUNDS = 40  # iterations of the search for the stability angle: more than needed; bisection safeguards them
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:

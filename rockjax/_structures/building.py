@@ -1,4 +1,4 @@
-"""A building of several stories, whose floors move horizontally against each other."""
+"""A building of several stories with rigid floors, as a superstructure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid
 
 
 class ModalAnalysis(NamedTuple):
-    """Modes of a building, the lowest first along the last axis; all of them, kept or not."""
+    """All modes of a building, the lowest first along the last axis, retained or not."""
 
     omega: Array  # ω_i [rad/s]
     eta: Array  # η_i = Γ_i² M_i
@@ -24,9 +24,9 @@ class ModalAnalysis(NamedTuple):
 
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
-    """K φ_i = ω_i² M φ_i of a chain of masses and springs from the beam upwards, (C11).
+    """Return the modes of a chain of masses and springs from the beam upwards, K φ_i = ω_i² M φ_i, (C11).
 
-    The periods of such a chain are distinct, so that modes have derivatives.
+    The periods of such a chain are distinct, so the modes have derivatives.
     """
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
@@ -36,7 +36,7 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     link = (-above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
     _, vectors = eigh(diagonal + link + xp.swapaxes(link, -1, -2))
     shapes = vectors / root[..., None]  # of modes with M_i = 1
-    # From the energies of the stories, a sum without differences: the lowest are as exact as the highest.
+    # ω² as a sum of story energies has no cancellation: the lowest are as accurate as the highest.
     drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
     squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
     shares = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
@@ -48,16 +48,15 @@ class ShearBuilding(AbstractSuperstructure):
 
     - `masses`: mass ratios of the floors m_j/(N m_c), > 0 [–], from the bottom along the last axis
     - `stiffnesses`: of the stories below them k_j/(N m_c), > 0 [1/s²]
-    - `damping`: damping ratios of the modes, ≥ 0 [–]; one number is that of all modes
-    - `modes`: how many modes are kept, the lowest first; what the others have of the mass moves with the
-      beam. By default all. With fewer, `peak_shear` and `peak_floor_acceleration` leave out the share that
-      the other modes have of the impulses at impacts
-    - `heights`: of the stories [m], > 0, for drifts over height and for pictures; None where they are not
-      known
+    - `damping`: damping ratios of the modes, ≥ 0 [–]; one number for all modes, or one for each
+    - `modes`: number of modes to retain, the lowest first; the remaining modal mass moves with the beam. By
+      default all. With fewer, `peak_shear` and `peak_floor_acceleration` omit the contribution of the other
+      modes to the impulses at impacts
+    - `heights`: of the stories [m], > 0, for drift ratios and for pictures; None if unknown
 
-    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories then hold what belongs to stories and
-    floors: drifts, floor accelerations. Raises `ValueError` for lengths that are not equal and for concrete
-    numbers outside these ranges.
+    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories also hold drifts of the stories and
+    accelerations of the floors. Raises `ValueError` for unequal lengths and for concrete numbers outside
+    these ranges.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")
@@ -108,11 +107,13 @@ class ShearBuilding(AbstractSuperstructure):
 
     @classmethod
     def uniform(cls, stories: int, eta, T, damping: Any = 0.05, modes=None, *, height=None) -> Self:
-        """A building whose stories are all alike.
+        """Return a building with equal stories.
 
-        - `stories`: their number n ≥ 1; `eta`: mass ratio of all of them, m_t/(N m_c) [–]
-        - `T`: the longest fixed-base period [s]; `damping`, `modes` as above
-        - `height`: of each story [m]
+        - `stories`: number of stories n ≥ 1
+        - `eta`: mass ratio of all of them, m_t/(N m_c), > 0 [–]
+        - `T`: longest fixed-base period, > 0 [s]
+        - `damping`, `modes`: as for [`rockjax.ShearBuilding`][]
+        - `height`: height of each story [m]; None if unknown
         """
         count = whole("ShearBuilding.uniform", "stories", stories, 1)
         positive("ShearBuilding.uniform", eta=eta, T=T)
@@ -131,20 +132,20 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def modes(self) -> Modes:
-        """The modes that are kept, with the mass ratio of the others as the residual."""
+        """The retained modes, with the mass ratio of the others as the residual."""
         found, kept = self._analysis(), self.kept
         residual = found.eta[..., kept:].sum(axis=-1) if kept < self.stories else 0.0
         return Modes(found.eta[..., :kept], 2 * math.pi / found.omega[..., :kept], self.damping, residual)
 
     @property
     def frequencies(self) -> Array:
-        """Fixed-base circular frequencies ω_i of the modes that are kept [rad/s]."""
+        """Fixed-base circular frequencies ω_i of the retained modes [rad/s]."""
         return self._analysis().omega[..., : self.kept]
 
     @property
     def shapes(self) -> Array:
-        """Γ_i φ_ji of the floors j and, along the last axis, the modes i that are kept [–], (C11): a floor
-        moves by Σ Γ_i φ_ji (u_i − u_b) against the beam."""
+        """Γ_i φ_ji of the floors j and, along the last axis, the retained modes i [–], (C11): a floor moves
+        by Σ Γ_i φ_ji (u_i − u_b) relative to the beam."""
         return self._analysis().shapes[..., : self.kept]
 
     def _analysis(self) -> ModalAnalysis:
@@ -199,8 +200,13 @@ class ShearBuilding(AbstractSuperstructure):
 
 
 def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None):
-    """What stands on the columns by its mass ratio: rigid without a period, elastic with one, with stories a
-    building that has it as its longest."""
+    """Return a superstructure of given mass ratio.
+
+    - `eta`: mass ratio m_t/(N m_c) [–]
+    - `T_s`: longest fixed-base period [s]; None for a rigid superstructure
+    - `zeta`: damping ratio [–]
+    - `stories`: number of equal stories of a building; None for a single oscillator
+    """
     if T_s is None:
         return Rigid(eta)
     return Elastic(eta, T_s, zeta) if stories is None else ShearBuilding.uniform(stories, eta, T_s, zeta)

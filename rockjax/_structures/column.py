@@ -1,4 +1,4 @@
-"""The column: its size, and the acceleration that lifts it."""
+"""The column: its dimensions, and the acceleration that lifts it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from rockjax._plausibility import doubt
 from rockjax._types import Number
 
 STANDARD_GRAVITY = 9.80665
-LARGEST_R = 100.0  # m: no column of that size was ever left free to rock
-DENSITIES = 300.0, 8000.0  # kg/m³: from light timber or a hollow section to steel
+LARGEST_R = 100.0  # m, beyond any plausible column
+DENSITIES = 300.0, 8000.0  # kg/m³, from light timber or a hollow section to steel
 
 
 def doubt_column(width, height, mass) -> None:
-    """Doubt a size in mm, or a mass in tonnes. The depth of a column is not known: it is taken as square."""
+    """Warn of a size that suggests mm, or a mass that suggests tonnes. The depth of a column is unknown and
+    taken as its width."""
     sides, mass = (concrete(width), concrete(height)), concrete(mass)
     if sides[0] is None or sides[1] is None:
         return
@@ -44,12 +45,12 @@ def _doubt_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> N
 
 
 def column_of(width: Number, height: Number) -> tuple[Number, Number]:
-    """Slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m], Eq.
-    (1)."""
+    """Return slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m],
+    Eq. (1)."""
     numpy = array_module(width, height)
     return numpy.arctan(width / height), 0.5 * numpy.sqrt(width**2 + height**2)
 
 
 def g_tan_alpha(alpha: Number, g: Number) -> Number:
-    """What ground accelerations are measured by [m/s²], Eq. (5)."""
+    """Return g tan α [m/s²], the unit of dimensionless ground accelerations, Eq. (5)."""
     return g * jnp.tan(alpha)

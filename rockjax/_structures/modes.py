@@ -1,4 +1,4 @@
-"""A superstructure of several modes: oscillators beside each other on the beam."""
+"""A superstructure of several modes: oscillators in parallel on the beam."""
 
 from __future__ import annotations
 
@@ -12,14 +12,21 @@ from rockjax._types import Array, Number
 
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
-ROUNDING = 1e-9  # of the total: modal masses may exceed it by so much
+ROUNDING = 1e-9  # fraction of the total mass by which the sum of modal masses may exceed it
 
-# Numbers along the last axis of an array; of a superstructure that is split, in a tuple.
+# Numbers along the last axis of an array; a tuple in a superstructure that is split.
 Row = Array
 
 
 def row(owner: str, name: str, values, what: str) -> Array:
-    """Numbers along a last axis, checked."""
+    """Return numbers along a last axis as an array of floats.
+
+    - `owner`, `name`: class and argument, for error messages
+    - `values`: the numbers
+    - `what`: noun for one of them, such as "mode"
+
+    Raises `ValueError` for a single number and for an empty axis.
+    """
     found = as_float(values, f"{owner}: {name}")
     if found.ndim == 0 or found.shape[-1] == 0:
         raise ValueError(
@@ -30,7 +37,7 @@ def row(owner: str, name: str, values, what: str) -> Array:
 
 
 def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
-    """The members of a row, each a number for every podium of a batch."""
+    """Return the members of a row, each a number for every podium of a batch."""
     if isinstance(values, tuple):
         return values
     values = joined(values)
@@ -38,8 +45,8 @@ def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
 
 
 def joined(values: Row | tuple[Number, ...]) -> Array:
-    """A row as an array, its members along the last axis; of NumPy where it is known: of JAX every operation
-    on its own is a program to compile."""
+    """Return a row as an array with its members along the last axis. Concrete values use NumPy: outside jit,
+    every jnp call compiles separately."""
     if isinstance(values, tuple):
         xp = array_module(values)
         return xp.stack(xp.broadcast_arrays(*values), axis=-1)
@@ -48,34 +55,34 @@ def joined(values: Row | tuple[Number, ...]) -> Array:
 
 
 def as_many(values: Any, count: int) -> Any:
-    """One number for all, or a row of so many, as a row."""
+    """Return a row of `count` members from one number for all, or the given row."""
     return (values,) * count if not isinstance(values, tuple) and jnp.ndim(values) == 0 else values
 
 
 def members(values: Any) -> Any:
-    """The members of a row, or the one number that stands for all of them."""
+    """Return the members of a row, or the single number that stands for all of them."""
     return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else parts(values)
 
 
 def is_plain_zero(value) -> bool:
-    """Whether it is known, before tracing, that there is nothing."""
+    """Return whether a value is known to be zero before tracing."""
     known = concrete(value)
     return known is not None and not np.any(known)
 
 
 class Modes(AbstractSuperstructure):
-    """A superstructure of n modes: oscillators beside each other on the beam, (C9).
+    """A superstructure of n modes: oscillators in parallel on the beam, (C9).
 
     - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis. A mode of 0 is driven but does not
       act back
-    - `T`: fixed-base periods T_i, > 0 [s]; equal ones are allowed
-    - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one number is that of all modes
-    - `residual`: mass ratio η_r of what is not in the modes and moves with the beam, ≥ 0 [–]; `peak_shear`
-      leaves out its impulses at impacts
+    - `T`: fixed-base periods T_i, > 0 [s]; they may be equal
+    - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one number for all modes, or one for each
+    - `residual`: mass ratio η_r of the remaining mass, which moves with the beam, ≥ 0 [–]; `peak_shear` omits
+      its impulses at impacts
 
-    One mode is [`rockjax.Elastic`][], none is `Rigid(residual)`. Displacements and deformations have a last
-    axis of modes: of a [`rockjax.State`][], of `peak_deformation`. Raises `ValueError` for lengths that are
-    not equal and for concrete numbers outside these ranges.
+    For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. Displacements and deformations have a
+    last axis of modes, in [`rockjax.State`][] and in `peak_deformation`. Raises `ValueError` for unequal
+    lengths and for concrete numbers outside these ranges.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")
@@ -83,7 +90,7 @@ class Modes(AbstractSuperstructure):
     eta: Row
     T: Row
     zeta: Row
-    residual: Number  # None where there is none, of modes that are split
+    residual: Number  # None for none, in modes that are split
 
     def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
         self.eta = row("Modes", "eta", eta, "mode")
@@ -104,10 +111,13 @@ class Modes(AbstractSuperstructure):
 
     @classmethod
     def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
-        """Modes of a superstructure whose mass ratio m_t/(N m_c) in all is known; what is not in the modes
-        is the residual.
+        """Return modes of a superstructure of known total mass ratio; the residual is the mass that is not in
+        the modes.
 
-        Raises `ValueError` for modes that have more mass than there is.
+        - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]
+        - `eta`, `T`, `zeta`: as for [`rockjax.Modes`][]
+
+        Raises `ValueError` if the modes have more mass than the total.
         """
         eta, whole = (
             row("Modes.of_total", "eta", eta, "mode"),
@@ -163,7 +173,7 @@ class Modes(AbstractSuperstructure):
 
 
 def with_fields(superstructure, values):
-    """The same with other fields, which are not converted or checked again."""
+    """Return a copy with other fields, which are neither converted nor checked."""
     same = object.__new__(type(superstructure))
     for name, value in (vars(superstructure) | values).items():
         object.__setattr__(same, name, value)

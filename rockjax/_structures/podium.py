@@ -1,6 +1,6 @@
-"""The podium: a frame of rocking columns, what stands on it and what holds it.
+"""The podium: a frame of rocking columns, its superstructure and its restrainers.
 
-All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, every
+All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, and every
 number may be traced, batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are
 concrete.
 """
@@ -115,22 +115,31 @@ class Podium(Module):
         story_heights=None,
         modes: int | None = None,
     ) -> Podium:
-        """A podium from what stands on a drawing.
+        """Return a podium from dimensions and masses.
 
-        - `width`, `height`: full column width 2B and height 2H [m]
-        - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
-          number N
-        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid
-          one
-        - `stories`: of a building whose stories are alike, with `top_mass` in all and the longest `period`;
-          or any building, by `story_masses` [kg] and `story_stiffnesses` [N/m] from the bottom, which are its
-          mass and periods. `modes` and `story_heights` [m] as in [`rockjax.ShearBuilding`][]
+        - `width`, `height`: full column width 2B and height 2H, > 0 [m]
+        - `column_mass`: mass of one column m_c, > 0 [kg]
+        - `beam_mass`, `top_mass`: masses of the beam m_b and of the superstructure m_t, ≥ 0 [kg]
+        - `columns`: number of columns N
+        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` makes it
+          rigid
+        - `lam`, `restitution`, `g`: as for [`rockjax.Podium`][]
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
-          of a column; `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of its damper; `inertance`:
-          b of its inerter [kg]. They act between the ground and the beam; a plain 0 is no such device
+          of a column
+        - `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of the damper of a column
+        - `inertance`: b of the inerter of a column [kg]
+        - `stories`: number of stories of a building with equal stories, `top_mass` in all and the longest
+          period `period`
+        - `story_masses`, `story_stiffnesses`: masses [kg] and stiffnesses [N/m] of the stories of any
+          building, from the bottom, instead of `top_mass` and `period`
+        - `story_heights`, `modes`: heights [m] and number of modes of a building, as in
+          [`rockjax.ShearBuilding`][]
+
+        Tendons, dampers and inerters act between the ground and the beam; a plain 0 leaves the device out.
 
         Warns ([`rockjax.PlausibilityWarning`][]) of sizes and masses that suggest mm or tonnes: a square
-        column of this width lighter than 300 kg/m³ or heavier than 8000 kg/m³.
+        column of this width lighter than 300 kg/m³ or heavier than 8000 kg/m³. Raises `ValueError` for
+        invalid or inconsistent numbers.
         """
         owner = "Podium.from_dimensions"
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
@@ -185,17 +194,17 @@ class Podium(Module):
 
     @property
     def eta(self) -> Number:
-        """Mass ratio of the superstructure η, 0 where there is none [–]."""
+        """Mass ratio of the superstructure η, 0 if there is none [–]."""
         return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.mass_ratio
 
     @property
     def vibrates(self) -> bool:
-        """Whether something of the superstructure is elastic, known before tracing."""
+        """True if the superstructure is elastic, known before tracing."""
         return self.superstructure is not None and self.superstructure.elastic
 
     @property
     def apart(self) -> tuple[Number, Number]:
-        """Mass ratios of what moves with the beam, and of what does not."""
+        """Mass ratios that move with the beam, and that vibrate [–]."""
         top = self.superstructure
         found = None if top is None else top.oscillators
         if top is None or found is None:
@@ -209,10 +218,11 @@ class Podium(Module):
 
         Tendons press the columns down: g tan α (1 + τ/w), w = γ+η+½.
 
-        With a rigid superstructure or none they lift as soon as |ü_g| exceeds it. With an elastic one they do
-        when it is exceeded slowly: the spring then carries the inertia of the top mass. How far a motion must
-        go that makes the top mass swing depends on the motion: a swing lifts the columns at less than g tan
-        α, a jump, which the spring has not answered yet, at once only above `uplift_demand`.
+        With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds it. With an elastic one
+        they lift when it is exceeded slowly: the spring then carries the inertia of the top mass. For faster
+        motions the threshold depends on the motion. If the top mass swings, columns lift at less than g tan
+        α. If the ground acceleration jumps, the spring has not responded yet, and columns lift at once only
+        above `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
         if any(each.stores for each in self.restrainers):
@@ -223,12 +233,12 @@ class Podium(Module):
 
     @property
     def uplift_demand(self) -> Number:
-        """The demand |q| at which the columns uplift [m/s²], Eq. (9): no ground acceleration, for q includes
-        the spring's part.
+        """The demand |q| at which the columns uplift [m/s²], Eq. (9). It is not a ground acceleration, since
+        q includes the spring force.
 
-        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ); g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure,
-        g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where γ includes a
-        rigid superstructure. For the ground acceleration see `uplift_ground_acceleration`.
+        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ). The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic
+        superstructure, g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where
+        γ includes a rigid superstructure. For the ground acceleration see `uplift_ground_acceleration`.
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
@@ -244,7 +254,7 @@ class Podium(Module):
 
     @property
     def restitution_factor(self) -> Number:
-        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; where it is ≤ 0 rocking ends at the
+        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; if it is ≤ 0, rocking ends at the
         impact.
 
         The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
@@ -256,21 +266,20 @@ class Podium(Module):
 
     @property
     def stability_angle(self) -> Number:
-        """θ_s: the smallest rotation in (0, π/2] at which a column without motion does not come back any more
-        [rad], (C7).
+        """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
 
-        α where nothing but gravity holds it; larger with tendons, and inf where they hold it at every
+        It is α under gravity alone, larger with tendons, and inf if tendons restore the column at every
         rotation.
         """
         return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
 
     @property
     def critical_stiffness(self) -> Number:
-        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: from this stiffness of tendons on columns rock stiffly [–],
-        (C6).
+        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness from which on the rocking stiffness is
+        positive [–], (C6).
 
         The stiffness of small rotations is negative below it and positive above. It depends neither on the
-        tendons that there are nor on a prestress.
+        podium's own tendons nor on their prestress.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -278,8 +287,8 @@ class Podium(Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons and inerters the larger root of (C15), of several modes the largest. Raises `ValueError`
-        without an elastic superstructure: nothing oscillates.
+        With tendons and inerters it is the larger root of (C15), with several modes the largest. Raises
+        `ValueError` without an elastic superstructure.
         """
         top = self._vibrating("uplifted_frequency")
         if isinstance(top, Oscillators):
@@ -293,18 +302,18 @@ class Podium(Module):
     @property
     def uplifted_frequencies(self) -> Number:
         """All n+1 circular frequencies on lifted columns, ascending along a last axis [rad/s], (C15): of
-        rocking against the stiffness of tendons, 0 without any, and of the n modes.
+        rocking against the stiffness of tendons (0 without tendons), and of the n modes.
 
-        Linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
+        They are linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
         """
         modes = self._vibrating("uplifted_frequencies")
         squares = uplifted_squares(modes, *self._lifted())
-        if stiffness(self.restrainers) is None:  # but for rounding
+        if stiffness(self.restrainers) is None:  # exactly zero, without rounding
             squares = squares.at[..., 0].set(0.0)
         return jnp.sqrt(squares)
 
     def _lifted(self) -> tuple[Number, Number, Number]:
-        """Of (C15): Λ, k and cos α."""
+        """Return Λ, k and cos α of (C15)."""
         gamma, eta = self.apart
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
@@ -313,8 +322,8 @@ class Podium(Module):
         return inertia, against, jnp.cos(self.alpha)
 
     def fastest_frequency(self) -> Number:
-        """`uplifted_frequency` of one podium, for the lengths of steps: without derivatives where there are
-        several modes."""
+        """Return `uplifted_frequency` of one podium, for step lengths; with several modes it has no
+        derivatives."""
         top = self._vibrating("uplifted_frequency")
         if isinstance(top, Elastic):
             return self.uplifted_frequency
@@ -329,7 +338,7 @@ class Podium(Module):
         return found
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
-        """The larger root of (C15), heavy = 1+λ+4γ."""
+        """Return the larger root of (C15), with heavy = 1+λ+4γ."""
         sin2, omega2 = jnp.sin(self.alpha) ** 2, top.omega_s**2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 0.75 * heavy + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
@@ -338,11 +347,11 @@ class Podium(Module):
         return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * against * omega2)) / inertia)
 
     def equivalent_block(self) -> Podium:
-        """The solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
+        """Return the solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
 
-        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) where λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
+        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) if λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
         Restrainers become those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)). Raises
-        `ValueError` for an elastic superstructure, which no block can stand for.
+        `ValueError` for an elastic superstructure, which has no equivalent block.
         """
         if self.vibrates:
             raise ValueError(
@@ -361,21 +370,21 @@ class Podium(Module):
         )
 
     def split(self) -> Podium:
-        """The same, with a number for every podium of a batch in each leaf: arrays over modes or stories
-        become tuples."""
+        """Return the podium with arrays over modes or stories split into tuples, so that each leaf has a
+        number for every podium of a batch."""
         top = self.superstructure
         return self if top is None or top.split() is top else self._with_top(top.split())
 
     def without_idle_restrainers(self) -> Podium:
-        """The same without the restrainers that do nothing: it has the answers and the speed of a podium
-        without them."""
+        """Return the podium without restrainers of zero strength, which then costs no more than a podium
+        without any."""
         working = tuple(each for each in self.restrainers if not each.idle)
         if len(working) == len(self.restrainers):
             return self
         return eqx.tree_at(lambda podium: podium.restrainers, self, working)
 
     def resolved(self) -> Podium:
-        """What the engine takes: a superstructure worked out to oscillators."""
+        """Return the podium in the form of the engine, with the superstructure as oscillators."""
         top = self.superstructure
         return self if top is None or top.resolved() is top else self._with_top(top.resolved())
 
@@ -383,7 +392,7 @@ class Podium(Module):
         return eqx.tree_at(lambda podium: podium.superstructure, self, top)
 
     def replace(self, **changes) -> Podium:
-        """A variant with some fields changed, as `dataclasses.replace`."""
+        """Return a variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
@@ -402,7 +411,7 @@ class Podium(Module):
 
 
 def _without_building(owner: str, **given: object) -> None:
-    """Raise `ValueError` for what only a building has."""
+    """Raise `ValueError` for given arguments that only a building has."""
     for name, value in given.items():
         if value is not None:
             raise ValueError(
@@ -414,8 +423,8 @@ def _without_building(owner: str, **given: object) -> None:
 def _building(
     owner: str, columns_mass, stories, masses, stiffnesses, eta, period, damping, modes, heights
 ) -> ShearBuilding:
-    """The building of a drawing. Raises `ValueError`, in the name of `owner`, where numbers of it are missing
-    or twice there."""
+    """Return the building of `Podium.from_dimensions`. Raises `ValueError`, in the name of `owner`, for
+    missing or redundant arguments."""
     if stories is not None:
         if masses is not None or stiffnesses is not None or period is None:
             raise ValueError(

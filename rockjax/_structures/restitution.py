@@ -1,4 +1,4 @@
-"""Laws of restitution: what an impact leaves of the rate of rotation."""
+"""Laws of restitution: the fraction of the rate of rotation that an impact leaves."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ class PaperRestitution(Module):
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
+        """Return the velocity factor e [–], Eq. (27), (C12).
+
+        - `sin2`: sin²α
+        - `gamma`, `eta`: mass ratios that move with the beam, and that vibrate
+        - `lam`: inertia factor of a column λ
+        - `mu`: inertance over m_c, None without inerters
+        """
         if mu is None:
             return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
@@ -27,7 +34,8 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Angular momentum about the new pivots with Eq. (26), the top mass keeping its own horizontal velocity:
+    """Conservation of angular momentum about the new pivots with Eq. (26), the top mass keeping its
+    horizontal velocity:
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
     """
@@ -35,6 +43,13 @@ class CompatibleRestitution(Module):
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
+        """Return the velocity factor e [–], (C13).
+
+        - `sin2`: sin²α
+        - `gamma`, `eta`: mass ratios that move with the beam, and that vibrate
+        - `lam`: inertia factor of a column λ
+        - `mu`: inertance over m_c, None without inerters
+        """
         if mu is None:
             return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
         return 1 - 2 * sin2 * (1 + 4 * (gamma + eta + mu)) / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
@@ -60,6 +75,7 @@ class GivenRestitution(Module):
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
+        """Return the given velocity factor e [–]; the arguments of the other laws are ignored."""
         del sin2, gamma, eta, lam, mu
         return self.e
 
@@ -78,6 +94,7 @@ Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
 
 
 def as_restitution(value) -> Restitution:
+    """Convert the argument `Podium.restitution`: a law by name or instance, or a factor in [0, 1]."""
     if isinstance(value, Restitution):
         return value
     if isinstance(value, str):

@@ -1,7 +1,7 @@
-"""What stands on the podium: what all superstructures have in common, and the two simplest.
+"""Superstructures on the podium: the base class, and the two simplest kinds.
 
-To the engine a superstructure is some oscillators beside each other on the beam, and a mass that moves with
-it.
+To the engine a superstructure is a set of oscillators in parallel on the beam, and a mass that moves with the
+beam.
 """
 
 from __future__ import annotations
@@ -22,28 +22,29 @@ from rockjax._types import Array, Number
 
 
 class AbstractSuperstructure(Module):
-    """A superstructure. To add a kind, say which oscillators it is, and what of it moves with the beam."""
+    """A superstructure. A new kind defines its oscillators and the mass that moves with the beam."""
 
     rows: ClassVar[tuple[str, ...]] = ()  # fields with a number for each mode or story along the last axis
 
     @property
     @abc.abstractmethod
     def oscillators(self) -> Elastic | Oscillators | None:
-        """What vibrates; None where nothing does, known before tracing as is how many there are."""
+        """The oscillators; None if nothing vibrates. Their number is known before tracing."""
 
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of what moves with the beam [–]; None where there is nothing, known before tracing."""
+        """Mass ratio of the mass that moves with the beam [–]; None if there is none, known before
+        tracing."""
 
     @property
     @abc.abstractmethod
     def mass_ratio(self) -> Number:
-        """Mass ratio of all of it, m_t/(N m_c) [–]."""
+        """Mass ratio of the whole superstructure, m_t/(N m_c) [–]."""
 
     @property
     def elastic(self) -> bool:
-        """Whether something vibrates, known before tracing."""
+        """True if the superstructure vibrates, known before tracing."""
         return True
 
     @property
@@ -54,22 +55,21 @@ class AbstractSuperstructure(Module):
 
     @property
     def several(self) -> bool:
-        """Whether displacements and deformations have an axis of modes, known before tracing."""
+        """True if displacements and deformations have an axis of modes, known before tracing."""
         return False
 
     @property
     def floors(self) -> Array | None:
-        """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None where there are no
-        floors."""
+        """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None without floors."""
         return None
 
     def split(self) -> Self:
-        """The same, with a number for every podium of a batch in each leaf: arrays over modes or stories
-        become tuples."""
+        """Return the superstructure with arrays over modes or stories split into tuples, so that each leaf
+        has a number for every podium of a batch."""
         return self
 
     def resolved(self) -> AbstractSuperstructure:
-        """What the engine takes: worked out to oscillators."""
+        """Return the superstructure in the form of the engine, as oscillators."""
         return self
 
     def __repr__(self):
@@ -116,7 +116,7 @@ class Elastic(AbstractSuperstructure):
 
     @property
     def moving(self) -> Number:
-        """Mass ratio of what vibrates [–]."""
+        """Mass ratio of the vibrating mass [–]."""
         return self.eta
 
     @property
@@ -157,7 +157,7 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Several oscillators, as the engine takes them: rows over the modes along a last axis; see
+    """Several oscillators in the form of the engine: rows over the modes along a last axis; see
     [`rockjax.Modes`][]."""
 
     eta: Array
@@ -181,7 +181,7 @@ class Oscillators(AbstractSuperstructure):
 
     @property
     def moving(self) -> Number:
-        """Mass ratio of what vibrates [–]."""
+        """Mass ratio of the vibrating mass [–]."""
         return self.eta.sum(axis=-1)
 
     @property
@@ -202,7 +202,7 @@ class Oscillators(AbstractSuperstructure):
 
 
 def eigh(matrix: Array) -> tuple[Array, Array]:
-    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns; outside jit by
+    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns; concrete matrices use
     NumPy."""
     known = concrete(matrix)
     return jnp.linalg.eigh(matrix) if known is None else np.linalg.eigh(known)  # pyright: ignore[reportReturnType]
@@ -211,12 +211,16 @@ def eigh(matrix: Array) -> tuple[Array, Array]:
 def uplifted_squares(
     oscillators: Elastic | Oscillators, inertia: Number, stiffness: Number, cos_alpha: Number
 ) -> Number:
-    """The squares x of the n+1 circular frequencies on lifted columns, ascending along the last axis
+    """Return the squares x of the n+1 circular frequencies on lifted columns, ascending along the last axis
     [rad²/s²].
 
-    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0 with Λ = `inertia` and k = `stiffness`: the
-    eigenvalues of a symmetric matrix that is bordered by one row, of the rotation and of the oscillators over
-    the roots of their masses.
+    - `oscillators`: the n oscillators
+    - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
+    - `cos_alpha`: cos α
+
+    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a symmetric
+    matrix for the rotation and the oscillators, scaled by the roots of their masses: a diagonal matrix
+    bordered by one row.
     """
     squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
     if isinstance(oscillators, Elastic):
@@ -243,14 +247,15 @@ def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array,
 
 @_squares_of.defjvp
 def _squares_of_jvp(primals, tangents):
-    """Of Rayleigh's quotient, which shapes of vibration leave as it is: it needs neither their derivatives,
-    which modes of one period do not have, nor those of roots of masses, which there are none of at zero."""
+    """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to the mode
+    shapes. This needs neither derivatives of mode shapes, which do not exist for equal periods, nor those
+    of roots of masses, which do not exist at zero."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered(*primals))
     turn, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     weighs = masses[..., :, None] > 0
     apart = squares[..., :, None] - values[..., None, :]
-    # What weighs nothing follows the beam, or vibrates alone.
+    # A massless oscillator follows the beam, or vibrates alone.
     follows = (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(apart == 0, 1.0, apart)
     moves = shapes / jnp.sqrt(jnp.where(weighs, masses[..., :, None], 1.0))
     moves = jnp.where(weighs, moves, jnp.where(apart == 0, 0.0, follows))
