@@ -1,1 +1,1 @@
-"""Many scenes at once, on all cores or devices."""
+"""Batches of scenes, on all cores or devices."""

@@ -34,7 +34,7 @@ class LaneLayout(NamedTuple):
     structure: Any  # of (podium, excitation, initial, t_end)
     lanes: int
     size: int  # scenes of a chunk, a multiple of the lanes
-    # Lanes take further scenes; else a chunk is a scene for each lane, and all of them end with it.
+    # Lanes take further scenes; otherwise a chunk holds one scene for each lane, and ends with the last one.
     refill: bool
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
     reach: bool = False  # whether the reach is requested; the only parameter is the scale then

@@ -25,7 +25,7 @@ class Lanes(NamedTuple):
     """Data that the lanes hold from one chunk to the next."""
 
     lane: LoopState
-    parts: list[Any]  # of `Scene`: what differs between scenes
+    parts: list[Any]  # of `Scene`: leaves that differ between scenes
     held: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
     slopes: Slopes | None = None  # None without sensitivities
     reach: jax.Array | None = None  # of each scene so far; None if not requested
@@ -39,7 +39,7 @@ class Done(NamedTuple):
     integers: dict[str, jax.Array]
     used: jax.Array
     trials: jax.Array  # of each lane
-    useful: jax.Array  # of all lanes, those that moved a scene on
+    useful: jax.Array  # trials of all lanes that advanced a scene
     left: jax.Array  # lanes that still hold a scene
 
 

@@ -17,7 +17,7 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 SORTED = 4096  # scenes; larger batches gain little from sorting, which shortens the end of a batch
-WIDE = 64  # numbers of its own in one leaf, above which a scene (with its record) is not moved between lanes
+WIDE = 64  # own numbers in one leaf, above which a scene (with its record) is not moved between lanes
 
 
 class Numbers(NamedTuple):

@@ -1,1 +1,1 @@
-"""The equations, the automaton and the loop that solves one scene: pure functions of arrays."""
+"""The equations, the automaton and the loop that solves one scene, as pure functions of arrays."""

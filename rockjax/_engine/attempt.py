@@ -23,12 +23,12 @@ from .state import Decision, LoopState, Plan, Scene, Turn
 # Times the resolution of time: the end of the scene and an event this close to it count as simultaneous.
 AT_ONCE = 100
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
-MOST_BENT = 0.8  # of a hop, 8 θ̇ d³θ/dt³ / (3 θ̈²): 1 would be its end
+MOST_BENT = 0.8  # limit of 8 θ̇ d³θ/dt³ / (3 θ̈²) over a hop; above 1 the columns would not return
 GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
 
 
 class Attempt(NamedTuple):
-    """A trial step, and how accurate it is."""
+    """A trial step and its accuracy."""
 
     h: Value
     reaches: Flag  # the stop

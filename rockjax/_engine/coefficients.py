@@ -42,7 +42,7 @@ class Restraint(NamedTuple):
     """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # rate of the elongation over Rp below which forces without a slope are rounded
+    slip: Value  # rate of the elongation over Rp below which infinite slopes of forces are rounded
     well: Value  # θ_w: |θ| at the top of the potential well
     apparent_mass: Value | None  # μ, None where there is no inerter
     restrained_frequency: Value | None  # of rocking against the stiffness of tendons alone, None without any
@@ -103,12 +103,12 @@ def present(value: T | None) -> T:
 
 
 def summed(values: Values) -> Value:
-    """The sum over modes; the number itself where there is only one."""
+    """Return the sum over modes, or the number itself if there is only one."""
     return jnp.sum(values, axis=-1) if jnp.ndim(values) else values
 
 
 def weighted(weights: Values, values: Values) -> Value:
-    """Σ w_i y_i over modes."""
+    """Return Σ w_i y_i over modes."""
     return summed(weights * values)
 
 

@@ -37,7 +37,8 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
-    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground jumps above.
+    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground acceleration
+    # jumps above the threshold.
     # A crossing that coincides with a breakpoint up to rounding belongs to the piece before it.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp

@@ -38,8 +38,8 @@ def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: V
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
     The step is a fraction of the time until the columns stop, or since they started from rest. Steps then
-    approach a moment without motion geometrically and keep the order of the method although the forces have
-    no slope there. This also keeps derivatives accurate, whose error the step-size control does not see.
+    approach a moment without motion geometrically, and keep the order of the method although the slope of
+    forces is infinite there. Derivatives stay accurate too, whose error the step-size control does not see.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     rounded = held.slip / (2 * c.sin_alpha)  # over p

@@ -29,7 +29,7 @@ class Plan:
     impacts: bool
     margin: bool
     errors: bool
-    to_the_end: bool  # a history goes on until t_end, or rest for good
+    to_the_end: bool  # a history goes on until t_end or final rest
     refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
     skip_bounces: bool  # do not follow bounces that certainly end at rest
     pass_samples: bool  # pass samples of a record at which no event occurs without a trial
@@ -67,7 +67,7 @@ class Scene(NamedTuple):
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest: Value  # rest velocity [rad/s]
     lost: Value  # −ln e
-    slowest: Value  # impact, which leaves the rest velocity [rad/s]
+    slowest: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
     estimated: Value | None  # factor on error estimates of lower order than usual; None for none
     pass_below: Value  # error over tolerance up to which samples are passed
     landing: Value  # part of a step within which it lands on an event
@@ -85,7 +85,7 @@ class LoopState(NamedTuple):
     tangents."""
 
     t: Value
-    event_time: Value  # t with its derivative: the moving time of the event or breakpoint that t stands on
+    event_time: Value  # t with its derivative: the varying time of the event or breakpoint at t
     x: Vector
     v: Vector
     sigma: Value  # mode: 0 full contact, ±1 rocking

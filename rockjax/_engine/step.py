@@ -181,7 +181,7 @@ def _advance(
         lands & ~rocking,
     )
 
-    # The state at the end, at the event where there is one; its time moves with the parameters.
+    # The state at the end of the step or at the event, whose time moves with the parameters.
     x, v = once(state_past(scene, state, trial, outcome.after))
     hit, toppled, lifted = once((hit, toppled, lifted))
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches, trial.stop, t + h))

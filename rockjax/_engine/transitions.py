@@ -71,8 +71,16 @@ def contact_mode(c: Coefficients, q: Value) -> Value:
 def after_impact(
     scene: Scene, sigma: Value, theta_dot: Value, q: Value, to_rest: Flag | bool = False
 ) -> tuple[Value, Value]:
-    """Return (θ̇⁺, σ⁺) after an impact, Eq. (27): rocking on the other side; below the rest velocity, or with
-    `to_rest`, full contact or a new uplift."""
+    """Return (θ̇⁺, σ⁺) after an impact, Eq. (27).
+
+    - `scene`: the prepared scene
+    - `sigma`, `theta_dot`: mode and θ̇ before it [rad/s]
+    - `q`: demand in full contact after it [m/s²]
+    - `to_rest`: whether the columns come to rest at any speed
+
+    Columns rock on the other side; below the rest velocity, or with `to_rest`, full contact or a new uplift
+    follows.
+    """
     onward = impact(scene.c, theta_dot)
     moves = (jnp.abs(onward) > scene.rest) & ~jnp.asarray(to_rest)
     return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))

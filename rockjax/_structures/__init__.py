@@ -1,4 +1,4 @@
-"""Structures: the column, the podium, what stands on it, and how it takes an impact."""
+"""Structures: the column, the podium, its superstructure and its laws of restitution."""
 
 from .building import ShearBuilding, superstructure_of
 from .column import STANDARD_GRAVITY, column_of, g_tan_alpha

@@ -75,7 +75,10 @@ class GivenRestitution(Module):
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
-        """Return the given velocity factor e [–]; the arguments of the other laws are ignored."""
+        """Return the given velocity factor e [–].
+
+        - `sin2`, `gamma`, `eta`, `lam`, `mu`: arguments of the other laws, ignored
+        """
         del sin2, gamma, eta, lam, mu
         return self.e
 
