@@ -14,16 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-MOST = 64  # divisions of a bracket
+MOST = 64  # greatest number of divisions of a bracket
 FIRST = 0.02  # of a bracket: half the distance of the first two places beside the root of a straight line
-SAFE = 3.0  # times the error of that root, as the last one tells it
-TRUSTED = 0.03  # where places would be farther from the root, brackets are divided evenly
+SAFE = 3.0  # places beside that root are this many times its last error away
+TRUSTED = 0.03  # brackets whose places would be farther from the root are divided evenly
 
 
 def halved(is_positive: Callable[[Any], Any], positive, negative, count: int, xp: Any = np):
     """Return the ends of brackets after `count` halvings: (positive, negative).
 
     - `is_positive`: places → whether the function is > 0 there
+    - `positive`, `negative`: ends of the brackets at which the function is > 0, and not
+    - `count`: number of halvings
     - `xp`: `numpy`, or `jax.numpy` for a loop in a program
     """
 
@@ -40,9 +42,13 @@ def halved(is_positive: Callable[[Any], Any], positive, negative, count: int, xp
 
 
 def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count: int):
-    """Return the ends of brackets, the root and the slope before it after `count` steps from the middle.
+    """Return the ends of brackets, the root and the last slope after `count` steps from the middle.
 
-    Newton's steps that leave the bracket become halvings. `f` is a function of one place, of JAX.
+    - `f`: JAX function of one place
+    - `positive`, `negative`: ends of the bracket at which f is > 0, and not
+    - `count`: number of steps
+
+    Newton's steps that leave the bracket become halvings.
     """
 
     def step(_, carry):
@@ -59,10 +65,12 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
 
 
 def beside_line(at_a, at_b, even: int, offsets, xp: Any = np):
-    """Return places inside brackets (n,) with values `at_a`, `at_b` of other signs at their ends.
+    """Return places inside brackets, as shares of the bracket from a to b, ascending: (n, even + 2·offsets).
 
-    They are shares of the bracket from a to b, ascending, shape (n, even + 2·offsets): `even` equally spaced
-    ones, for certainty, and others `offsets` before and behind the root of the straight line, for speed.
+    - `at_a`, `at_b`: values at the ends, of different signs, (n,)
+    - `even`: number of equally spaced places, for certainty
+    - `offsets`: distances of further places on both sides of the root of the straight line, for speed
+    - `xp`: `numpy` or `jax.numpy`
     """
     drop = xp.where(at_a == at_b, 1.0, at_a - at_b)
     root = (at_a / drop)[..., None]
@@ -75,7 +83,8 @@ def _evenly(count: int) -> np.ndarray:
 
 
 class Brackets(NamedTuple):
-    """Places `a` with values > 0 and `b` with values ≤ 0, and what else is known at `b`; all (n,)."""
+    """Places `a` with values > 0 and `b` with values ≤ 0, and further outputs `more_at_b` at `b`; all
+    (n,)."""
 
     a: np.ndarray
     b: np.ndarray
@@ -92,12 +101,15 @@ def narrowed(
 ) -> Brackets:
     """Return brackets no wider than the share `close` of their places (host).
 
-    The root of the straight line through the ends is tried on both sides, as close as the last root was
-    right. Where it is not right, as where the function jumps, the bracket is divided evenly.
+    The root of the straight line through the ends is tried on both sides, at a distance that follows from the
+    error of the last root. Where this fails, for example where the function jumps, the bracket is divided
+    evenly.
 
-    - `evaluate`: (brackets (m,), places (m, k)) → values, and what else is wanted of places with values ≤ 0;
-      NaN values count as > 0
-    - `lanes`: so many places at once cost what one does
+    - `brackets`: brackets to narrow
+    - `evaluate`: (brackets (m,), places (m, k)) → values, and further outputs for places with values ≤ 0; NaN
+      values count as > 0
+    - `close`: width to reach, relative to the place
+    - `lanes`: number of places that are evaluated side by side
     """
     a, b, at_a, at_b, more_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST)

@@ -1,1 +1,1 @@
-"""The boundary between survival and overturning, and how all of it is found."""
+"""The boundary between survival and overturning, and the search for it."""

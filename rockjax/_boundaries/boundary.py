@@ -2,14 +2,14 @@
 derivatives.
 
 Survival is not monotone in the amplitude, and under a record windows of overturning may be as narrow as 1e-4
-of the range with nothing beside them that would tell. So scales are looked at from below, as close to each
-other as the narrowest window that must not be missed, up to the first that overturns; that change is narrowed
-down by dividing its bracket. Where all numbers are known the scenes go through the batch path on all cores;
-under `jit` they are rows of one loop.
+of the range, with no sign of them at neighbouring scales. So scales are evaluated from below, as close to
+each other as the narrowest window that must not be missed, up to the first that overturns; that change is
+narrowed down by dividing its bracket. If all numbers are concrete, the scenes go through the batch path on
+all cores; under `jit` they are rows of one loop.
 
 Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the
-boundary. M passes through zero with a slope, so this is well conditioned though the trajectory lingers at the
-saddle.
+boundary. M passes through zero with a nonzero slope, so this is well conditioned even though the trajectory
+lingers at the saddle.
 """
 
 from __future__ import annotations
@@ -49,23 +49,23 @@ from .implicit import implicit_in_program, weights
 from .places import SPACING
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
-BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # a boundary is as sharp as the scenes that find it
-ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin this low: another branch is about to take over
+BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # the accuracy of a boundary is that of its scenes
+ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin below this: another branch is about to take over
 
 
 class Boundary(Module):
-    """Where a ground motion begins to overturn a podium.
+    """Overturning boundary: the least scale at which a ground motion overturns a podium.
 
-    - `scale`: the least factor of the motion that overturns, inf where none in the range does;
-      differentiable, with derivative zero where it is inf [–]
+    - `scale`: the least factor of the motion that overturns, inf if none in the range does; differentiable,
+      with derivative zero where it is inf [–]
     - `found`: whether there is one
-    - `impacts`: before overturning, just past the boundary
+    - `impacts`: number of impacts before overturning, just past the boundary
     - `dip`: the least overturning margin at a surviving scale below the boundary where the margin has a
-      minimum, 1 without any: how far another branch of lower scales is from opening
-    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative holds
-      to one side
+      minimum, 1 without any: the distance to another branch at lower scales
+    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative is
+      one-sided
     - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been
-      found: the `width` asked for times `max_scale`, more where scenes ended without an answer [–]
+      found: the requested `width` times `max_scale`, more if scenes did not finish [–]
     """
 
     scale: Float[Array, "*batch"]
@@ -102,20 +102,23 @@ def overturning_acceleration(
     width: float = NARROWEST,
     resolution: int = 128,
 ) -> Value:
-    """The least pulse acceleration a_p that overturns a podium [m/s²], inf where none up to the limit does.
+    """Return the least pulse acceleration a_p that overturns a podium [m/s²], inf if none up to the limit
+    does.
 
     Works under `jit`, `vmap`, `grad`, `jacfwd` with respect to every number of `podium` and to `T_p`; the
     derivative is exact on its branch, and zero where the result is inf. [`rockjax.overturning_boundary`][]
-    says more about the result.
+    returns more details.
 
+    - `podium`: podium of single numbers
     - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
-      a_p. A function may also make a [`rockjax.GroundMotion`][], of which a_p need not change the vertical
-      motion; its numbers then are constants
+      a_p. A function may also return a [`rockjax.GroundMotion`][], whose vertical motion need not depend on
+      a_p; its numbers then are constants
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
+    - `options`: of the scenes; `options.overturn_ratio` defines overturning
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
 
-    Raises `ValueError` for inputs that make no sense, where they are concrete.
+    Raises `ValueError` for invalid inputs, if they are concrete.
     """
     owner = "overturning_acceleration"
     check_types(owner, podium, options)
@@ -124,7 +127,7 @@ def overturning_acceleration(
     limit = _amplitude(_values(podium), as_float(max_acceleration_ratio))
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
-    if isinstance(motion, GroundMotion):  # which need not be in proportion to a_p
+    if isinstance(motion, GroundMotion):  # need not be proportional to a_p
         motion = OfAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
@@ -140,8 +143,13 @@ def overturning_scale(
     width: float = NARROWEST,
     resolution: int = 128,
 ) -> Value:
-    """The least factor of a ground motion that overturns a podium [–]: `scale` of
-    [`rockjax.overturning_boundary`][]."""
+    """Return the least factor of a ground motion that overturns a podium [–], inf if none does.
+
+    - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
+      [`rockjax.overturning_boundary`][], whose `scale` this is
+
+    Raises `ValueError` for invalid inputs, if they are concrete.
+    """
     return overturning_boundary(
         podium, excitation, max_scale=max_scale, options=options, width=width, resolution=resolution
     ).scale
@@ -156,19 +164,24 @@ def overturning_boundary(
     width: float = NARROWEST,
     resolution: int = 128,
 ) -> Boundary:
-    """The least factor in (0, max_scale] by which a ground motion overturns a podium, with what is around it.
+    """Return the least factor in (0, max_scale] by which a ground motion overturns a podium, with its
+    details.
 
     Works under `jit` and `vmap`; `scale` has derivatives with respect to every number of `podium` and
-    `excitation`. `options.overturn_ratio` decides what overturned means; above 1 there is no margin, the dips
-    are those of the peak rotation, and the derivative is that of the time of overturning.
+    `excitation`. `options.overturn_ratio` defines overturning; above 1 there is no margin, the dips are those
+    of the peak rotation, and the derivative is that of the time of overturning.
 
+    - `podium`: podium of single numbers
+    - `excitation`: ground motion that can be scaled
+    - `max_scale`: end of the search, > 0 [–]
+    - `options`: of the scenes; they determine the accuracy of the boundary
     - `width`: every interval of overturning scales below the boundary that is wider than this share of
-      `max_scale` is found, in (0, 0.1]. From the first that lifts the columns up to the boundary, scales
-      are looked at as closely as their derivatives say, under `jit` as closely as `width`: a `max_scale` far
-      above the boundary costs little, a range in which nothing overturns up to 1/`width` scenes
-    - `resolution`: at least so many scales in the range, however wide `width` is
+      `max_scale` is found, in (0, 0.1]. From the first scale that lifts the columns up to the boundary, the
+      spacing of the scales follows from their derivatives, under `jit` it is `width`: a `max_scale` far above
+      the boundary costs little, a range in which nothing overturns up to 1/`width` scenes
+    - `resolution`: least number of scales in the range, regardless of `width`
 
-    Raises `ValueError` for inputs that make no sense, where they are concrete.
+    Raises `ValueError` for invalid inputs, if they are concrete.
     """
     owner = "overturning_boundary"
     check_types(owner, podium, options)
@@ -182,13 +195,13 @@ def overturning_boundary(
             f"{owner}: podium, excitation and its end must be single ones; for several use jax.vmap, or "
             f"rockjax.overturning_spectrum for all frequencies of a pulse"
         )
-    excitation.scaled(1.0)  # raises for a motion that cannot be
+    excitation.scaled(1.0)  # raises for a motion that cannot be scaled
     spacing = as_float(array_module(width).minimum(width, 1 / resolution))
     return _boundary(podium, excitation, as_float(max_scale), options, spacing, has_margin(options, podium))
 
 
 def check_search(owner: str, width, resolution) -> None:
-    """Raise `ValueError`, in the name of `owner`, for a search that cannot be."""
+    """Raise `ValueError`, in the name of `owner`, for an invalid width or resolution."""
     require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
     if jnp.ndim(width):
         raise ValueError(f"{owner}: width must be a single number, got shape {jnp.shape(width)}")
@@ -234,13 +247,14 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
 
 
 def _values(tree):
-    """Numbers that are known, without derivatives: of JAX every operation on its own is a program to
-    compile."""
+    """Return concrete numbers without derivatives; outside jit, every jnp operation would compile
+    separately."""
     return jax.tree.map(value_of, tree) if all(map(known, jax.tree.leaves(tree))) else tree
 
 
 def _searched(structure, margin: bool) -> Callable[..., First]:
-    """The search as a function of all numbers; on the host where they are known, single or mapped over."""
+    """Return the search as a function of all numbers; it runs on the host if they are concrete, single or
+    batched."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
@@ -248,7 +262,7 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # How the search is made is the same for all.
+        # The settings of the search are common to all.
         common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if common and not _traced(leaves):
             rows = [
@@ -264,7 +278,7 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
         if _traced(leaves):
             return program(*leaves)
         first = _on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
-        # Of NumPy: under a transformation JAX would trace them though they are known.
+        # NumPy, because under a transformation JAX would trace even concrete numbers.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
@@ -275,8 +289,8 @@ def _traced(leaves) -> bool:
 
 
 def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> First:
-    """The first boundaries of `count` searches side by side; `rows` hold a number once for all, or for each
-    search."""
+    """Return the first boundaries of `count` searches side by side; `rows` hold a number once for all, or
+    once for each search."""
     podium, excitation, limit, how = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
@@ -295,7 +309,7 @@ def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> Fir
 
 
 def _picked(excitation, line: np.ndarray, of_each) -> Any:
-    """The motions of scenes of these searches; the samples of many records stay in one table."""
+    """Return the motions of scenes of these searches; the samples of many records stay in one table."""
     if isinstance(excitation, GroundMotion):
         both = (_picked(y, line, of_each) for y in (excitation.horizontal, excitation.vertical))
         return GroundMotion(*both)

@@ -1,5 +1,5 @@
-"""All changes between survival and overturning along lines of scenes, by scanning them and narrowing every
-change down."""
+"""All changes between survival and overturning along lines of scenes, by scanning the lines and narrowing
+every change down."""
 
 from __future__ import annotations
 
@@ -24,29 +24,30 @@ from .first import CLOSE
 from .places import Known, Look, around_dips, certain, dip, gaps, spacing_for
 from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
 
-# A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers alike.
+# A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-DOUBTFUL = 0.1  # of 1, to be on the safe side
-REFINEMENT_ROUNDS = 8  # closer looks where the margin is not resolved …
-PARTS = 4  # … each dividing an interval into so many …
+DOUBTFUL = 0.1  # curvature indicator above which an interval is refined; 1 is the limit in theory
+REFINEMENT_ROUNDS = 8  # rounds of refinement where the margin is not resolved …
+PARTS = 4  # … each dividing an interval into this many parts …
 FINEST = 1e-6  # … down to this part of the line
 
-CLOSER = 256  # steps beside the lowest dips are divided into so many …
-CLOSER_FOR_WINDOWS = 16  # … where only windows are looked for
-NOISE = 0.1  # of the tolerance: a bracket as narrow, as a share of the scale, tells no more
+CLOSER = 256  # steps beside the lowest dips are divided into this many parts …
+CLOSER_FOR_WINDOWS = 16  # … or into this many, if only windows are searched for
+NOISE = 0.1  # share of the tolerance; a bracket narrower than this, relative to the scale, is noise
 
 
 class Crossings(NamedTuple):
     """Changes between survival and overturning, in the order of x, then y."""
 
-    line: np.ndarray  # which of the lines x = const
+    line: np.ndarray  # index of the line x = const
     y: np.ndarray
-    overturns: np.ndarray  # going up in y: True survive → overturn, False the way back
+    overturns: np.ndarray  # with increasing y: True for survive → overturn, False for overturn → survive
     impacts: np.ndarray  # before overturning, on the overturned side
 
     def table(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """y and impacts of each line in a row, shape (lines, most of a line), filled up with NaN and −1."""
+        """Return y and impacts with a row for each line, shape (lines, most of a line), padded with NaN and
+        −1."""
         counts = np.bincount(self.line, minlength=lines)
         order = np.arange(self.line.size) - np.searchsorted(self.line, self.line)
         shape = (lines, max(1, int(counts.max())))
@@ -58,7 +59,10 @@ class Crossings(NamedTuple):
 def scanned_soon(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
 ) -> None:
-    """Load or compile, while something else goes on, the program of the scenes of a `scan`."""
+    """Load or compile the program of the scenes of a `scan` in the background.
+
+    - `plane`, `x`, `y_range`, `options`, `width`: as for `scan`
+    """
     x = np.asarray(x, float)
 
     def look() -> None:
@@ -69,11 +73,12 @@ def scanned_soon(
 
 
 class Scan(NamedTuple):
+    """Result of a scan."""
     crossings: Crossings
-    survives_at_once: np.ndarray  # at the lower end of each line
-    # Least dip of the margin among the survivors below the first crossing of each line, at most 1.
+    survives_at_once: np.ndarray  # whether the lower end of each line survives
+    # Least dip of the margin among the survivors below the first crossing of each line, ≤ 1.
     dip: np.ndarray
-    certain: np.ndarray  # of each line: below its first crossing no wider interval overturns
+    certain: np.ndarray  # below the first crossing of each line no wider interval overturns
     scenes: int
 
 
@@ -88,14 +93,24 @@ def scan(
     width: float | None = NARROWEST,
     dips: bool = True,
 ) -> Scan:
-    """Changes along the lines x = const, y from one end of `y_range` to the other.
+    """Find the changes between survival and overturning along lines x = const.
 
-    Each line is looked at in `resolution` + 1 places first. `"everywhere"` looks closer where the margin
-    bends so much between neighbours that it may cross zero unseen. Below the first change, places are then so
-    close that no interval wider than `width` times the range is missed (a motion must be proportional to y
-    there); None leaves that out. All changes found, or the `"first"` of each line only, are narrowed down to
-    a relative width of 1e-12. With `dips` the lowest dips of the margin are followed down, else only those in
-    which an interval may open: `Scan.dip` is rough then.
+    - `plane`: (x, y) → podium and excitation
+    - `x`: of the lines, (lines,)
+    - `y_range`: ends of the lines
+    - `resolution`: number of intervals in which each line is evaluated first
+    - `options`: of the scenes at full accuracy; scenes that only scan are less accurate
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `look_closer`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
+      unseen; `"below"` only searches below the first change; `"first"` also narrows down only the first
+      change of each line
+    - `width`: below the first change no interval wider than this share of the range is missed; the motion
+      must be proportional to y there. None omits this search
+    - `dips`: follow the lowest dips of the margin down; otherwise only those in which an interval may open,
+      and `Scan.dip` is approximate
+
+    Changes are narrowed down to a relative width of 1e-12. Raises `RuntimeError` if no scene of a line
+    finishes.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -151,8 +166,17 @@ def scan(
 def margins(
     plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False, reaches: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Overturning margins (or what stands for them, see `signed_margin`), NaN without an answer, and impacts
-    of scenes (x, y), on all cores; where wanted also how far y may change, else 0."""
+    """Return overturning margins (see `signed_margin`), impacts and reaches of scenes (x, y), solved on all
+    cores.
+
+    - `plane`: (x, y) → podium and excitation
+    - `x`, `y`: of the scenes, (n,)
+    - `options`: of the scenes
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `reaches`: also compute the distance in y over which each motion continues unchanged; otherwise 0
+
+    The margin is NaN, and the reach 0, where a scene does not finish.
+    """
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int), np.zeros(0)
     podiums, motions = plane(x, y)
@@ -167,13 +191,13 @@ def margins(
     value = signed_margin(floats, overturned, float(options.overturn_ratio), margin, np)
     failed = codes > results.OVERTURNED
     value, reach = np.where(failed, np.nan, value), np.where(failed, 0.0, np.nan_to_num(reach, posinf=np.inf))
-    # Copies: what is solved again more sharply is put in their place.
+    # Copies, because scenes that are solved again at full accuracy overwrite them.
     value, impacts, reach = (np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, reach))
     return value, impacts, reach
 
 
 def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
-    """Whether there is a margin and y does nothing but scale the motion: only then reaches tell about y."""
+    """Return whether there is a margin and y only scales the motion; only then are reaches valid for y."""
     one, other = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
     if not has_margin(options, one[0]):
         return False
@@ -181,23 +205,23 @@ def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) ->
     leaves, forms = zip(*map(jax.tree.flatten, same), strict=True)
     if forms[0] != forms[1]:
         return False
-    # Under a transformation JAX traces what a motion makes anew of known numbers: counts, which stay.
+    # Under a transformation JAX traces the counts that a motion derives from concrete numbers; they do not change.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """How far the margin may bend away between neighbours, over what is between it and zero: (n−1,) for n
+    """Return how far the margin may bend between neighbours, relative to its distance from zero: (n−1,) for n
     places.
 
     Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more
-    than once), as far as second differences tell. `together` says which neighbours belong to one line.
+    than once), as far as second differences tell. `together` marks neighbours that belong to one line.
     """
     h = np.where(together, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
     slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = together[1:] & together[:-1]
-    # The ends of a line have no neighbour on one side, nothing is known of the curvature across them.
+    # The ends of a line have no neighbour on one side, so the curvature across them is unknown.
     # Half the second derivative.
     bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
@@ -208,8 +232,7 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray)
 
 
 def _refined(known: Known, look: Look, finest: float) -> Known:
-    """And places inside every interval between neighbours in which the margin may do what they do not
-    show."""
+    """Add places inside every interval between neighbours in which the margin may cross zero unseen."""
     part = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = known.line, known.y, np.nan_to_num(known.margin, nan=1.0)

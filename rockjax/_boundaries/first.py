@@ -1,11 +1,10 @@
 """The first boundary of one scene, inside a compiled program: rows of scales from below until one of them
 overturns.
 
-1. A coarse row over the whole range tells below which scale the columns never lift.
-2. From there rows at the wanted spacing go up to the first scale that overturns.
-3. A row at the full accuracy confirms the change; where it does not, the search goes on upwards.
-4. The lowest dips of the margin that were passed are looked at closer: windows below the spacing may open
-   there.
+1. A coarse row over the whole range shows below which scale the columns never lift.
+2. From there rows at the requested spacing go up to the first scale that overturns.
+3. A row at the full accuracy confirms the change; if it does not, the search continues upwards.
+4. The lowest dips of the margin below are refined, because windows narrower than the spacing may open there.
 5. The lowest change is narrowed down by dividing its bracket.
 """
 
@@ -23,10 +22,10 @@ from jax import Array
 from rockjax._roots import beside_line
 
 WIDTH = 32  # scenes side by side
-DIPS = WIDTH // 2  # the lowest dips that are looked at closer, on both sides …
-ZOOMS = 7  # … so many times, each to half of their width
+DIPS = WIDTH // 2  # number of the lowest dips that are refined, on both sides …
+ZOOMS = 7  # … this many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
-NARROW = 12  # … or this many divisions of it, whatever comes first
+NARROW = 12  # … or this many divisions of it, whichever comes first
 NEAR = np.logspace(-9, -1, WIDTH // 4)  # of a bracket: places beside the root of the straight line
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROWING = range(5)
@@ -40,17 +39,17 @@ class First(NamedTuple):
 
     scale: Any  # inf where nothing overturns
     dip: Any  # the least dip of the margin below it, 1 without any
-    certain: Any  # every interval wider than this that overturns below the boundary would have been found
+    certain: Any  # below the boundary, every overturning interval wider than this has been found
     impacts: Any
 
 
 class _State(NamedTuple):
     stage: Array
     rounds: Array  # rows in this stage
-    start: Array  # looked at up to here
+    start: Array  # end of the scanned part
     lo: Array  # the last scale that survives …
     above: Array  # … its margin
-    hi: Array  # the first that overturns, inf as long as none does …
+    hi: Array  # the first that overturns, inf until one does …
     below: Array
     impacts: Array
     gap: Array  # the widest step between neighbours that survive
@@ -61,7 +60,7 @@ class _State(NamedTuple):
 
 
 def first_boundary(row: Row, limit: Array, spacing: Array) -> First:
-    """The least scale in (0, limit] that overturns, looked for at places `spacing` apart."""
+    """Return the least scale in (0, limit] that overturns, searched at places `spacing` apart."""
     zero, one = jnp.zeros_like(limit), jnp.ones_like(limit)
     none = jnp.zeros((), jnp.int32)
     never = jnp.full_like(limit, jnp.inf)
@@ -70,7 +69,7 @@ def first_boundary(row: Row, limit: Array, spacing: Array) -> First:
 
     def look(state: _State) -> _State:
         scales = jax.lax.switch(state.stage, [functools.partial(ask, state, limit, spacing) for ask in _ASK])
-        # Searches side by side wait for each other: those that have ended ask for nothing.
+        # Searches side by side wait for each other; those that have ended solve nothing.
         scales = jnp.where(_goes_on(state, limit), scales, 0.0)
         margin, impacts = row(scales, state.stage >= CONFIRM)
 
@@ -103,7 +102,8 @@ def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 
 def _coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
-    """Columns at rest feel the motion in proportion: below a scale that does not lift them none does."""
+    """Skip the scales that do not lift the columns: columns at rest respond in proportion, so no lower scale
+    does."""
     still = jnp.max(jnp.where(margin == 1, scales, 0.0))
     stage = jnp.where(still >= limit, ZOOM, SCAN)
     return state._replace(stage=stage, start=still, lo=still, before=still)
@@ -132,8 +132,8 @@ def _scanned(state: _State, scales: Array, margin: Array, impacts: Array, limit:
         jnp.where(inner[:, None], three(margin), 1.0),
     )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # Where straight lines on either side, prolonged, would meet the lowest; of a dip that was there before,
-    # once.
+    # Choose the dips where extended straight lines from both sides would meet lowest; count a dip that was
+    # there before only once.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(
@@ -153,7 +153,7 @@ def _scanned(state: _State, scales: Array, margin: Array, impacts: Array, limit:
 
 
 def _bracket_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    """From the survivor before the last one to a step beyond the first that overturns."""
+    """Return scales from the survivor before the last one to a step beyond the first that overturns."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
     return state.before + (end - state.before) * _steps(limit) / WIDTH
 
@@ -162,7 +162,7 @@ def _confirmed(state: _State, scales: Array, margin: Array, impacts: Array, limi
     found, _ = _first(margin)
     doubted = state._replace(lo=state.before, above=state.margin_before, hi=jnp.full_like(state.hi, jnp.inf))
     narrower = _narrowed(doubted, scales, margin, impacts, limit)
-    # Nothing overturns here: the scan was wrong by its tolerance, and goes on behind.
+    # Nothing overturns here: the scan was wrong within its tolerance, and continues above.
     again = jnp.where(scales[-1] >= limit, ZOOM, SCAN)
     on = narrower._replace(start=scales[-1], before=narrower.lo, margin_before=narrower.above)
     return jax.tree.map(
@@ -178,7 +178,7 @@ def _dip_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 def _zoomed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
     inside, margins = scales.reshape(DIPS, -1), margin.reshape(DIPS, -1)
-    # A window narrower than the spacing may have come to light.
+    # A window narrower than the spacing may have been found.
     over = (margin <= 0) & (scales < state.hi)
     opened, at = jnp.any(over), jnp.argmin(jnp.where(over, scales, jnp.inf))
     hi = jnp.where(opened, scales[at], state.hi)
@@ -214,7 +214,7 @@ def _divided(state: _State, limit: Array, spacing: Array) -> Array:
 
 
 def _narrowed(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
-    """A closer bracket, from ascending scales inside the present one."""
+    """Return a narrower bracket, from ascending scales inside the present one."""
     found, first = _first(margin)
     index = jnp.arange(scales.size)
     survives = (margin > 0) & (index < first)
@@ -235,13 +235,13 @@ _TELL = (_coarse, _scanned, _confirmed, _zoomed, _narrowed)
 
 
 def _first(margin: Array) -> tuple[Array, Array]:
-    """Whether one of them overturns, and which is the first; their number where none does."""
+    """Return whether any place overturns, and the index of the first; the number of places if none does."""
     over = margin <= 0
     return jnp.any(over), jnp.where(jnp.any(over), jnp.argmax(over), margin.size)
 
 
 def _widest(scales: Array, known: Array) -> Array:
-    """The widest step between neighbours that are known, of ascending scales."""
+    """Return the widest step between neighbours that are known, of ascending scales."""
     last = jax.lax.cummax(jnp.where(known, scales, -jnp.inf))
     steps = jnp.where(known[1:] & jnp.isfinite(last[:-1]), scales[1:] - last[:-1], 0.0)
     return jnp.max(steps)

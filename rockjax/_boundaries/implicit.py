@@ -1,4 +1,4 @@
-"""How a boundary moves with the numbers of podium and motion, by the implicit function theorem.
+"""Derivatives of a boundary with respect to numbers of podium and motion, by the implicit function theorem.
 
 A residual M of a scene, the overturning margin, vanishes on the boundary a*. So da* = −dM/(∂M/∂a).
 """
@@ -35,15 +35,22 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, marg
 
 
 def _moved(slope, change, unknown: float):
-    """Return −`change`/`slope` of residuals, `unknown` where derivatives do not tell."""
+    """Return −`change`/`slope` of residuals, `unknown` where the slope is zero or not finite."""
     numpy = array_module(slope)
     usable = numpy.isfinite(slope) & (slope != 0)
     return jnp.where(usable, -change / numpy.where(usable, slope, 1.0), unknown)
 
 
 def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
-    """Return the change of the boundary `scale` with the numbers that are `live`, along their tangents
-    `moving`; zero where there is no boundary."""
+    """Return the change of a boundary along tangents of its numbers; zero where there is no boundary.
+
+    - `leaves`: all numbers of the search, as flattened from `structure`
+    - `moving`: tangents of the numbers that vary
+    - `scale`: the boundary, inf where there is none
+    - `structure`: pytree structure of (podium, excitation, limit, (options, width))
+    - `live`: for each leaf, whether it varies
+    - `margin`: whether the convention of overturning has a margin
+    """
     numpy = array_module(leaves, scale)
     found = numpy.isfinite(scale)
     places = [k for k, moves in enumerate(live) if moves]
@@ -58,7 +65,7 @@ def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: b
         return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in places)
-    # Apart from each other: reverse mode turns around what is linear in `moving`.
+    # Separate calls, because reverse mode transposes the part that is linear in `moving`.
     _, along = jax.linearize(residual, past, *point)
     slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = along(numpy.zeros_like(past), *moving)
@@ -67,7 +74,13 @@ def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: b
 
 @KeptProgram
 def weights(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
-    """How the boundary moves with each of some numbers of podium and motion."""
+    """Return the derivative of the boundary by each of some numbers of podium and motion, (numbers,).
+
+    - `arguments`: (podium, excitation, limit, (options, width))
+    - `scale`: the boundary, inf where there is none
+    - `numbers`: indices of the leaves of `arguments` to differentiate by
+    - `margin`: whether the convention of overturning has a margin
+    """
     leaves, structure = jax.tree.flatten(arguments)
     live = tuple(k in numbers for k in range(len(leaves)))
     along_unit = lambda unit: implicit(leaves, list(unit), scale, structure, live, margin)
@@ -89,9 +102,14 @@ def log_sensitivities(
 ) -> Float[np.ndarray, "names n"]:
     """Return d ln a/d ln y at boundaries `a`, for the parameters y with these names (host).
 
-    - `a`: pulse accelerations [m/s²] or factors on records [–], NaN where there is no boundary; so are the
-      derivatives there
-    - `rows`: of each boundary the period `T_p` of the `pulse` [s], or `which` of the `records`, (n,)
+    - `podium`: podium of single numbers
+    - `a`: pulse accelerations [m/s²] or factors on records [–], NaN where there is no boundary; the
+      derivatives are NaN there, too
+    - `rows`: for each boundary the period `T_p` of the `pulse` [s], or `which` of the `records`, (n,)
+    - `names`: parameters of the podium, or `"T_p"`
+    - `options`: of the scenes
+    - `pulse`: function (a_p, T_p) → excitation, or None for records
+    - `records`: table of records, without a pulse
     """
     result = np.full((len(names), a.size), np.nan)
     at = np.flatnonzero(np.isfinite(a))

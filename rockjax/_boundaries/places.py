@@ -1,14 +1,13 @@
-"""Places along lines of scenes: how close together they have to be, and how their changes are narrowed down.
+"""Places along lines of scenes: their spacing, and the refinement of changes between them.
 
-Two neighbours that both survive may be a share `TRUST` of their reaches apart (how far the motion of each
-goes on as it is, see `rockjax._batch.reach`): a window between them would have to open and close against the
-derivatives of all turning points of both. Some windows are a few widths wide and have nothing beside them
-that tells, so neighbours are at most `FARTHEST` spacings apart. Where reaches are short, and where nothing is
-known of them, places are as close as the width that is asked for. It is an estimate, not a proof;
+Two neighbours that both survive may be a share `TRUST` of their reaches apart (the distance over which the
+motion of each continues unchanged, see `rockjax._batch.reach`): a window between them would have to open and
+close against the derivatives of all turning points of both. Some windows are a few widths wide and
+neighbouring scenes show no sign of them, so neighbours are at most `FARTHEST` spacings apart. Where reaches
+are short or unknown, places are as close as the requested width. This is an estimate, not a proof;
 `benchmarks/boundaries.py` tries every scale.
 
-Places are whole numbers of spacings, so that steps divided again and again end at one spacing each, not at
-parts of it.
+Places are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 """
 
 from __future__ import annotations
@@ -22,14 +21,14 @@ import numpy as np
 
 from .first import DIPS
 
-SPACING = 0.95  # of the width asked for: a tolerance may move the ends of a window
+SPACING = 0.95  # of the requested width, because the tolerance may move the ends of a window
 TRUST = 0.25  # of the reaches of two neighbours
-FARTHEST = 6  # spacings that neighbours are apart at most
-PARTS = 16  # of an interval at once
-ROUND = 2048  # scenes of all lines that go up side by side …
-LEAST = 64  # … of one line at least
-GRAZING = 1e-3  # a margin as low as this is worked out at the full accuracy
-LEAST_PARTS = 4  # of an interval beside a dip; more where lanes would be idle
+FARTHEST = 6  # greatest distance of neighbours, in spacings
+PARTS = 16  # parts into which an interval is divided at once
+ROUND = 2048  # scenes of a round, of all lines side by side …
+LEAST = 64  # … but at least this many of one line
+GRAZING = 1e-3  # margins below this are computed at full accuracy
+LEAST_PARTS = 4  # parts of an interval beside a dip; more if lanes would be idle
 
 
 class Known(NamedTuple):
@@ -37,10 +36,10 @@ class Known(NamedTuple):
 
     line: np.ndarray
     y: np.ndarray
-    margin: np.ndarray  # NaN where a scene has ended without an answer
+    margin: np.ndarray  # NaN where a scene did not finish
     impacts: np.ndarray
-    reach: np.ndarray  # how far y may change as far as the scene tells, 0 where it tells nothing
-    sharp: np.ndarray  # at the full accuracy
+    reach: np.ndarray  # distance in y over which the motion continues unchanged, 0 if unknown
+    sharp: np.ndarray  # whether solved at full accuracy
 
     def and_also(self, more: Known) -> Known:
         both = [np.concatenate(pair) for pair in zip(self, more, strict=True)]
@@ -51,15 +50,17 @@ class Known(NamedTuple):
         return Known(*(y[~np.isnan(self.margin)] for y in self))
 
     def changes(self, first_only: bool = False) -> np.ndarray:
-        """Where the next one of the same line has another verdict."""
+        """Return the places whose next place on the same line has the other outcome."""
         over = self.margin <= 0
         at = np.flatnonzero((over[:-1] != over[1:]) & (self.line[:-1] == self.line[1:]))
         return at[np.unique(self.line[at], return_index=True)[1]] if first_only else at
 
     def below(self) -> list[slice]:
-        """Of every line: from the last place where the columns never lift up to the first that overturns.
+        """Return for each line the slice from the last place at which the columns never lift to the first
+        that overturns.
 
-        Columns at rest feel the motion in proportion: below a scale that does not lift them none does.
+        Columns at rest respond in proportion to the motion, so nothing lifts them below a scale that does
+        not.
         """
         parts = []
         for start, end in itertools.pairwise([0, *(np.flatnonzero(np.diff(self.line)) + 1), self.line.size]):
@@ -71,21 +72,28 @@ class Known(NamedTuple):
         return parts
 
 
-# (line, y, at the full accuracy?) → what is known there
+# (line, y, at the full accuracy?) → scenes solved there
 Look = Callable[[np.ndarray, np.ndarray, bool], Known]
 
 
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
-    """From one place to the next, so that no window of a share `width` of a range of that size lies between:
-    a whole part of its `resolution` steps. inf without a width."""
+    """Return the distance of places such that no window of a share `width` of a range of length `size` lies
+    between two of them: a whole fraction of its `resolution` steps. inf without a width."""
     if width is None:
         return np.inf
     return size / resolution / math.ceil(1 / (resolution * SPACING * width))
 
 
 def certain(known: Known, look: Look, spacing: float, first_only: bool) -> Known:
-    """Until below the first change of each line no window of two spacings' width can be unseen, and the
-    changes stand at the full accuracy."""
+    """Add places until no window wider than two spacings below the first change of a line can be unseen.
+
+    - `known`: scenes solved so far
+    - `look`: (line, y, at full accuracy) → solved scenes
+    - `spacing`: from `spacing_for`; inf to skip the search for windows
+    - `first_only`: confirm only the first change of each line
+
+    Returns all scenes; those at changes and at low dips are solved at full accuracy.
+    """
     while True:
         line, y = _missing(known, spacing)
         if line.size:
@@ -101,12 +109,12 @@ def certain(known: Known, look: Look, spacing: float, first_only: bool) -> Known
 
 
 def gaps(known: Known, spacing: float, top: float) -> np.ndarray:
-    """The widest interval below the first change of each line that may overturn unseen."""
+    """Return the widest interval below the first change of each line that may overturn unseen."""
     widest = []
     for part in known.below():
         y, answered = known.y[part], ~np.isnan(known.margin[part])
         seen = np.diff(y) <= _allowed(known, part, spacing) * (1 + 1e-9)
-        # What a step may hide: little where its ends say so, else anything up to its length.
+        # A step may hide a window up to its length, a small one if the reaches of its ends cover it.
         hides = np.where(seen, np.minimum(np.diff(y), spacing), np.diff(y))
         at = np.flatnonzero(answered)
         through = np.flatnonzero(np.diff(at) > 1)
@@ -118,13 +126,13 @@ def gaps(known: Known, spacing: float, top: float) -> np.ndarray:
 
 
 def _allowed(known: Known, part: slice, spacing: float) -> np.ndarray:
-    """How long each step between neighbours may be: whole spacings."""
+    """Return the allowed length of each step between neighbours, in whole spacings."""
     reach = np.where(known.margin[part] > 0, known.reach[part], 0.0)
     return spacing * np.clip(np.floor(TRUST * (reach[1:] + reach[:-1]) / spacing), 1, FARTHEST)
 
 
 def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """The next places of each line that have to be solved, from below: (line, y)."""
+    """Return the next places of each line that have to be solved, from below: (line, y)."""
     lines, places = [np.zeros(0, int)], [np.zeros(0)]
     wide = []
     for part in known.below() if np.isfinite(spacing) else ():
@@ -137,7 +145,7 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     share = max(LEAST, ROUND // max(1, len(wide)))
     for part, at, parts in wide:
         y = known.y[part]
-        # From below, for the first change may come to lie lower.
+        # From below, because a lower first change may be found.
         at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
         between = [
             np.linspace(y[k], y[k + 1], n + 1)[1:-1] for k, n in zip(at, parts[: at.size], strict=True)
@@ -148,7 +156,7 @@ def _missing(known: Known, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _unsure(known: Known, first_only: bool) -> np.ndarray:
-    """What a change or a low dip rests on, and is known at the looser accuracy only."""
+    """Return the places that determine a change or a low dip, but are solved at the looser accuracy only."""
     changes = known.changes(first_only)
     at = np.union1d(changes, changes + 1)
     low = [part.start + np.flatnonzero(known.margin[part] < GRAZING) for part in known.below()]
@@ -157,7 +165,7 @@ def _unsure(known: Known, first_only: bool) -> np.ndarray:
 
 
 def lowest(known: Known) -> np.ndarray:
-    """The middles of the dips among the survivors below the first change of each line."""
+    """Return the middles of the dips among the survivors below the first change of each line."""
     here, margin = np.zeros(0, int), known.margin
     for part in known.below():
         k = np.arange(part.start + 1, part.stop - 1)
@@ -167,13 +175,15 @@ def lowest(known: Known) -> np.ndarray:
 
 
 def around_dips(known: Known, lanes: int, may_open: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
-    """Places on both sides of the dips of each line that may be the lowest, or only of those in which a
-    window may open: lines, places, and into how many parts they divide the steps there.
+    """Return places on both sides of the dips of each line that may be the lowest.
 
-    `lanes`: so many scenes at once cost what one does.
+    - `lanes`: number of scenes that the batch solves side by side
+    - `may_open`: only of dips in which a window may open
+
+    Returns lines, places, and the number of parts into which they divide the steps there.
     """
     here, margin = lowest(known), known.margin
-    # Straight lines on either side, prolonged, would meet there.
+    # Extended straight lines from both sides would meet there.
     depth = 2 * margin[here] - 0.5 * (margin[here - 1] + margin[here + 1])
     may_be = depth < (0.0 if may_open else dip(known)[known.line[here]])
     here, depth = here[may_be], depth[may_be]
@@ -188,7 +198,7 @@ def around_dips(known: Known, lanes: int, may_open: bool = False) -> tuple[np.nd
 
 
 def dip(known: Known) -> np.ndarray:
-    """The least margin in a dip of each line, 1 without any."""
+    """Return the least margin in a dip of each line, 1 without any."""
     here = lowest(known)
     least = np.ones(known.line[-1] + 1)
     np.minimum.at(least, known.line[here], known.margin[here])

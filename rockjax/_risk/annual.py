@@ -21,18 +21,18 @@ from .hazard import Hazard
 if TYPE_CHECKING:
     import xarray
 
-OUTSIDE = 0.05  # of the answer from beyond the given points: more than that is said
+OUTSIDE = 0.05  # least share of the frequency from beyond the given points that `repr` reports
 
 
 @dataclasses.dataclass(frozen=True)
 class AnnualFrequency:
-    """How often a limit state is reached.
+    """Mean annual frequency of reaching a limit state.
 
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
     - `extrapolated`: the share of it that comes from intensities outside the points of the hazard curve or,
       for counted stripes, above the highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y for y = `median` and every number of the structure of which the
-      fragility knows how it moves the curve; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
+    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every number of the structure whose effect on
+      the curve the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
     """
 
     frequency: Float[Array, ""]
@@ -45,7 +45,8 @@ class AnnualFrequency:
         return jnp.where(self.frequency > 0, 1 / jnp.where(self.frequency > 0, self.frequency, 1.0), jnp.inf)
 
     def probability(self, years) -> Float[Array, "*n"]:
-        """P = 1 − exp(−λ_f t), that it happens within t years, for occurrences of a Poisson process [–]."""
+        """Return P = 1 − exp(−λ_f t), the probability of at least one occurrence in t years of a Poisson
+        process [–]."""
         require("AnnualFrequency.probability", "years", years, lambda v: v >= 0, "finite and >= 0")
         return -jnp.expm1(-self.frequency * jnp.asarray(years, float))
 
@@ -64,20 +65,20 @@ jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", 
 
 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
-    """The mean annual frequency with which a structure overturns, or reaches whatever the limit state of its
-    fragility is.
+    """Return the mean annual frequency with which a structure overturns, or reaches the limit state of its
+    fragility.
 
     - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], or
       of [`rockjax.read_fragility_model`][] with its limits; or one of
-      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are then taken as
-      they are, linear between the levels: windows of survival count
-    - `hazard`: of the same intensity measure, in the same units
+      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are used
+      directly, linear between the levels, so that windows of survival count
+    - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
-    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` it
-    works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
+    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` the
+    function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
-    Raises `ValueError` for a measure or unit that is not the hazard's, for a dispersion or median that is not
-    > 0, and for counted shares that do not begin with a level at which all records survive.
+    Raises `ValueError` if measure or units differ from those of the hazard, if dispersion or median is not >
+    0, and if counted shares do not begin with a level at which all records survive.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -120,8 +121,8 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
 
 
 def limits_of(curve: xarray.Dataset) -> integral.Limits:
-    """The limits of a fragility model of OpenQuake, in the order in which its engine takes them: intensities
-    are brought into the range from `min_intensity` to `max_intensity` first, and then P = 0 up to
+    """Return the limits of an OpenQuake fragility model, in the order in which its engine applies them:
+    intensities are first clipped to the range from `min_intensity` to `max_intensity`, then P = 0 up to
     `no_damage_limit`."""
     zero, low, high = (
         float(curve[name]) if name in curve else None
@@ -134,7 +135,7 @@ def limits_of(curve: xarray.Dataset) -> integral.Limits:
 def _limited_probability(
     curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
 ) -> np.ndarray:
-    """P at intensities within limits; a share that stays > 0 at low ones counts from `first` on."""
+    """Return P at intensities within limits; if P stays > 0 at low intensities, it counts from `first` on."""
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
     if limits.constant_below is not None:
@@ -169,8 +170,8 @@ def _of_lognormal(
 
 
 def _of_structure(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
-    """d ln λ_f/d ln y of the structure's numbers: through the median, and through the dispersion where it is
-    known."""
+    """Return d ln λ_f/d ln y for the numbers of the structure, through the median and, where available,
+    through the dispersion."""
     if "median_sensitivity" not in curve:
         return {}
     moved = slopes["median"] * curve["median_sensitivity"].values
@@ -196,8 +197,9 @@ def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualF
 
 
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
-    """Which intensities contribute: the density F(x) |dλ/d ln x| over the frequency, whose integral over ln x
-    is 1 (host).
+    """Contribution of each intensity to the annual frequency (host).
+
+    It is the density F(x) |dλ/d ln x| divided by the frequency; its integral over ln x is 1.
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][]; a lognormal curve
     - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     import xarray
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
-CUTOFF = "1e-10"  # in the place of a minIML of 0, as OpenQuake has it
+CUTOFF = "1e-10"  # replaces a minIML of 0, as in OpenQuake
 NEARLY_SURE = 7.0  # standard deviations above the median: 1 − P = 1e-12
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """The arguments of the `Hazard` in a file."""
+    """Return the arguments of the `Hazard` in a file."""
     text = read_text(path).splitlines()
     rows = [_Row.of(number, line, _delimiter(text)) for number, line in enumerate(text, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -68,7 +68,7 @@ class _Row(NamedTuple):
         return any(_as_number(cell) is not None for cell in self.cells)
 
     def number(self, path: str | Path, column: int) -> float:
-        """The number in a column. Raises `ValueError` that names file, line and text."""
+        """Return the number in a column. Raises `ValueError` that names file, line and text."""
         cell = self.cells[column] if column < len(self.cells) else ""
         number = _as_number(cell)
         if number is None:
@@ -77,7 +77,7 @@ class _Row(NamedTuple):
 
 
 def _delimiter(lines: list[str]) -> str:
-    """Between the cells of the last line: a semicolon or tab where it has one, else a comma."""
+    """Return the delimiter of the last line: a semicolon or tab if it contains one, else a comma."""
     last = next((line for line in reversed(lines) if line.strip()), "")
     return next((mark for mark in ";\t" if mark in last), ",")
 
@@ -118,8 +118,10 @@ def _uncommented(row: _Row) -> list[str]:
 
 
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
-    """The headings of a table: a second line of them holds units, and one whose comma divides it is put
-    together again."""
+    """Return the headings of a table.
+
+    A second heading line contains units; a heading that was split at its own comma is joined again.
+    """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for more in lines[1:]:
         units = [text.strip(" []()") for text in more] + [""] * (len(cells) - len(more))
@@ -144,7 +146,7 @@ def _si(path: str | Path, heading: Heading) -> tuple[float, str]:
 
 
 def _years(comments: list[_Row]) -> float | None:
-    """The investigation time that comments of a file say."""
+    """Return the investigation time that the comments of a file state."""
     said = re.search(
         r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
     )
@@ -154,7 +156,7 @@ def _years(comments: list[_Row]) -> float | None:
 def _rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Intensities with annual rates, from a table (n, 2) and what the heading of its second column says."""
+    """Return intensities and annual rates, from a table (n, 2) and the heading of its second column."""
     quoted = f"{path}: heading {heading.text.strip()!r}"
     x, values = table[:, 0], table[:, 1] * (1e-2 if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
@@ -176,14 +178,14 @@ def _rates(
 def _of_probabilities(
     owner: str, x: np.ndarray, poe: np.ndarray, years: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Intensities with annual rates −ln(1 − p)/t."""
+    """Return intensities and their annual rates −ln(1 − p)/t."""
     if not (np.isfinite(years) and years > 0):
         raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
     if np.any(~((poe >= 0) & (poe <= 1))):
         raise ValueError(
             f"{owner}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
         )
-    # What is certain, or never happens, has no rate: such points say nothing about the curve.
+    # Probabilities of 0 and 1 have no finite rate, so these points are left out.
     known = (poe > 0) & (poe < 1)
     if known.sum() < 2:
         raise ValueError(f"{owner}: needs at least two probabilities between 0 and 1, got {int(known.sum())}")
@@ -216,7 +218,7 @@ def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: i
 
 
 def _measure(path: str | Path, imt: str) -> tuple[str, str]:
-    """OpenQuake's intensity measure type in the words of this package, and its units there."""
+    """Return the measure of this package for an OpenQuake intensity measure type, and its OpenQuake units."""
     if imt == "PGA":
         return "PGA", "g"
     if imt == "PGV":
@@ -227,7 +229,7 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
 
 
 def _imt(measure: str) -> tuple[str, float]:
-    """OpenQuake's name of a measure, and the unit there in SI."""
+    """Return OpenQuake's name of a measure, and its unit there in SI."""
     if measure == "PGA":
         return "PGA", STANDARD_GRAVITY
     if measure == "PGV":
@@ -248,13 +250,15 @@ def write_fragility_model(
 ) -> Path:
     """Write lognormal fragility curves as an OpenQuake fragility model (NRML 0.5), atomically (host).
 
+    - `path`: file to write
     - `fragilities`: from [`rockjax.fragility`][], one or several over one measure; `names`: of the
       structures, by default `structure-1` …
 
-    NRML holds mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` = m
-    e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written as they are.
-    OpenQuake asks for minIML and maxIML: a curve without them has 1e-10 and m e^(7β), which change no
-    probability by more than 1e-11. Raises `ValueError` for measures that OpenQuake does not know.
+    NRML contains mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` =
+    m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written unchanged.
+    OpenQuake requires minIML and maxIML: a curve without them gets 1e-10 and m e^(7β), which change no
+    probability by more than 1e-11. Returns the path. Raises `ValueError` for measures that OpenQuake does not
+    support.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -290,15 +294,17 @@ def write_fragility_model(
 
 
 def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
-    """The lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units, by the names of their
-    structures (host).
+    """Return the lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units, by the names of
+    their structures (host).
+
+    - `path`: file to read
 
     Several limit states of a structure are named `structure/limit state`. Each is a dataset with
-    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it, and with the limits that
-    the file has: `no_damage_limit`, up to which P = 0; `min_intensity` and `max_intensity` (minIML, maxIML),
-    below and above which P is that at the limit. As in OpenQuake, a limit of 0 is none, and intensities are
-    brought between the last two before the first is looked at. Raises `ValueError` for other files, other
-    shapes of curves, and limits that leave no curve.
+    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it, and with the limits in the
+    file: `no_damage_limit`, up to which P = 0; `min_intensity` and `max_intensity` (minIML, maxIML), below
+    and above which P stays at its value at the limit. As in OpenQuake, a limit of 0 means none, and
+    intensities are clipped to the last two before the first applies. Raises `ValueError` for other files,
+    other shapes of curves, and limits that leave no curve.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -326,7 +332,7 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
-    """The number in an attribute. Raises `ValueError` that names file, structure, attribute and text."""
+    """Return the number in an attribute. Raises `ValueError` with file, structure, attribute and text."""
     text = element.get(key, "nan")
     try:
         return float(text)
@@ -335,7 +341,7 @@ def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float
         raise ValueError(f"{path}: {name}: attribute {key} must be a number, got {text!r}{cure}") from None
 
 
-# Names of limits in datasets, by those in NRML.
+# Names of the limits in NRML → names in datasets.
 LIMITS = {
     "noDamageLimit": "no_damage_limit",
     "minIML": "min_intensity",
@@ -344,7 +350,7 @@ LIMITS = {
 
 
 def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
-    """The limits of a curve that are not 0, in the unit of the file."""
+    """Return the limits of a curve that are not 0, in the unit of the file."""
     found = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
     for key, limit in found.items():
         if not 0 <= limit < math.inf:

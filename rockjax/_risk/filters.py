@@ -1,4 +1,4 @@
-"""Filters that Gaussian ground motions pass besides those of Kanai–Tajimi and Clough–Penzien."""
+"""Filters of Gaussian ground motions besides those of Kanai–Tajimi and Clough–Penzien."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from rockjax._module import Module
 
 
 class Filter(Module):
-    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), from rest; several make any other.
+    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from rest; several in series form
+    any other.
 
     - `numerator`: (b₂, b₁, b₀); `denominator`: (a₁, a₀), both > 0, so that it decays [1, 1/s, 1/s²]
 
@@ -34,20 +35,22 @@ class Filter(Module):
 
     @classmethod
     def high_pass(cls, omega: Any, zeta: Any = 0.6) -> Self:
-        """s²/(s² + 2ζω s + ω²): nothing far below ω [rad/s]; ζ: damping [–], both > 0."""
+        """Return s²/(s² + 2ζω s + ω²), which removes frequencies far below ω [rad/s]; ζ: damping [–], both >
+        0."""
         omega, zeta = _oscillator("high_pass", omega, zeta)
         return cls(jnp.array([1.0, 0.0, 0.0]), _denominator(omega, zeta))
 
     @classmethod
     def low_pass(cls, omega: Any, zeta: Any = 0.7) -> Self:
-        """ω²/(s² + 2ζω s + ω²): nothing far above ω [rad/s]; ζ: damping [–], both > 0."""
+        """Return ω²/(s² + 2ζω s + ω²), which removes frequencies far above ω [rad/s]; ζ: damping [–], both >
+        0."""
         omega, zeta = _oscillator("low_pass", omega, zeta)
         return cls(jnp.array([0.0, 0.0, 1.0]) * omega**2, _denominator(omega, zeta))
 
     @classmethod
     def layer(cls, omega: Any, zeta: Any) -> Self:
-        """(2ζω s + ω²)/(s² + 2ζω s + ω²): a layer of soil on top of the ground, an oscillator of frequency
-        ω [rad/s] and damping ζ [–] whose absolute acceleration goes on (Kanai 1957, Tajimi 1960)."""
+        """Return (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer on top of the ground: the absolute acceleration
+        of an oscillator of frequency ω [rad/s] and damping ζ [–] (Kanai 1957, Tajimi 1960)."""
         omega, zeta = _oscillator("layer", omega, zeta)
         below = _denominator(omega, zeta)
         return cls(jnp.pad(below, (1, 0)), below)
@@ -66,8 +69,8 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def in_series(
     rates: Float[Array, "m m"], out: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Rates of states s and output C s, followed by filters, each with two states more: x and ẋ of
-    ẍ + a₁ẋ + a₀x = input."""
+    """Return rates and output of states s with output C s, followed by filters; each filter adds two states,
+    x and ẋ of ẍ + a₁ẋ + a₀x = input."""
     size = len(out)
     more = 2 * len(filters)
     rates, out = jnp.pad(rates, (0, more)), jnp.pad(out, (0, more))

@@ -4,11 +4,11 @@ Clough–Penzien.
 With u ∈ ℝⁿ standard normal, w_j = u_j e(t_j) √(2π S₀/dt) is held constant over each interval and passes, from
 rest,
 
-    ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),   ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j)
-    = ÿ(t_j).
+    ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
+    ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
-Other filters may follow. So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence takes
-O(n), and its transpose, which reverse mode differentiates by, as much.
+Other filters may follow. So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence and
+its transpose, which reverse mode uses, both need O(n) operations.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
-SQUARINGS = 48  # of a matrix exponential: numbers up to 1e14
+SQUARINGS = 48  # squarings of a matrix exponential: entries up to 1e14
 
 
 class Envelope(Module):
-    """(t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)): the intensity of the noise over time [–].
+    """Intensity of the noise over time [–]: (t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)).
 
     - `t_1`: end of the rise, > 0 [s]; `t_2`: begin of the decay, ≥ t₁ [s]; `c`: its rate, ≥ 0 [1/s]
 
-    Any other function t ↦ e(t) of arrays will do in its place.
+    Any other function t ↦ e(t) of arrays can take its place.
     """
 
     t_1: Number = eqx.field(converter=as_float, default=2.0)
@@ -74,9 +74,10 @@ class RandomPulse(Module):
     """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou
     2003).
 
-    Its three entries of u are the last ones, through the inverse of their distributions.
+    The last three entries of u determine it, through the inverse of their distributions.
 
-    - `amplitude`: of the velocity A, a [`rockjax.Lognormal`][] [m/s]; `period`: T_p = 1/f_p, likewise [s]
+    - `amplitude`: of the velocity A, a [`rockjax.Lognormal`][] [m/s]; `period`: T_p = 1/f_p, a
+      [`rockjax.Lognormal`][] [s]
     - `gamma`: number of oscillations, > 1 [–]; `centre`: time of its middle [s]. The phase ν is uniform in 0
       … 2π
     """
@@ -96,7 +97,7 @@ class RandomPulse(Module):
         finite("RandomPulse", centre=self.centre)
 
     def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
-        """ü_g of the pulse that u stands for, at times t [m/s²]."""
+        """Return ü_g of the pulse that u determines, at times t [m/s²]."""
         amplitude, period = (
             y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period))
         )
@@ -113,7 +114,7 @@ def _several(filters: Any) -> tuple:
 
 
 class GaussianMotion(Module):
-    """Ground motions ü_g = A u of standard normal u, stationary but for their envelope (Kanai–Tajimi,
+    """Ground motions ü_g = A u of standard normal u, stationary except for their envelope (Kanai–Tajimi,
     Clough–Penzien).
 
     - `n`: samples, ≥ 2; `dt`: sampling interval, > 0 [s]
@@ -123,10 +124,10 @@ class GaussianMotion(Module):
     - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
       None; `filters`: a [`rockjax.Filter`][] or several, which the noise passes after these two
 
-    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] makes another kind: stationary
-    noise filtered first, under Saragoni & Hart's envelope then, shifted to end at rest and scaled to a PGA.
-    Here the envelope comes before the filters, so velocity and displacement decay by themselves, and motions
-    are linear in u, which reliability needs.
+    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] is a different model: stationary
+    noise is filtered first, then multiplied by Saragoni & Hart's envelope, shifted to end at rest and scaled
+    to a PGA. Here the envelope comes before the filters, so velocity and displacement decay by themselves,
+    and motions are linear in u, which reliability needs.
 
     Raises `ValueError` for numbers outside their ranges.
     """
@@ -157,7 +158,7 @@ class GaussianMotion(Module):
 
     @property
     def dimension(self) -> int:
-        """Length of u: the samples of the noise, and three numbers of the pulse where there is one."""
+        """Length of u: the samples of the noise, and three numbers of the pulse if there is one."""
         return self.n + (0 if self.pulse is None else self.pulse.dimension)
 
     @property
@@ -182,16 +183,16 @@ class GaussianMotion(Module):
         return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
 
     def _strength(self) -> Float[Array, " n"]:
-        """Of the noise for one unit of u, at every sample [m/s²]."""
+        """Return the strength of the noise for one unit of u, at every sample [m/s²]."""
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
-        """The motion of u, linear between its samples; batched where u is."""
+        """Return the motion of u as a record, linear between its samples; batched if u is."""
         return Record(self.acceleration(u), self.dt)
 
     def _filter(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
-        """(Φ, Γ, C): states (x, ẋ, y, ẏ) and those of further filters advance by Φ s + Γ w, exactly for w
-        constant over dt; ü_g = C s."""
+        """Return (Φ, Γ, C): states (x, ẋ, y, ẏ) and those of further filters advance by Φ s + Γ w, exactly
+        for w constant over dt; ü_g = C s."""
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
         stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f
@@ -207,12 +208,12 @@ class GaussianMotion(Module):
         rates, out = in_series(rates, out, self.filters)
         size = len(out)
         whole = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
-        # (Of filters that are much faster than dt it is the exponential of large numbers.)
+        # For filters much faster than dt this is the exponential of large numbers.
         whole = jax.scipy.linalg.expm(whole * self.dt, max_squarings=SQUARINGS)
         return whole[:size, :size], whole[:size, size], out
 
     def standard_deviation(self) -> Float[Array, " n"]:
-        """Root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
+        """Return the root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
         step, gain, out = self._filter()
 
         def advance(covariance, s):
@@ -222,7 +223,7 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """The same motions times a factor: S₀ times its square, and the pulse's amplitude."""
+        """Return the motions times a factor: S₀ times its square, the pulse's amplitude times the factor."""
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion
@@ -239,7 +240,8 @@ class GaussianMotion(Module):
     ) -> xarray.Dataset:
         """Statistics of the pseudo-acceleration spectra of `count` sampled motions (host).
 
-        - `periods`: ≥ 0 [s]; `damping`: 0 ≤ ζ < 1 [–]; `count`: ≥ 2; `seed`: the same gives the same
+        - `periods`: ≥ 0 [s]; `damping`: 0 ≤ ζ < 1 [–]; `count`: ≥ 2
+        - `seed`: of the random numbers; equal seeds give equal results
 
         Returns a Dataset over `period`: `median`, `fractile_16` and `fractile_84` of Sa [m/s²], and
         `dispersion`, the standard deviation of ln Sa [–]. Each motion's Sa is exact between its samples.
@@ -269,7 +271,7 @@ class GaussianMotion(Module):
         )
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
-        """Standard normal u of so many motions; the same seed gives the same (host)."""
+        """Return standard normal u of `count` motions; equal seeds give equal samples (host)."""
         if not isinstance(count, int) or count < 1:
             raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
         return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Hazard(Module):
     """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
 
-    Between its points it is linear in ln x, ln λ; its first and last segment go on outside.
+    It is linear in ln x, ln λ between its points; its first and last segment continue outside.
 
     - `intensity`: points x₁ < … < x_n, shape (n,), n ≥ 2, > 0 [`units`]
     - `annual_rate`: λ₁ ≥ … ≥ λ_n > 0 at them, shape (n,) [1/year]
@@ -69,7 +69,8 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """The intensity that is exceeded at an annual rate [1/year]: the inverse of the curve (host)."""
+        """Return the intensity that is exceeded at an annual rate [1/year], the inverse of the curve
+        (host)."""
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)
@@ -80,7 +81,7 @@ class Hazard(Module):
         return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))
 
     def in_si(self) -> Hazard:
-        """The same curve with its intensity in SI units, as fragilities of rockjax have them."""
+        """Return the curve with its intensity in SI units, as the fragilities of rockjax have them."""
         found = in_si(self.units)
         if found is None:
             raise ValueError(f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(KNOWN)}")
@@ -89,24 +90,24 @@ class Hazard(Module):
 
     @classmethod
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
-        """The hazard curve in a file (host), in SI units.
+        """Read a hazard curve from a file (host), in SI units.
 
-        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or two columns (CSV) under
-          headings, one for the intensity with measure and unit (`PGA [g]`, `Sa(1 s), %g`), one for how often
-          it is exceeded: `annual_rate`, `return period [years]`, or a probability with its investigation time
+        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or two columns (CSV) with
+          headings, one for the intensity with measure and unit (`PGA [g]`, `Sa(1 s), %g`), one for its
+          exceedance: `annual_rate`, `return period [years]`, or a probability with its investigation time
           (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t years become rates
           −ln(1 − p)/t; those of 0 and 1, which have none, are left out
-        - `site`: row of an OpenQuake file, from 0; needed where it has several
+        - `site`: row of an OpenQuake file, from 0; needed if it has several
 
         Raises `ValueError` that quotes the heading for one that is not understood, for probabilities without
-        an investigation time, for other files, and for curves that make no sense.
+        an investigation time, for other files, and for invalid curves.
         """
         from .files import read_hazard
 
         return cls(**read_hazard(path, site))
 
     def dataset(self) -> xarray.Dataset:
-        """The points as a dataset (host)."""
+        """Return the points as a dataset (host)."""
         import xarray
 
         return xarray.Dataset(

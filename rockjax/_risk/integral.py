@@ -1,11 +1,11 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F over a hazard curve λ, in closed form on every segment.
 
-A hazard curve is linear in ln x, ln λ between its points, and its first and last segment go on outside. On a
-segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
+A hazard curve is linear in ln x, ln λ between its points, and its first and last segment continue outside. On
+a segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
 
-∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
+    ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
 
-All functions here are jax.numpy, and differentiable in every number.
+All functions here use jax.numpy, and are differentiable in every number.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from jaxtyping import Array, ArrayLike, Float
 
 
 class Parts(NamedTuple):
-    """What the pieces of a hazard curve contribute to ∫ F |dλ| [1/year]."""
+    """Contributions of the pieces of a hazard curve to ∫ F |dλ| [1/year]."""
 
-    below: Float[Array, ""]  # the first given point
-    between: Float[Array, " pieces"]  # neighbouring points
-    above: Float[Array, ""]  # the last given point
+    below: Float[Array, ""]  # from below the first given point
+    between: Float[Array, " pieces"]  # from between neighbouring points
+    above: Float[Array, ""]  # from above the last given point
 
     @property
     def total(self) -> Float[Array, ""]:
@@ -30,9 +30,10 @@ class Parts(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Intensities beyond which a curve does not go on; None where there is none, as for one of the first two.
+    """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
-    P(x) = 0 up to `zero_below`; P(x) = P(`constant_below`) below that, P(`constant_above`) above that.
+    P(x) = 0 up to `zero_below`; P(x) = P(`constant_below`) below that, P(`constant_above`) above that. At
+    most one of the first two is given.
     """
 
     zero_below: Float[ArrayLike, ""] | None = None
@@ -41,25 +42,26 @@ class Limits(NamedTuple):
 
 
 def slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Array, " n-1"]:
-    """k ≥ 0 of each segment λ = k₀ x^(−k)."""
+    """Return k ≥ 0 of each segment λ = k₀ x^(−k)."""
     return -jnp.diff(log_rate) / jnp.diff(log_x)
 
 
 def log_rate_at(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]
 ) -> Float[Array, "*m"]:
-    """ln λ at s = ln x, on straight lines in the logarithms; the outer ones go on."""
+    """Return ln λ at s = ln x, on straight lines in the logarithms; the outer segments continue."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
     return log_rate[i] - slopes(log_x, log_rate)[i] * (s - log_x[i])
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """ln[Φ(high) − Φ(low)] for low < high, from the tail in which both are small; infinite ends allowed."""
+    """Return ln[Φ(high) − Φ(low)] for low < high, from the tail in which both are small; infinite ends are
+    allowed."""
     flip = low + high > 0
     a, b = jnp.where(flip, -high, low), jnp.where(flip, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
     gap = smaller - larger
-    # Neighbours as close as rounding have no difference that can be told.
+    # Neighbours as close as rounding have no resolvable difference.
     return larger + jnp.log(-jnp.expm1(jnp.where(gap < 0, gap, -1e-300)))
 
 
@@ -70,9 +72,13 @@ def lognormal(
     dispersion: Float[Array, ""],
     limits: Limits = Limits(),
 ) -> Parts:
-    """Contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), within limits.
+    """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), within limits.
 
-    A share that stays > 0 at low intensities counts from the first given point on, for rates grow without
+    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
+    - `median`: median of the fragility, > 0 [unit of x]; `dispersion`: its β, > 0 [–]
+    - `limits`: intensities at which F is cut off or held constant
+
+    If F stays > 0 at low intensities, it counts from the first given point on, because rates grow without
     bound below it.
     """
     k = slopes(log_x, log_rate)
@@ -116,7 +122,7 @@ def _unlimited(
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
 ) -> Parts:
-    """Contributions to ∫ F |dλ| without limits; k of each segment."""
+    """Return the contributions to ∫ F |dλ| without limits; k of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
     share, rate = norm.cdf(z), jnp.exp(log_rate)
     # ln(k₀ m^(−k) e^(k²β²/2)), k₀ from the left end of the segment.
@@ -137,11 +143,13 @@ def _unlimited(
 def piecewise_linear(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], x: Float[Array, " m"], share: Float[Array, " m"]
 ) -> Parts:
-    """Contributions to ∫ F |dλ| for an F that is linear between `share` at `x`, zero below and constant
-    above.
+    """Return the contributions to ∫ F |dλ| for an F that is linear between points, zero below and constant
+    above them.
 
-    `x` ascends and is > 0; `share[0]` must be 0. What lies above the last of `x` counts as above the given
-    points.
+    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
+    - `x`: points of F, ascending, > 0, (m,); `share`: F there, (m,); `share[0]` must be 0
+
+    Contributions from above the last of `x` count as above the given points.
     """
     k, points = slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))
@@ -163,7 +171,7 @@ def piecewise_linear(
 
 
 def _linear_piece(a, b, k, k_0, offset, slope):
-    """∫ (offset + slope·x) k k₀ x^(−k−1) dx from a to b > a > 0."""
+    """Return ∫ (offset + slope·x) k k₀ x^(−k−1) dx from a to b > a > 0."""
     constant = offset * k_0 * (a**-k - b**-k)
     exponent, width = 1 - k, jnp.log(b / a)
     growth = jnp.where(

@@ -14,8 +14,10 @@ LARGEST = 4096
 
 
 class AbstractLimitState(abc.ABC):
-    """What the search and the estimators ask for. `scenes` counts evaluations, `gradients_taken` those with
-    derivatives."""
+    """Interface of a limit state for the search and the estimators.
+
+    `scenes` counts evaluations, `gradients_taken` those with derivatives.
+    """
 
     dimension: int
     mirrored = False  # G(−u) = G(u)
@@ -26,14 +28,14 @@ class AbstractLimitState(abc.ABC):
         self.gradients_taken = 0
 
     def values(self, u: np.ndarray) -> np.ndarray:
-        """G at the rows of u, shape (m, d): (m,). Raises `ValueError` where G is not a number."""
+        """Return G at the rows of u, shape (m, d): (m,). Raises `ValueError` if G is not a number."""
         self.scenes += len(u)
         if len(u) == 0:
             return np.zeros(0)
         return self._checked(u, np.asarray(self._values(u), float))
 
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """G and ∇G at the rows of u: (m,), (m, d)."""
+        """Return G and ∇G at the rows of u: (m,), (m, d)."""
         self.scenes += len(u)
         self.gradients_taken += len(u)
         value, slope = self._gradients(u)
@@ -42,8 +44,8 @@ class AbstractLimitState(abc.ABC):
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """G (m,), ∇G (m, d) and ∂G/∂y (m,) of every number y that the limit state has a name for; None where
-        there are none."""
+        """Return G (m,), ∇G (m, d) and ∂G/∂y (m,) for every named number y of the limit state, or None if it
+        has none."""
         del u
         return None
 
@@ -65,7 +67,7 @@ class AbstractLimitState(abc.ABC):
 
 
 def filled(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
-    """`call` for the rows of u in batches of few sizes; what fills them up repeats the last row."""
+    """Evaluate `call` for the rows of u in batches of a few fixed sizes, padded by repeating the last row."""
     parts = []
     for start in range(0, len(u), LARGEST):
         part = u[start : start + LARGEST]
@@ -89,8 +91,8 @@ class OfFunction(AbstractLimitState):
 
     def _gradients(self, u):
         value, slope = filled(u, self._slope)
-        # The derivative of `jnp.min` looks for the entry that equals the minimum. Fused into other code, that
-        # entry may have been rounded differently and is not found: the derivative is zero. Operation by
+        # The derivative of `jnp.min` needs the entry that equals the minimum. Fused into other code, that
+        # entry may be rounded differently and not be found, and the derivative is zero. Operation by
         # operation it is found.
         flat = ~slope.any(axis=1)
         if flat.any():

@@ -1,7 +1,8 @@
-"""Where straight lines through standard normal space cross the surface of failure; all lines are one batch.
+"""Crossings of straight lines through standard normal space with the surface of failure; all lines are one
+batch.
 
-A line is looked at in places of its own, and where neighbours differ between survival and failure the
-interval is divided further. So windows of survival wider than the distance of two places are seen.
+Each line is evaluated at its own places. Intervals whose ends differ between survival and failure are divided
+further, so windows of survival wider than the distance of two places are found.
 """
 
 from __future__ import annotations
@@ -17,8 +18,12 @@ from .limit_state import AbstractLimitState
 
 
 class Division(NamedTuple):
-    """How intervals with a crossing are divided: `rounds` at most, into even `parts` and `close` around the
-    straight line's root [of the interval], until they are `enough` smaller."""
+    """Division of intervals with a crossing.
+
+    At most `rounds` times, an interval is divided at `parts` even places and at distance `close` on both
+    sides of the root of the straight line [share of the interval], until it is smaller than `enough` times
+    the narrowest.
+    """
 
     rounds: int = 3
     parts: int = 8
@@ -29,8 +34,8 @@ class Division(NamedTuple):
 class Crossings(NamedTuple):
     """Crossings of lines with the surface of failure, along each line in ascending order.
 
-    - `line`: which line, (k,); `place`: c on it, on the failing side, (k,); `G`: there, (k,)
-    - `other`: the last place that was looked at on the other side, (k,)
+    - `line`: index of the line, (k,); `place`: c on it, on the failing side, (k,); `G`: there, (k,)
+    - `other`: the nearest evaluated place on the surviving side, (k,)
     - `enters`: whether failure begins there, (k,)
     - `fails_first`, `fails_last`: whether the lines fail at their first and last place, (m,)
     """
@@ -54,7 +59,7 @@ class _Intervals(NamedTuple):
     at_b: np.ndarray
 
     def changing(self) -> _Intervals:
-        """Those at whose ends it is not the same."""
+        """Return the intervals whose ends differ between survival and failure."""
         rows = (self.at_a <= 0) != (self.at_b <= 0)
         return self.chosen(rows)
 
@@ -62,7 +67,8 @@ class _Intervals(NamedTuple):
         return _Intervals(*(y[rows] for y in self))
 
     def divided(self, how: Division) -> np.ndarray:
-        """Places inside, (k, places): even ones for certainty, two around the straight line's root."""
+        """Return places inside, (k, places): even ones for certainty, two around the root of the straight
+        line."""
         part = beside_line(self.at_a, self.at_b, how.parts - 1, how.close)
         return self.a[:, None] + (self.b - self.a)[:, None] * part
 
@@ -74,7 +80,13 @@ def crossings(
     places: Sequence[np.ndarray],
     how: Division = Division(),
 ) -> Crossings:
-    """Of the lines origin + c·direction, (m, d) each, looked at in ascending `places` c of each line."""
+    """Return the crossings of the lines origin + c·direction with the surface of failure.
+
+    - `limit`: limit state
+    - `origin`, `direction`: of each line, (m, d)
+    - `places`: values of c at which each line is evaluated, ascending, one array per line
+    - `how`: division of the intervals with a crossing
+    """
     sizes = np.array([len(c) for c in places])
     line, c = np.repeat(np.arange(len(places)), sizes), np.concatenate([*places, np.zeros(0)])
     value = limit.values(origin[line] + c[:, None] * direction[line])
@@ -92,8 +104,16 @@ def narrowed(
     value: np.ndarray,
     how: Division = Division(),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`line`, `place`, `other`, `G` and `enters` of the crossings between places c of lines at which G is
-    known; both ascend, c on each line."""
+    """Narrow down the crossings between places at which G is known.
+
+    - `limit`: limit state
+    - `origin`, `direction`: of each line, (m, d)
+    - `line`: index of the line of each place, ascending, (k,); `c`: the place, ascending on each line, (k,)
+    - `value`: G at the places, (k,)
+    - `how`: division of the intervals with a crossing
+
+    Returns `line`, `place`, `other`, `G` and `enters` as in `Crossings`.
+    """
     same = line[1:] == line[:-1]
     parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
     now = _Intervals(*(y[same] for y in parts)).changing()

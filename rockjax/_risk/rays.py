@@ -1,13 +1,13 @@
 """A probability of failure for many structures from one sample: rays through samples that fail.
 
-The ray of a direction e fails along some of its length, between its crossings r with the surface of failure:
-q(e) = Σ ±Q(r), with Q the upper tail of |u|, the chi distribution. P = E q(e). The directions of samples that
-fail have the density q₀/P₀ over that of all, so that for another structure, and u multiplied by k,
+The ray of a direction e fails along parts of its length, between its crossings r with the surface of failure:
+q(e) = Σ ±Q(r), with Q the upper tail of |u|, the chi distribution. P = E q(e). The directions of failing
+samples have the density q₀/P₀ relative to that of all, so for another structure, with u multiplied by k,
 
     P(k) = P₀ E[q(e; k)/q₀(e)],
 
-a mean over the same directions. It moves as smoothly as the crossings do, with derivatives by the implicit
-function theorem, and what is missed or misplaced of P₀ is common to all structures.
+a mean over the same directions. It is as smooth as the crossings, with derivatives by the implicit function
+theorem, and the sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from .limit_state import AbstractLimitState
 from .lines import Division, narrowed
 from .structure import OfStructure
 
-SPACING = 0.3  # of places on a ray, where one standard deviation of |u| is 0.71
-LOW, HIGH = 1e-7, 1e-9  # shares of |u| below and above which nobody looks
-WIDER = 1.1  # range of k that is looked at, both ways, before it is known where it ends
-FARTHEST_FACTOR = 100.0  # on u, both ways
-NEARLY = 0.7  # of ln P: near enough to the probability that is asked for
-MAX_SCENES = 10_000_000  # of the sample that rays are drawn from
-TRIALS = 12  # factors on u
-TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and which of them fail it
+SPACING = 0.3  # distance of places on a ray; one standard deviation of |u| is 0.71
+LOW, HIGH = 1e-7, 1e-9  # probabilities of |u| below and above the scanned part of a ray
+WIDER = 1.1  # factor by which the scanned range of k is extended on both sides
+FARTHEST_FACTOR = 100.0  # greatest factor on u, and the inverse of the least
+NEARLY = 0.7  # difference of ln P that is near enough to the target
+MAX_SCENES = 10_000_000  # greatest number of scenes of the sample that rays are drawn from
+TRIALS = 12  # greatest number of trial factors on u
+TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and the share that passes it
 COARSE = Division(rounds=0)
 FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, but for
 SHARP = Division(rounds=3, parts=16)  # where G jumps
 HEAVIEST = 5.0  # weight, times the median
-JUMP = 1e-4  # of r: where Newton's step from a crossing that is known so well goes farther, G jumps
+JUMP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
 
 
 class Scaled(AbstractLimitState):
-    """A limit state of motions that stand for a factor times u."""
+    """A limit state of motions that are multiplied by a factor."""
 
     def __init__(self, limit: AbstractLimitState, factor: float):
         super().__init__(limit.dimension)
@@ -58,7 +58,8 @@ class Rays(NamedTuple):
     """Directions with their weights: P(k) ≈ Σ weight·q(e; k).
 
     - `directions`: (m, d); `weights`: P₀/(m q₀), (m,)
-    - `factor`: k at which they were sampled; `cov`: coefficient of variation of P₀; `scenes`: they took
+    - `factor`: k at which they were sampled; `cov`: coefficient of variation of P₀; `scenes`: number of
+      scenes evaluated
     """
 
     directions: np.ndarray
@@ -69,11 +70,11 @@ class Rays(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """The factor k on u with which a probability of failure is the one asked for.
+    """The factor k on u at which a probability of failure has its target value.
 
     - `factor`: k; `steepness`: −d ln P/d ln k there, negative for a P that rises with k
     - `sensitivities`: d ln k/d ln y, in the order of the names
-    - `jumps`: the share of dP/d ln k from crossings at which G jumps, of which derivatives know nothing
+    - `jumps`: the share of dP/d ln k from crossings at which G jumps, which the derivatives do not include
     - `effective`: effective number of rays
     """
 
@@ -85,8 +86,18 @@ class Cut(NamedTuple):
 
 
 def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
-    """Rays through samples that fail, of motions as much stronger or weaker that they fail with about this
-    probability. Raises `ValueError` where no factor on u leads there."""
+    """Sample rays through failing samples, of motions scaled so that they fail with about a given
+    probability.
+
+    - `limit`: limit state; it must survive at u = 0
+    - `probability`: target probability of failure
+    - `count`: number of samples to draw rays from
+    - `cov`: coefficient of variation of the sampled probability to reach
+    - `seed`: of the random numbers
+
+    Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
+    `cov` is not reached within `MAX_SCENES`.
+    """
     before = limit.scenes
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError("the limit state has failed at u = 0 already")
@@ -102,18 +113,18 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
     size = np.linalg.norm(u, axis=1)
     scan = _Scan(limit, u / size[:, None], factor)
     scan.narrow(FINE)
-    # A sample in a window narrower than the distance of two places tells nothing of its ray.
+    # A sample in a window narrower than the distance of two places says nothing about its ray.
     before_it = scan.r < factor * size[scan.line]
     seen = scan.always + np.bincount(scan.line[before_it], scan.sign[before_it], minlength=size.size) > 0.5
     e, weights = u[seen] / size[seen, None], weights[seen] / scan.shares(factor)[seen]
-    # A narrow window has a large weight, and elsewhere it may be wide: its ray would speak for all others.
+    # A ray with a narrow window has a large weight; for another structure its window may be wide and dominate.
     weights = np.minimum(weights, HEAVIEST * np.median(weights))
     weights *= known.probability / float(weights @ scan.shares(factor)[seen])
     return Rays(e, weights, factor, known.cov, limit.scenes - before)
 
 
 def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """So many different failing samples of all runs, with their weights in P."""
+    """Draw `count` different failing samples of all runs, with their weights in P."""
     total = sum(run.samples for run in sampled.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
@@ -129,7 +140,7 @@ def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.nd
 
 
 def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
-    """A factor on u with which failure has nearly this probability, and a first run there."""
+    """Return a factor on u with which failure has nearly this probability, and a first run there."""
     wanted, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
     known: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
@@ -140,7 +151,7 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
             return factor, sampled
         index = -float(scipy.stats.norm.ppf(min(max(found, 1e-30), 1 - 1e-3)))
         known.append((math.log(factor), index))
-        # In proportion to 1/k if G were plane; else as the last two say.
+        # Proportional to 1/k for a plane G; else by the secant through the last two.
         step = math.log(max(index, 0.5) / max(wanted, 0.5)) if wanted != index else 0.1
         if len(known) > 1 and abs(known[-1][1] - known[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = known[-2:]
@@ -158,20 +169,20 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
 
 
 class _Scan:
-    """Where rays cross the surface of failure, looked at as far as is asked for."""
+    """Scan of rays for their crossings with the surface of failure, extended on demand."""
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
         self.ends = float(scipy.stats.chi.ppf(LOW, d)), float(scipy.stats.chi.isf(HIGH, d))
-        # Places are the same for all structures: what is seen does not depend on where a search began.
+        # Places are the same for all structures, so the result does not depend on where a search began.
         self.step = SPACING / math.sqrt(d)
         self.first = self.after = math.floor(math.log(self.ends[0] * guess / WIDER) / self.step)
         self.G = np.zeros((len(directions), 0))
         self.reach(guess / WIDER, guess * WIDER)
 
     def reach(self, low: float, high: float) -> None:
-        """Look at all that matters for factors k from `low` to `high`."""
+        """Extend the scan to all places that matter for factors k from `low` to `high`."""
         first = min(self.first, math.floor(math.log(self.ends[0] * low) / self.step))
         after = max(self.after, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
         below, above = self._look(first, self.first), self._look(self.after, after)
@@ -188,7 +199,7 @@ class _Scan:
         self.always = (self.G[:, 0] <= 0).astype(float)  # below the first place
 
     def sharpen(self, of: np.ndarray) -> None:
-        """Narrow some crossings down to where nothing but the crossing itself is left."""
+        """Narrow some crossings down to rounding."""
         if of.size == 0:
             return
         ends = np.sort(np.stack([self.r[of], self.other[of]], axis=1), axis=1)
@@ -196,7 +207,7 @@ class _Scan:
         line = np.repeat(np.arange(of.size), 2)
         value = self.limit.values(e[line] * ends.reshape(-1, 1))
         found = narrowed(self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP)
-        # Windows in between are far narrower than what a scan sees.
+        # Windows in between are far narrower than the resolution of the scan.
         first = np.unique(found[0], return_index=True)[1]
         self.r[of[found[0][first]]] = found[1][first]
 
@@ -209,15 +220,22 @@ class _Scan:
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
 
     def shares(self, k: float) -> np.ndarray:
-        """q(e; k) of every ray, (m,)."""
+        """Return q(e; k) of every ray, (m,)."""
         tail = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
         return self.always + np.bincount(self.line, tail, minlength=len(self.directions))
 
 
 def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequence[str], guess: float) -> Cut:
-    """The factor on u with which a structure fails with this probability, and how it moves with the
-    logarithms of named parameters. Where it would be farther than `FARTHEST_FACTOR`, that, without
-    derivatives."""
+    """Return the factor on u at which a structure fails with a given probability, and its sensitivities.
+
+    - `limit`: limit state of the structure
+    - `rays`: from `rays_at`
+    - `probability`: target probability of failure
+    - `names`: parameters of the structure for the sensitivities d ln k/d ln y
+    - `guess`: first value of the factor
+
+    If the factor would lie beyond `FARTHEST_FACTOR`, returns that limit, without derivatives.
+    """
     scan, k = _located(limit, rays, probability, guess)
     if not 1 / FARTHEST_FACTOR < k < FARTHEST_FACTOR:
         return Cut(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
@@ -244,8 +262,11 @@ def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequenc
 def _polished(
     limit: OfStructure, rays: Rays, scan: _Scan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Move crossings to where they are, by Newton's steps: at which G jumps (k,), and of G there the
-    derivatives by ln r (k,) and by the logarithms of named parameters (k, names)."""
+    """Move crossings to their exact places, by Newton's steps.
+
+    Returns whether G jumps at each (k,), and the derivatives of G there by ln r (k,) and by the logarithms of
+    named parameters (k, names).
+    """
 
     def newton(width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         value, along, slopes = limit.log_slopes(rays.directions[scan.line] * scan.r[:, None], names)
@@ -255,12 +276,12 @@ def _polished(
         return jumps, along, slopes
 
     jumps, _, _ = newton(np.abs(scan.r - scan.other) / scan.r)
-    scan.sharpen(np.flatnonzero(jumps))  # where Newton's step leaves the interval, that is divided on
+    scan.sharpen(np.flatnonzero(jumps))  # if Newton's step leaves the interval, divide it further
     return newton(JUMP)
 
 
 def _located(limit, rays: Rays, probability: float, guess: float) -> tuple[_Scan, float]:
-    """A scan that reaches far enough, and about where k is."""
+    """Return a scan that reaches far enough, and an approximate k."""
     scan, low, high = _Scan(limit, rays.directions, guess), guess / WIDER, guess * WIDER
     while True:
         at_low, at_high = (float(rays.weights @ scan.shares(k)) for k in (low, high))
@@ -276,14 +297,15 @@ def _located(limit, rays: Rays, probability: float, guess: float) -> tuple[_Scan
 
 
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
-    """P of motions that stand for a factor times u."""
+    """Return P of the motions of `limit`, multiplied by a factor."""
     scan = _Scan(limit, rays.directions, factor)
     scan.narrow(FINE)
     return float(rays.weights @ scan.shares(factor))
 
 
 def _root(scan: _Scan, weights: np.ndarray, probability: float, guess: float) -> float:
-    """Where P(k) is the one asked for, near a guess; what lies beyond the scan is as at its ends."""
+    """Return the k near a guess at which P(k) has its target value; beyond the scan the rays continue as at
+    its ends."""
 
     def off(log_k: float) -> float:
         return math.log(max(float(weights @ scan.shares(math.exp(log_k))), 1e-300) / probability)

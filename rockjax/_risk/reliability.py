@@ -18,27 +18,28 @@ from ._estimators import ESTIMATORS, AbstractEstimator, Estimate, Slopes
 from .limit_state import AbstractLimitState, OfFunction
 from .search import FARTHEST, Found, design_points
 
-CANDIDATES = 16  # random directions for each that is searched from
-DISAGREE = 1.5  # first order and the sampled probability: a factor that is worth saying
+CANDIDATES = 16  # random directions drawn for each starting direction
+DISAGREE = 1.5  # factor between first order and the sampled probability that is reported
 
 
 @dataclasses.dataclass(frozen=True)
 class FailureProbability:
-    """A probability of failure, sampled, with its accuracy and the first-order value beside it.
+    """A sampled probability of failure, its accuracy, and the first-order value.
 
     - `probability`, `standard_error`; `interval`: of 95 %, (NaN, NaN) for an estimate that has not converged,
-      but for `"monte-carlo"`, whose interval is exact for any number of scenes
-    - `method`, `scenes`: evaluations of the limit state, those of the search for design points included
+      except for `"monte-carlo"`, whose interval is exact for any number of scenes
+    - `method`; `scenes`: evaluations of the limit state, including those of the search for design points
     - `effective_sample_size`: effective number of failures in the sample
-    - `first_order`: of the union of the half spaces of the design points; NaN for methods without them
+    - `first_order`: probability of the union of the half spaces of the design points; NaN for methods without
+      them
     - `beta`: distances of the design points, nearest first
     - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
       far from plane, or a design point was not found
-    - `converged`: whether the coefficient of variation asked for was reached; without it the probability may
-      be off by a factor
-    - `sensitivities`: (dP/dy, standard error) by the name of y, where the limit state is that of a structure
-      and the method is `"line"`; `jumps`: the share of the surface of failure across which G jumps, of which
-      they know nothing
+    - `converged`: whether the requested coefficient of variation was reached; otherwise the probability may
+      be off by a large factor
+    - `sensitivities`: (dP/dy, standard error) by the name of y, if the limit state is that of a structure and
+      the method is `"line"`; `jumps`: the share of the surface of failure across which G jumps, which the
+      sensitivities do not include
     """
 
     probability: float
@@ -79,19 +80,21 @@ def reliability(
     max_scenes: int = 1_000_000,
     progress: Any = False,
 ) -> FailureProbability:
-    """P(G(u) ≤ 0) for standard normal u (host).
+    """Return P(G(u) ≤ 0) for standard normal u (host).
 
-    - `G`: a differentiable JAX function of u, shape (dimension,), to a number; failure where it is ≤ 0
+    - `G`: a differentiable JAX function from u, shape (dimension,), to a number; failure is G ≤ 0
+    - `dimension`: length of u
     - `method`: `"subset"`, `"monte-carlo"`: without design points or derivatives; `"importance"`, `"line"`:
       around the design points, for limit states that are nearly plane, or of few numbers
     - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations, after which no further
       round begins
-    - `seed`: the same gives the same; `starts`: directions from which design points are searched for
+    - `seed`: of the random numbers; equal seeds give equal results
+    - `starts`: number of directions from which design points are searched
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
     An estimate that has not converged warns (`RuntimeWarning`) and has no interval. Ctrl-C raises
-    [`rockjax.Interrupted`][] with what is known so far. Raises `ValueError` for arguments that
-    make no sense, for a limit state that has failed at u = 0 already, and for one that no search reaches,
-    where the method needs design points.
+    [`rockjax.Interrupted`][] with the estimate so far. Raises `ValueError` for invalid arguments, for a limit
+    state that fails at u = 0 and, if the method needs design points, for one where no search finds failure.
     """
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
@@ -105,7 +108,7 @@ def reliability(
 
 
 def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Directions to search from: random ones far apart from each other, each with its opposite, for many
+    """Return directions to start searches from: random ones far apart, each with its opposite, because many
     limit states are mirror images of themselves."""
     count = (starts + 1) // 2
     drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
@@ -119,6 +122,10 @@ def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
 
 
 def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
+    """Raise `ValueError`, in the name of `owner`, for invalid arguments of `reliability`.
+
+    - `method`: name of an estimator; `cov`: in (0, 1); `seed`: ≥ 0; `starts`: ≥ 1; `max_scenes`: ≥ 100
+    """
     if method not in ESTIMATORS:
         raise ValueError(f"{owner}: method must be one of {', '.join(map(repr, ESTIMATORS))}, got {method!r}")
     if not 0 < cov < 1:
@@ -129,7 +136,7 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> Found:
-    """Design points of a limit state that has not failed at the origin. Raises `ValueError` where there are
+    """Return the design points of a limit state that survives at the origin. Raises `ValueError` if there are
     none."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
@@ -158,7 +165,16 @@ def probability_of(
     max_scenes: int,
     progress: Any,
 ) -> FailureProbability:
-    """The probability of failure of a limit state, by one of `ESTIMATORS`."""
+    """Return the probability of failure of a limit state, by one of `ESTIMATORS`.
+
+    - `owner`: name of the calling function, for messages
+    - `limit`: limit state
+    - `directions`: starting directions of the search for design points, (s, dimension)
+    - `method`, `cov`, `seed`, `max_scenes`, `progress`: as for `reliability`
+
+    Warns (`RuntimeWarning`) if the estimate has not converged. Raises `Interrupted` on Ctrl-C, with the
+    estimate so far.
+    """
     kind = ESTIMATORS[method]
     found = find_design_points(owner, limit, directions) if kind.needs_design_points else NOTHING
     estimator = kind(limit, found, np.random.default_rng([seed, 2]))
@@ -181,7 +197,7 @@ def probability_of(
 
 
 def _why_not(answer: FailureProbability, cov: float) -> str:
-    """Why an estimate has not converged, and the cure."""
+    """Return the reason why an estimate has not converged, and the cure."""
     cures = [] if answer.method == "subset" else ["method='subset'"]
     if answer.probability == 0:
         cause = "none of them fails"
@@ -228,8 +244,8 @@ def _answer(
 
 
 def first_order(found: Found) -> float:
-    """P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower bound
-    for more."""
+    """Return P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower
+    bound for more."""
     if found.beta.size == 0:
         return math.nan
     directions = found.u / found.beta[:, None]

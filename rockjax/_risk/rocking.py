@@ -1,5 +1,5 @@
-"""Chances of failure of rocking structures under Gaussian ground motions, and the most likely motions that
-cause it."""
+"""Probabilities of failure of rocking structures under Gaussian ground motions, and the most likely motions
+that cause it."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ class DesignPoint:
     """A local minimum of |u| among the motions that cause failure.
 
     - `u`: standard normal numbers, shape (dimension,); `beta`: |u|, the reliability index
-    - `record`: the motion of u: the most likely one of its kind that causes failure
-    - `mode`: impacts before the fall, or in the scene; -1 where they go on beyond the steps of a scene
+    - `record`: the motion of u, locally the most likely one that causes failure
+    - `mode`: number of impacts before the fall, or in the scene; -1 if they continue beyond the steps of a
+      scene
     - `smooth`: whether u is normal to the limit state there; else it is an edge, where the mode of failure
       changes
-    - `sensitivities`: dβ/dy for every number y of structure and ground motion, from one reverse pass, to one
-      side where not smooth; by where y is: `"alpha"`, `"restrainers[0].prestress"`,
+    - `sensitivities`: dβ/dy for every number y of structure and ground motion, from one reverse pass;
+      one-sided if not `smooth`; keyed by the location of y: `"alpha"`, `"restrainers[0].prestress"`,
       `"superstructure.masses[2]"`
     """
 
@@ -52,20 +53,20 @@ def design_points(
     starts: int = 8,
     seed: int = 0,
 ) -> list[DesignPoint]:
-    """The most likely ground motions of a Gaussian model that make a structure fail (host).
+    """Return the most likely ground motions of a Gaussian model that make a structure fail (host).
 
     - `podium`: of single numbers; `motion`: a [`rockjax.GaussianMotion`][]
     - `limit`: `"overturning"`, or `("rotation", max|θ|/α)`, `("deformation", m)`, `("shear", V_s/(m_t g))`,
-      and of a building `("drift", m)`, `("floor acceleration", m/s²)`: the worst of its stories
-    - `starts`: directions from which is searched; `seed`: the same gives the same
+      and for a building `("drift", m)`, `("floor acceleration", m/s²)`: the worst of its stories
+    - `starts`: number of directions from which to search; `seed`: of the random numbers; equal seeds give
+      equal results
 
-    Returns local minima of |u| on the limit state, nearest first; where no pulse is on top each has its
-    mirror image. G jumps where the number of impacts before the fall changes: some minima are edges, where no
-    derivative is zero. Φ(−β) is a probability only where the limit state is nearly plane, and in hundreds of
-    dimensions it is not: see [`rockjax.failure_probability`][].
+    Returns local minima of |u| on the limit state, nearest first; without a pulse each has its mirror image.
+    G jumps where the number of impacts before the fall changes: some minima are edges, where no derivative is
+    zero. Φ(−β) is a probability only if the limit state is nearly plane, and in hundreds of dimensions it is
+    not: see [`rockjax.failure_probability`][].
 
-    Raises `ValueError` for arguments that make no sense, where the structure fails at rest, and where nothing
-    fails.
+    Raises `ValueError` for invalid arguments, if the structure fails at rest, and if no motion makes it fail.
     """
     owner = "design_points"
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
@@ -99,25 +100,26 @@ def failure_probability(
     max_scenes: int = 1_000_000,
     progress: Any = False,
 ) -> FailureProbability:
-    """The probability that a Gaussian ground motion makes a structure fail (host).
+    """Return the probability that a Gaussian ground motion makes a structure fail (host).
 
     - `podium`, `motion`, `limit`, `starts`, `seed`: as for [`rockjax.design_points`][]
     - `method`: `"subset"`, `"monte-carlo"`: without design points or derivatives; `"importance"`, `"line"`:
       around the design points
     - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: simulations, after which no further
       round begins
+    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
     The scenes of a round are one batch on all cores. Many moderate motions of no particular shape make a
     rocking structure fail, none of them near a design point: the methods around design points miss them, and
     their estimates are too small. An estimate that has not converged warns (`RuntimeWarning`) and has no
-    interval. Ctrl-C raises [`rockjax.Interrupted`][] with what is known.
+    interval. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
 
     With `"line"` the result has `sensitivities`, dP/dy for every number y of structure and ground motion,
-    with standard errors: one reverse pass for each crossing of a line with the surface of failure. They know
-    nothing of the parts of it where G jumps, whose share is `jumps`.
+    with standard errors: one reverse pass for each crossing of a line with the surface of failure. They do
+    not include the parts of it where G jumps, whose share is `jumps`.
 
-    Raises `ValueError` for arguments that make no sense and, where the method needs design points, as
-    `design_points` does.
+    Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as
+    `design_points`.
     """
     owner = "failure_probability"
     check_arguments(owner, method, cov, seed, starts, max_scenes)
@@ -127,7 +129,14 @@ def failure_probability(
 
 
 def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> OfStructure:
-    """The limit state that is meant. Raises `ValueError` for arguments that make no sense."""
+    """Return the limit state of a podium under a Gaussian motion.
+
+    - `owner`: name of the calling function, for messages
+    - `podium`: of single numbers; `motion`: a `GaussianMotion`
+    - `limit`: as for [`rockjax.design_points`][]
+
+    Raises `ValueError` for invalid arguments.
+    """
     if not isinstance(podium, Podium):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium, got {type(podium).__name__}")
     if not isinstance(motion, GaussianMotion):

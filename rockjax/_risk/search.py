@@ -1,13 +1,13 @@
-"""Design points: where the limit state comes closest to the origin of standard normal space.
+"""Design points: the points of failure closest to the origin of standard normal space.
 
 A direction e on the unit sphere has a distance r(e): the least at which the ray r·e fails. A design point is
 a local minimum of r. This form of the search stays on the limit state, sees windows of survival behind the
 first failure, and needs no continuity of G: where the mode of failure changes, G jumps, but r is still a
-distance. All directions of all starts go side by side:
+distance. All directions of all starts advance side by side:
 
-1. at the point of a direction the gradient gives the normal, a = −∇G/|∇G|, of which a linear G has its design
-   point;
-2. directions between e and a, at several fractions of the way, are looked at, and the one with the least r is
+1. at the point of a direction the gradient gives the normal, a = −∇G/|∇G|, the direction of the design point
+   of a linear G;
+2. directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
    taken;
 3. it ends where e and a agree, or where no fraction comes closer: at a jump of G, whose edge has no normal.
 """
@@ -21,14 +21,14 @@ import numpy as np
 from .limit_state import AbstractLimitState
 
 FARTHEST = 9.0  # distance of a design point from the origin: Φ(−9) is 1e-19
-BEYOND = 4.0  # times the typical |u|, √d: up to there a first direction is followed
-RAY = 24  # places on a whole ray …
-AGAIN = 10  # … and on the part of one below a distance that is known
+BEYOND = 4.0  # times √d, the typical |u|: how far a first direction is followed
+RAY = 24  # places on a full ray …
+AGAIN = 10  # … and on the part of a ray below a known distance
 NARROW = 3  # … then rounds of
 PARTS = 8  # divisions of the interval in which it first fails
-# Of the last fraction of the way to the normal; a fixed point may lie past it.
+# Multiples of the last fraction of the way to the normal; a fixed point may lie past the normal.
 WAYS = np.array([1.5, 1.0, 0.5])
-SHORTEST = 1 / 64  # fraction
+SHORTEST = 1 / 64  # least fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
 STEPS = 40  # … or this many steps
 SAME = 0.99  # cosine of the angle between two design points that are one
@@ -49,8 +49,8 @@ class Found(NamedTuple):
 
 
 class _Bracket(NamedTuple):
-    """Where rays first fail: the last place that survives and the first that does not (inf if none), with
-    G."""
+    """First failures of rays: the last place that survives and the first that fails (inf if none), with G at
+    both."""
 
     low: np.ndarray
     high: np.ndarray
@@ -58,7 +58,7 @@ class _Bracket(NamedTuple):
     below: np.ndarray
 
     def root(self) -> np.ndarray:
-        """The straight line's root between the places."""
+        """Return the root of the straight line between the places."""
         drop = self.above - self.below
         usable = np.isfinite(drop) & (drop > 0)
         part = np.where(usable, self.above / np.where(usable, drop, 1.0), 1.0)
@@ -70,7 +70,7 @@ class _Bracket(NamedTuple):
 
 
 def _bracket(limit: AbstractLimitState, directions: np.ndarray, at: np.ndarray) -> _Bracket:
-    """Of rays (m, d), looked at in places `at` (m, k) in ascending order."""
+    """Bracket the first failure of rays (m, d), evaluated at places `at` (m, k) in ascending order."""
     places = directions[:, None, :] * at[..., None]
     value = limit.values(places.reshape(-1, directions.shape[1])).reshape(at.shape)
     over = value <= 0
@@ -82,13 +82,13 @@ def _bracket(limit: AbstractLimitState, directions: np.ndarray, at: np.ndarray) 
 
 
 def _narrowed(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
-    """The distances at which rays fail; on the failing side."""
+    """Return the distances at which rays fail, on the failing side."""
     low, high, above, below = (y.copy() for y in found)
     live = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROW):
         if live.size == 0:
             break
-        # Some of the places even, for certainty, the others close around the root of the straight line.
+        # Some places are evenly spaced, for certainty; the others are close to the root of the straight line.
         now = _Bracket(low, high, above, below).at(live)
         width = now.high - now.low
         root = (now.root() - now.low) / np.where(width > 0, width, 1.0)
@@ -97,7 +97,7 @@ def _narrowed(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket
         part = np.sort(np.concatenate([part, close], axis=1), axis=1)
         more = _bracket(limit, directions[live], now.low[:, None] + width[:, None] * part)
         inside = np.isfinite(more.high)
-        first = more.low > 0  # else nothing of these survived before
+        first = more.low > 0  # else none of the places survived
         low[live] = np.where(inside, np.where(first, more.low, now.low), now.low + width * part[:, -1])
         above[live] = np.where(inside & first, more.above, now.above)
         high[live] = np.where(inside, more.high, now.high)
@@ -106,7 +106,7 @@ def _narrowed(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket
 
 
 def distances(limit: AbstractLimitState, directions: np.ndarray, farthest: float = FARTHEST) -> np.ndarray:
-    """The least distance at which each ray fails, (m,); inf where none up to `farthest` does."""
+    """Return the least distance at which each ray fails, (m,); inf if it survives up to `farthest`."""
     at = np.tile(np.linspace(0, farthest, RAY + 1)[1:], (len(directions), 1))
     return _narrowed(limit, directions, _bracket(limit, directions, at))
 
@@ -117,14 +117,14 @@ def _unit(u: np.ndarray) -> np.ndarray:
 
 
 def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST) -> Found:
-    """Local minima of |u| on the limit state, from starting directions (s, d)."""
+    """Return local minima of |u| on the limit state, from starting directions (s, d)."""
     if limit.mirrored:  # then so are the design points
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
-    # In many dimensions a random direction is far from failing at the distance of a design point.
+    # In many dimensions a random direction fails only far beyond the distance of a design point.
     outer = max(farthest, BEYOND * np.sqrt(limit.dimension))
     r = distances(limit, e, outer)
-    # A start whose ray never fails goes where G falls the most.
+    # A start whose ray never fails follows the steepest descent of G.
     lost = ~np.isfinite(r)
     if lost.any():
         _, slope = limit.gradients(e[lost] * 1e-3)
@@ -143,7 +143,7 @@ def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float
 
 
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move directions e (changed in place, as are their distances r) downhill; their normals, and which are
+    """Move directions e downhill (in place, with their distances r); return their normals, and which are
     aligned."""
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
     fresh = np.ones(len(e), bool)
@@ -169,12 +169,12 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nearest failure in a few directions on the way to the normal: its distance, direction, and
+    """Return the nearest failure in a few directions on the way to the normal: its distance, direction, and
     fraction."""
     ways = fraction[:, None] * WAYS
     tried = _unit(e[:, None, :] + ways[..., None] * (normal - e)[:, None, :])
     flat = tried.reshape(-1, e.shape[1])
-    # Below the distance that is known, closer where the change is likely.
+    # Places below the known distance, denser where the change is likely.
     part = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, AGAIN - 2)])
     found = _bracket(limit, flat, np.repeat(r, WAYS.size)[:, None] * part)
     best = np.argmin(found.root().reshape(ways.shape), axis=1)
@@ -192,6 +192,6 @@ def _distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndar
 
 
 def merged(a: Found, b: Found) -> Found:
-    """The distinct design points of both."""
+    """Return the distinct design points of both."""
     u, normal, beta, aligned = (np.concatenate(pair) for pair in zip(a, b, strict=True))
     return _distinct(_unit(u), beta, normal, aligned)

@@ -23,14 +23,14 @@ from rockjax._structures import Podium, ShearBuilding
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
 
-TABLE = 256  # records of a batch: one program serves every number of scenes
-SIDE_BY_SIDE = 8  # scenes with their derivatives
-# The samples set most of the steps: a sharp tolerance is nearly free.
+TABLE = 256  # records of a batch: one compiled program serves any number of scenes
+SIDE_BY_SIDE = 8  # scenes whose derivatives are computed together
+# The samples of the motion limit most steps, so a tight tolerance costs little.
 OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
 class Limit(NamedTuple):
-    """What counts as failure: a peak `output` that reaches `value`; G = 1 − peak/value."""
+    """Definition of failure: a peak `output` that reaches `value`; G = 1 − peak/value."""
 
     output: str
     value: float
@@ -39,14 +39,14 @@ class Limit(NamedTuple):
 class _Kind(NamedTuple):
     output: str  # of `rockjax.Options`
     unit: str
-    of: str  # what has it, one of `OWNERS`
+    of: str  # the kind of structure that has it, one of `OWNERS`
 
 
 def _has_stories(podium: Podium) -> bool:
     return podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
 
 
-# What has a limit state → whether a podium has it.
+# Kind of structure → whether a podium is one.
 OWNERS: dict[str, Callable[[Podium], bool]] = {
     "columns": lambda podium: True,
     "a superstructure": lambda podium: podium.superstructure is not None,
@@ -55,7 +55,7 @@ OWNERS: dict[str, Callable[[Podium], bool]] = {
 }
 SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
 
-# Limit states besides overturning: a new one is a line here.
+# Limit states besides overturning; add new ones here.
 LIMITS = {
     "rotation": _Kind("peak_rotation", "max|θ|/α", "columns"),
     "deformation": _Kind("peak_deformation", "m", ELASTIC),
@@ -66,7 +66,8 @@ LIMITS = {
 
 
 def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
-    """The limit state that is meant. Raises `ValueError` for others, and for those that a podium has not."""
+    """Return the requested limit state. Raises `ValueError` for unknown ones, and for those that a podium
+    does not have."""
     if isinstance(limit, str) and limit == "overturning":
         return Limit("margin", 1.0)
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
@@ -83,7 +84,7 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
 
 
 class OfStructure(AbstractLimitState):
-    """The limit state of a podium under the motions of a `GaussianMotion`."""
+    """Limit state of a podium under the motions of a `GaussianMotion`."""
 
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
@@ -93,7 +94,7 @@ class OfStructure(AbstractLimitState):
         self.options = options.replace(outputs=(limit.output,), throw=False)
 
     def _values(self, u):
-        # Every other number of scenes would be compiled for; scenes at rest cost next to nothing.
+        # A fixed number of scenes avoids recompilation; the added scenes at rest cost almost nothing.
         whole = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
         answers = [self._table(whole[start : start + TABLE]) for start in range(0, len(whole), TABLE)]
         return np.concatenate(answers)[: len(u)]
@@ -112,9 +113,9 @@ class OfStructure(AbstractLimitState):
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named parameters
-        of the podium (m, names)."""
-        # Without a pulse |u| is the size of the motion, one parameter more of the same batch.
+        """Return G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named
+        parameters of the podium (m, names)."""
+        # Without a pulse |u| is the scale of the motion, one more parameter of the same batch.
         along = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
@@ -143,7 +144,7 @@ class OfStructure(AbstractLimitState):
         return value, slope
 
     def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """G and its derivatives by u, and by the numbers of the podium and of the motion, by name."""
+        """Return G and its derivatives by u, and by the numbers of the podium and of the motion, by name."""
         parts = []
         for start in range(0, len(u), SIDE_BY_SIDE):
             part = u[start : start + SIDE_BY_SIDE]
@@ -155,16 +156,17 @@ class OfStructure(AbstractLimitState):
         return value, slope, _named(*jax.tree.unflatten(jax.tree.structure(varied), numbers))
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
-        """Impacts in the scenes of the rows of u: before the fall where they overturn, else all of them."""
+        """Return the number of impacts in the scenes of the rows of u: before the fall if they overturn, else
+        all of them."""
         counted = np.asarray(self._peaks(u).impacts)
         if not np.isnan(counted).any():
             return counted
-        # Scenes that stay up end as soon as the limit's peak stands.
+        # Scenes that survive end as soon as the peak of the limit state is final.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
 def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
-    """The motions of the rows of u in one table."""
+    """Return the motions of the rows of u in one table."""
     count, one = len(u), np.ones(len(u))
     samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * one)
     intervals = as_float(product(one, motion.dt))
@@ -172,7 +174,8 @@ def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
 
 
 def _signed(value, overturned, limit: Limit):
-    """G from what a scene answers: ≤ 0 just where it fails. Of modes, stories or floors the worst counts."""
+    """Return G from the outputs of a scene, ≤ 0 exactly if it fails. Of modes, stories or floors the worst
+    counts."""
     numpy = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
         value = numpy.max(numpy.asarray(value), axis=-1)
@@ -193,15 +196,16 @@ def _with_slopes(
         return _signed(floats[limit.output], integers["overturned"], limit)
 
     value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
-    return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be kept
+    return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be returned
 
 
 _slopes = KeptProgram(_with_slopes)
 
 
 def _named(*slopes: Any) -> dict[str, np.ndarray]:
-    """Derivatives (k,) by where the numbers are, as Python says it: `alpha`, `restrainers[0].prestress`,
-    `superstructure.masses[2]`; those of the podium, then those of the motion."""
+    """Return derivatives (k,) keyed by the location of each number in Python notation: `alpha`,
+    `restrainers[0].prestress`, `superstructure.masses[2]`; first those of the podium, then those of the
+    motion."""
     named = {}
     for whole in slopes:
         for path, y in jax.tree_util.tree_leaves_with_path(whole):

@@ -7,6 +7,6 @@ KNOWN = [name for name, unit in UNITS.items() if unit.dimension in _SI]
 
 
 def in_si(units: str) -> tuple[float, str] | None:
-    """The factor to the SI unit of an intensity, and that unit; None for units of no intensity."""
+    """Return the factor to the SI unit of an intensity, and that unit; None for other units."""
     unit = UNITS.get(unit_of(units) or "")
     return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])

@@ -1,1 +1,1 @@
-"""Spectra, fragilities and their sensitivities: what is made of many scenes."""
+"""Spectra, fragilities and their sensitivities, computed from many scenes."""

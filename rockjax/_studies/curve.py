@@ -1,4 +1,4 @@
-"""Fragility curves: lognormal distributions fitted to an ensemble, and how certain they are."""
+"""Fragility curves: lognormal distributions fitted to an ensemble, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .lognormal import Lognormal, fit_capacities, fit_counts
 if TYPE_CHECKING:
     import xarray
 
-FEW = 5  # records: an interval from fewer rests on hardly anything but the form of the distribution
+FEW = 5  # records; an interval from fewer rests mostly on the assumed form of the distribution
 
 
 def fragility(
@@ -29,26 +29,27 @@ def fragility(
     at=None,
     confidence: float | None = 0.9,
 ) -> xarray.Dataset:
-    """A lognormal fragility curve from an incremental dynamic analysis, by maximum likelihood (host).
+    """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
 
-    - `method`: `"capacities"` fits the least overturning intensities, records that never overturn being
+    - `analysis`: from [`rockjax.incremental_dynamic_analysis`][]
+    - `method`: `"capacities"` fits the least overturning intensities, where records that never overturn are
       censored at the highest level; `"stripes"` fits the counts of overturned records at the levels,
-      survivals above the first overturning included
+      including survivals above the first overturning
     - `at`: intensities of the curve, by default 200 up to the highest level
     - `confidence`: of the intervals and the band, in (0, 1); None for the curve alone
 
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims
-    `quantity`, `bound`), whose attributes say on how many records it rests; `probability`, `lower`, `upper`
-    over `at`; `observed` over `intensity`, the share of overturned records; and where the analysis has
+    `quantity`, `bound`), with the number of records in its attributes; `probability`, `lower`, `upper` over
+    `at`; `observed` over `intensity`, the share of overturned records; and, if the analysis has
     sensitivities, `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y
     and d(dispersion)/d ln y.
 
-    Intervals of `"capacities"` are by profile likelihood and for lognormal capacities: exact without censored
-    records, for median and dispersion, and of the stated confidence within some per cent with them. Those of
-    `"stripes"` leave out each record in turn (jackknife). A `RuntimeWarning` says where they rest on fewer
-    than five records that overturn.
+    Intervals of `"capacities"` use the profile likelihood of lognormal capacities: without censored records
+    they are exact for median and dispersion, with them their confidence is the stated one within some per
+    cent. Those of `"stripes"` omit each record in turn (jackknife). A `RuntimeWarning` is raised if they rest
+    on fewer than five records that overturn.
 
-    Raises `ValueError` where no curve fits, or no interval, and says why.
+    Raises `ValueError`, with the reason, if no curve or no interval can be fitted.
     """
     _check(analysis, method, confidence)
     data = _Ensemble.of(analysis)
@@ -79,7 +80,7 @@ def fragility(
 
 
 class _Ensemble(NamedTuple):
-    """What an analysis says of its records."""
+    """Capacities and counts of the records of an analysis."""
 
     capacity: np.ndarray  # (n,), inf above the highest level
     limit: np.ndarray  # (n,)
@@ -186,7 +187,8 @@ def _add_intervals(
 def _of_capacities(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of median and dispersion (2, 2), and of the probit of the curve (2, x)."""
+    """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from
+    capacities."""
     median, dispersion = float(fit.median), float(fit.dispersion)
     found = of_capacities(Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence)
     return np.exp(np.stack([found.log_median, found.log_dispersion])), found.probit
@@ -195,7 +197,7 @@ def _of_capacities(
 def _of_stripes(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As above."""
+    """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from counts."""
     others = data.overturned.sum(axis=0) - data.overturned
     without = _fit_each_counts(data.levels, others, data.trials - 1)
     lost = int(np.sum(~np.isfinite(without.median)))
@@ -221,7 +223,7 @@ _fit_each_counts = KeptProgram(jax.vmap(fit_counts, (None, 0, None)), name="coun
 
 @KeptProgram
 def _slopes(capacity, limit):
-    """d ln(median)/d capacity and d dispersion/d capacity, zero for what is censored."""
+    """Return d ln(median)/d capacity and d dispersion/d capacity, zero for censored capacities."""
     known = jnp.isfinite(capacity)
 
     def fit(values):

@@ -35,13 +35,13 @@ from .spectra import numbered
 if TYPE_CHECKING:
     import xarray
 
-# Those of single scenes, so that programs are shared. Methods of lower order, whose steps cost less, take as
-# long for errors ten times as large where something vibrates.
+# The options of single scenes, so that programs are shared. Methods of lower order have cheaper steps, but need as
+# long for ten times the error if something vibrates.
 ENSEMBLE = Options()
 
 
 class Measure(NamedTuple):
-    """An intensity measure of records as they are, unscaled; it grows in proportion to the scale.
+    """An intensity measure of unscaled records; it is proportional to the scale.
 
     - `name`: such as "PGA" or "Sa(0.5 s)"; `units`: such as "m s-2"
     - `values`: of each record, shape (k,), > 0
@@ -58,7 +58,7 @@ def pga(records: Records | RecordPairs) -> Measure:
 
 
 def labels_of(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
-    """What each record is called: its name, or numbers from 1 on."""
+    """Return the label of each record: its name, or numbers from 1."""
     count = len(records)
     labels = list(range(1, count + 1)) if names is None else list(texts(owner, "names", names))
     if len(labels) != count or len(set(labels)) != count:
@@ -67,7 +67,7 @@ def labels_of(owner: str, records: Records | RecordPairs, names: Sequence[str] |
 
 
 def _levels(owner: str, intensity) -> np.ndarray:
-    """Ascending levels of intensity, checked."""
+    """Return ascending levels of intensity, checked."""
     levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
         raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
@@ -76,8 +76,8 @@ def _levels(owner: str, intensity) -> np.ndarray:
 
 
 def _of_records(places, impacts, certain, unit, of: dict[str, str]) -> dict[str, Any]:
-    """The variables over `record`: boundaries, what they are certain to, and the unscaled intensity; `of` are
-    attributes of the measure."""
+    """Return the variables over `record`: boundaries, their certain width, and the unscaled intensity; `of`
+    are attributes of the measure."""
     name = of["long_name"]
     return {
         "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {name}"}),
@@ -113,32 +113,34 @@ def incremental_dynamic_analysis(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Peak responses to a suite of records at rising intensity, and every intensity where its verdict changes
-    (host).
+    """Compute peak responses to a suite of records at rising intensity, and every intensity at which the
+    outcome changes (host).
 
+    - `podium`: podium of single numbers
     - `records`: `Motions`, `Records`, or a list of motions or records; with vertical motions
       (`Motions.paired`, or a list of [`rockjax.GroundMotion`][] of records) both are scaled, and the measure
       is of the horizontal one
-    - `names`: of each, by default those of the motions, or numbers
     - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all
       of them
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
-    - `sensitivities`: parameters y of which d ln(capacity)/d ln y is wanted, as in
+    - `names`: of each record, by default those of the motions, or numbers
+    - `sensitivities`: parameters y for which d ln(capacity)/d ln y is computed, as in
       [`rockjax.overturning_spectrum`][]
     - `width`: every interval of overturning intensities below the capacity that is wider than this share of
-      the highest level is found, in (0, 0.1]; a record is looked at as closely as derivatives by the
-      intensity say, in up to 1/`width` places from the first that lifts the columns
-    - `resolution`: places up to the highest level at which further boundaries, above the capacity, are looked
-      for
+      the highest level is found, in (0, 0.1]; the spacing of the scenes follows from derivatives by the
+      intensity, with up to 1/`width` places from the first that lifts the columns
+    - `resolution`: number of places up to the highest level at which further boundaries, above the capacity,
+      are searched
     - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
+    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
     Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over
-    `record` alone there are `capacity`, the least intensity that overturns (NaN where none up to the highest
+    `record` alone there are `capacity`, the least intensity that overturns (NaN if none up to the highest
     level does), `boundaries` (further dim `boundary`): survive → overturn → survive …, `certain_width`, the
     widest interval of intensities below the capacity that may overturn unseen, and `sensitivity` (further dim
-    `parameter`). Boundaries are exact to about 1e-9. Above the capacity rocking through many impacts makes
-    windows of survival within windows without end: there all that `resolution` shows are listed. Raises
-    `ValueError` for inputs that make no sense.
+    `parameter`). Boundaries are exact to about 1e-9. Above the capacity, rocking through many impacts creates
+    windows of survival within windows without limit; there all boundaries that `resolution` resolves are
+    listed. Raises `ValueError` for invalid inputs.
     """
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
@@ -156,14 +158,14 @@ def incremental_dynamic_analysis(
 
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)
-        # In NumPy: every shape would be another program otherwise.
+        # In NumPy; otherwise every shape would compile another program.
         return podium, records.chosen(which, y / unit[which])
 
     import_meanwhile(*TABLES)
     lines = np.arange(count), (0.0, float(levels[-1]))
     scanned_soon(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
-    # Above the first boundary of a long record there is no end of them: the closer one looks, the more.
+    # Above the first boundary of a long record their number grows with the resolution, without limit.
     found = scan(plane, *lines, resolution, options, progress, look_closer="below", width=width, dips=False)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
@@ -229,13 +231,17 @@ def overturning_distribution(
     width: float = NARROWEST,
     resolution: int = 128,
 ) -> Lognormal:
-    """Median and dispersion of the least overturning scale of a suite; differentiable.
+    """Return median and dispersion of the least overturning scale of a suite; differentiable.
 
     Works under `jit`, `vmap` and `grad` with respect to every number of `podium`. Records that no scale up to
-    `max_scale` overturns count as beyond it, with derivative zero. NaN where fewer than two records overturn.
-    On the host [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
+    `max_scale` overturns count as beyond it, with derivative zero. NaN if fewer than two records overturn. On
+    the host [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
 
-    - `measure`: intensity of the unscaled records; the result is in its units, else in scales
+    - `podium`: podium of single numbers
+    - `records`: `Motions`, `Records`, or a list of motions or records
+    - `max_scale`: end of the search for each record, > 0 [–]
+    - `measure`: intensity of the unscaled records, (k,); the result is in its units, else in scales
+    - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
     """
     owner = "overturning_distribution"
     check_types(owner, podium, options)

@@ -1,8 +1,8 @@
-"""Boundaries of overturning from a rocking spectrum: what changes between neighbours of its grid, narrowed
-down.
+"""Boundaries of overturning from a rocking spectrum: changes between neighbours of its grid, narrowed down.
 
-These scenes are of the same kind as those of the grid, so nothing new is compiled. What lies between two
-neighbours of the grid that end alike is not seen; [`rockjax.overturning_spectrum`][] looks closer.
+These scenes are of the same kind as those of the grid, so nothing new is compiled. Boundaries between two
+neighbours of the grid with the same outcome are not found; [`rockjax.overturning_spectrum`][] searches more
+closely.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .spectra import kinds_of, numbered, stacked
 if TYPE_CHECKING:
     import xarray
 
-HALVINGS = 14  # 6e-5 of the grid's spacing
+HALVINGS = 14  # to 6e-5 of the grid's spacing
 
 
 def with_boundaries(
@@ -40,12 +40,14 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Rocking spectra with the further variables `minimum` and `boundaries`, as in an overturning spectrum
-    (host).
+    """Add the variables `minimum` and `boundaries` to rocking spectra, as in an overturning spectrum (host).
 
-    Arguments are those of [`rockjax.rocking_spectra`][], whose answer `spectra` is. A column of the grid that
-    overturns in its lowest row has its first boundary there. Ctrl-C raises [`rockjax.Interrupted`][] with the
-    spectra as they were.
+    - `spectra`: result of [`rockjax.rocking_spectra`][]
+    - `podiums`, `pulse`, `options`: those of the spectra
+    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+
+    A column of the grid that overturns in its lowest row has its first boundary there. Ctrl-C raises
+    [`rockjax.Interrupted`][] with the unchanged spectra.
     """
     found: dict[int, xarray.Dataset] = {}
     for members in kinds_of(podiums).values():
@@ -83,7 +85,7 @@ def _overturns(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """A function: acceleration ratio of each interval → whether it overturns."""
+    """Return a function: acceleration ratio of each interval → whether it overturns."""
     derived = [derived_numbers(podium) for podium in podiums]
     unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which]
     p = np.array([numbers["p_rad_s"] for numbers in derived])[which]

@@ -1,12 +1,12 @@
-"""How certain a fitted fragility curve is: intervals of median, dispersion and probability.
+"""Confidence intervals of a fitted fragility curve: of median, dispersion and probability.
 
 For capacities the likelihood is known. With θ = 1/σ and δ = μ/σ of the logarithms it is concave (Olsen 1978),
-so that its profiles have one maximum. Where no record is censored, the profiles of median and dispersion are
-functions of Student's t and of χ² alone: their bounds are taken where those distributions have them, instead
-of at the χ² of a large sample, and then are exact. With censored records they are taken at the same places.
+so that its profiles have one maximum. Without censored records, the profiles of median and dispersion are
+functions of Student's t and of χ² alone: their bounds are taken at the quantiles of those distributions
+instead of the large-sample χ², and are exact. With censored records they are taken at the same quantiles.
 
-Counts at levels are those of the same records, not independent of each other: there each record is left out
-in turn.
+Counts at different levels come from the same records and are not independent, so the jackknife over records
+is used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy.stats import chi2, t
 from rockjax._roots import halved
 
 _HALVINGS = 48
-_FARTHEST = 60  # doublings of a first step
+_FARTHEST = 60  # greatest number of doublings of a first step
 
 
 class Intervals(NamedTuple):
@@ -34,10 +34,11 @@ class Intervals(NamedTuple):
 
 
 class Capacities(NamedTuple):
-    """What the likelihood of lognormal capacities depends on; numbers, or arrays for several samples.
+    """Sufficient statistics of lognormal capacities for their likelihood; numbers, or arrays for several
+    samples.
 
-    - `known`: how many capacities are; `mean`, `variance`: of their logarithms
-    - `beyond`: how many lie above the limit; `log_limit`: its logarithm
+    - `known`: number of capacities that are known; `mean`, `variance`: of their logarithms
+    - `beyond`: number that lie above the limit; `log_limit`: its logarithm
     """
 
     known: np.ndarray
@@ -48,7 +49,7 @@ class Capacities(NamedTuple):
 
     @classmethod
     def of(cls, capacity: np.ndarray, limit) -> Capacities:
-        """Of capacities (…, n), inf where they lie above the limit."""
+        """Return the statistics of capacities (…, n), inf where they lie above the limit."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
         known = finite.sum(axis=-1)
@@ -61,14 +62,14 @@ class Capacities(NamedTuple):
         return self.known + self.beyond
 
     def likelihood(self, theta, delta):
-        """Its logarithm."""
+        """Return the logarithm of the likelihood."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
         return self.known * (np.log(theta) - 0.5 * z2) + self.beyond * log_ndtr(
             delta - theta * self.log_limit
         )
 
     def best_on(self, x, probit):
-        """The likelihood of the most likely distribution of all whose P(capacity ≤ exp(x)) has this
+        """Return the greatest log-likelihood of all distributions whose P(capacity ≤ exp(x)) has this
         `probit`."""
         off, limit = self.mean - x, x - self.log_limit
 
@@ -81,7 +82,7 @@ class Capacities(NamedTuple):
         return self.likelihood(theta, theta * x - probit)
 
     def best_with(self, log_dispersion):
-        """The likelihood of the most likely distribution of all with this dispersion."""
+        """Return the greatest log-likelihood of all distributions with this dispersion."""
         theta = np.exp(-log_dispersion)
 
         def falls(delta):
@@ -93,12 +94,12 @@ class Capacities(NamedTuple):
 
 
 def _hazard(z):
-    """φ/Φ."""
+    """Return φ/Φ."""
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
 
 def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
-    """The first of places farther and farther from `start` where something does not hold any more."""
+    """Return the first place at which a condition fails, with steps from `start` that double."""
     place, step = start, 0.5
     for _ in range(_FARTHEST):
         moves = holds(place)
@@ -109,23 +110,29 @@ def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
 
 
 def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
-    """Where f, of arrays, passes zero between places where it is > 0 and places where it is not."""
+    """Return the zeros of f, a function of arrays, between places where it is > 0 and places where it is
+    not."""
     positive, negative = halved(lambda y: f(y) > 0, positive, negative, _HALVINGS)
     return 0.5 * (positive + negative)
 
 
 def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
-    """Where a decreasing function, of arrays, passes zero."""
+    """Return the zero of a decreasing function of arrays."""
     return _change(falls, _past(lambda y: falls(y) <= 0, start, -1), _past(lambda y: falls(y) > 0, start, 1))
 
 
 def of_capacities(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
-    """Intervals by profile likelihood of fits to capacities; `at` in units of the median, of a shape that
-    broadcasts."""
+    """Return intervals by profile likelihood of a distribution fitted to capacities.
+
+    - `capacities`: statistics of the capacities
+    - `median`, `dispersion`: the fitted values
+    - `at`: intensities of the curve, in units of the median, of a shape that broadcasts
+    - `confidence`: in (0, 1)
+    """
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     best = capacities.likelihood(1 / dispersion, mu / dispersion)
-    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # of twice the difference of the likelihoods
+    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of twice the log-likelihood inside
 
     def both(inside: Callable, start) -> np.ndarray:
         ends = (_past(lambda y: inside(y) > 0, start, sign) for sign in (-1, 1))
@@ -142,8 +149,8 @@ def of_capacities(capacities: Capacities, median, dispersion, at, confidence: fl
 
 
 def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
-    """The ln(dispersion) at which the profile stands where it would for a variance `ratio` times the
-    dispersion squared."""
+    """Return the ln(dispersion) at which the profile has the value that it has, without censoring, for a
+    variance of `ratio` times the dispersion squared."""
     wanted = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
     def above(y):
@@ -154,10 +161,10 @@ def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarr
 
 
 def of_each_left_out(whole: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
-    """Intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …) each
-    record.
+    """Return intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …)
+    each record.
 
-    Its bias taken out, with the width of Student's t.
+    They are corrected for bias, and their width uses Student's t.
     """
     n = len(without)
     mean = without.mean(axis=0)

@@ -1,8 +1,7 @@
-"""Lognormal distributions by maximum likelihood: from capacities, some of them beyond a limit, and from
-counts.
+"""Lognormal distributions by maximum likelihood: from capacities, some of them censored, and from counts.
 
-Both are smooth in the data, so a fitted median has derivatives with respect to every capacity: the implicit
-function theorem at the maximum.
+Both are smooth in the data, so a fitted median has derivatives with respect to every capacity, by the
+implicit function theorem at the maximum.
 """
 
 from __future__ import annotations
@@ -18,21 +17,21 @@ from scipy.special import ndtr
 
 from rockjax._checks import array_module
 
-NARROWEST = 1e-4  # a dispersion smaller than that is none
-# Nor is a larger one: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
+NARROWEST = 1e-4  # least dispersion that counts as a fit
+# Greatest dispersion that counts as a fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 WIDEST = 3.0
-LEAST_RISE = 1e-9  # of shares over the levels: less is rounding
+LEAST_RISE = 1e-9  # least rise of the shares over the levels that is not rounding
 
 
 class Lognormal(NamedTuple):
-    """ln x is normal with mean ln(`median`) and standard deviation `dispersion`; NaN where the data do not
-    say."""
+    """Lognormal distribution: ln x is normal with mean ln(`median`) and standard deviation `dispersion`; NaN
+    if the data do not determine them."""
 
     median: Float[Array, ""]
     dispersion: Float[Array, ""]
 
     def probability(self, x: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
-        """P(capacity ≤ x)."""
+        """Return P(capacity ≤ x)."""
         numpy = array_module(self, x)
         z = numpy.divide(numpy.log(numpy.divide(x, self.median)), self.dispersion)
         return ndtr(z) if numpy is np else norm.cdf(z)
@@ -41,11 +40,14 @@ class Lognormal(NamedTuple):
 def fit_capacities(
     capacity: Float[Array, " n"], limit: Float[Array, " n"], weights: Float[Array, " n"] | None = None
 ) -> Lognormal:
-    """The distribution of capacities, those that are not finite being only known to lie above their `limit`.
+    """Fit a lognormal distribution to capacities; those that are not finite are only known to lie above their
+    `limit`.
 
-    Without any of these, median and dispersion are those of the logarithms (with n, not n − 1). `weights`
-    count data several times, or not at all. At least two different capacities are needed. Under `jit`,
-    `vmap`, `grad` with respect to `capacity`.
+    - `capacity`: capacities, inf where censored, (n,); `limit`: lower bound of the censored ones, (n,)
+    - `weights`: number of times that each counts, (n,), or None for once
+
+    Without censored capacities, median and dispersion are those of the logarithms (with n, not n − 1). At
+    least two different capacities are needed. Works under `jit`, `vmap`, `grad` with respect to `capacity`.
     """
     known = jnp.isfinite(capacity)
     w = jnp.ones_like(capacity) if weights is None else weights
@@ -67,18 +69,19 @@ def fit_capacities(
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
-    """The distribution behind `events` of `trials` at levels x (multiple stripes): binomial, with a probit in
-    ln x.
+    """Fit a lognormal distribution to counts at levels (multiple stripes): binomial, with a probit in ln x.
 
-    NaN where the likelihood has no maximum: where all events lie above all others, any dispersion small
-    enough fits; where the share does not rise with the level, any that is large enough. A dispersion above
-    `WIDEST` is none.
+    - `x`: levels, > 0, (m,); `events`: number of events of `trials` at each level, (m,)
+
+    NaN if the likelihood has no maximum: if all events lie above all others, any dispersion small enough
+    fits; if the share does not rise with the level, any that is large enough. The same holds for a dispersion
+    above `WIDEST`.
     """
     log = jnp.log(x)
     some, spared = events > 0, events < trials
     lowest = jnp.min(jnp.where(some, log, jnp.inf))
     highest = jnp.max(jnp.where(spared, log, -jnp.inf))
-    # In offset and slope of the probit the likelihood is concave: its maximum has a slope > 0 just where the
+    # In offset and slope of the probit the likelihood is concave: its maximum has a slope > 0 exactly if the
     # likelihood rises with the slope from the best curve of slope 0.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
@@ -103,12 +106,12 @@ def _where(good: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Ar
 
 
 def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Where the gradient of a misfit is zero, and whether there is such a place."""
-    import optimistix as optx  # which takes long to import, and is needed only where a fit is traced
+    """Return the place at which the gradient of a misfit is zero, and whether there is one."""
+    import optimistix as optx  # imported late because it is slow to import and needed only when a fit is traced
 
     constant = jax.lax.stop_gradient
 
-    # Solvers raise where there is nothing to find, and so do derivatives: they get something else to find.
+    # Solvers and their derivatives raise if there is no solution, so they get another problem to solve.
     def loss(y, data):
         return jnp.where(fits, misfit(y, data), 0.5 * jnp.sum(y**2))
 
@@ -117,7 +120,7 @@ def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " 
         loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
     )
     gradient = jax.grad(loss)
-    # Newton finishes, and gives the derivatives.
+    # Newton's method refines the result and provides the derivatives.
     found = optx.root_find(gradient, optx.Newton(1e-12, 1e-12), near.value, data, max_steps=20, throw=False)
     y, residual = found.value, gradient(constant(found.value), constant(data))
     good = fits & jnp.all(jnp.abs(residual) < 1e-8) & jnp.all(jnp.isfinite(y))

@@ -42,27 +42,30 @@ def overturning_spectrum(
     options: Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Every change between survival and overturning of one podium, over pulse frequency (host).
+    """Find every change between survival and overturning of one podium, over pulse frequency (host).
 
+    - `podium`: podium of single numbers
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
     - `frequency_ratio`: ω_p/p, shape (n,), > 0, ascending
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
-    - `sensitivities`: parameters y of which d a_ov/d ln y is wanted along the minimum: `"alpha"`, `"R"`,
+    - `sensitivities`: parameters y for which d a_ov/d ln y is computed along the minimum: `"alpha"`, `"R"`,
       `"gamma"`, `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others
-      stay as they are
+      are constant
+    - `resolution`: number of amplitudes tried first at every frequency; more follow where the margin may
+      cross zero
     - `width`: every interval of overturning amplitudes below the minimum that is wider than this share of
       `max_acceleration_ratio` is found, in (0, 0.1]
-    - `resolution`: amplitudes tried first at every frequency; more follow where the margin may cross zero
+    - `options`: of the scenes
     - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
     Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing
     overturns), `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive
     …), `impacts` before overturning at each boundary (−1 where there is none), `one_sided` where the minimum
     is about to jump to another branch, `certain_width`, the widest interval that may overturn unseen below
-    the minimum, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y.
-    Boundaries are exact to about 1e-10.
+    the minimum, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about
+    1e-10.
 
-    Raises `ValueError` for inputs that make no sense.
+    Raises `ValueError` for invalid inputs.
     """
     owner = "overturning_spectrum"
     check_types(owner, podium, options)
@@ -108,8 +111,13 @@ def check_overturning_resumes(
     sensitivities,
     options: Options,
 ) -> None:
-    """Raise `ValueError` unless a spectrum is what [`overturning_spectrum`][] would give for these
-    arguments."""
+    """Raise `ValueError` unless a spectrum is one that [`overturning_spectrum`][] would return for these
+    arguments.
+
+    - `known`: spectrum to resume
+    - `podium`, `pulse`, `frequency_ratio`, `max_acceleration_ratio`, `sensitivities`, `options`: as for
+      `overturning_spectrum`
+    """
     owner = "overturning_spectrum"
     attributes = _attributes(podium, pulse, options) | {
         "max_acceleration_ratio": float(max_acceleration_ratio)

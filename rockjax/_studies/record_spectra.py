@@ -1,4 +1,4 @@
-"""Spectra of records over the size of a structure: what overturns it, and how far its top goes."""
+"""Spectra of records over the size of a structure: overturning demand and displacement of its top."""
 
 from __future__ import annotations
 
@@ -42,22 +42,24 @@ def record_spectrum(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """What records do to geometrically similar structures of every size (host).
+    """Compute the effect of records on geometrically similar structures of every size (host).
 
     - `podium`: its slenderness, mass ratios and superstructure; its size is that of each p
     - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
-    - `max_scale`: records are scaled up to this factor to find what overturns [–]
+    - `max_scale`: greatest factor on the records in the search for overturning [–]
     - `width`: every interval of overturning factors below the least that is wider than this share of
-      `max_scale` is found, in (0, 0.1]; `resolution`: places that are looked at first
+      `max_scale` is found, in (0, 0.1]; `resolution`: number of places that are evaluated first
+    - `options`: of the scenes
+    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
 
     Returns a Dataset over `record` and `p` with `demand`, the PGA over the least PGA at which the record
-    overturns the structure [–]: above 1 it falls, NaN where no factor up to `max_scale` overturns;
-    `peak_rotation` max|θ|/α and `overturned` under the records as they are; and `top_displacement`
-    max|u_b| = 2R [sin α − sin(α − max|θ|)] of the top of the columns relative to the ground [m], Eq. (13),
-    NaN where they overturn. Far from overturning it hardly depends on the size.
+    overturns the structure [–]: above 1 it overturns, NaN if no factor up to `max_scale` overturns;
+    `peak_rotation` max|θ|/α and `overturned` under the unscaled records; and `top_displacement` max|u_b| = 2R
+    [sin α − sin(α − max|θ|)] of the top of the columns relative to the ground [m], Eq. (13), NaN where they
+    overturn. Far from overturning the latter is almost independent of the size.
 
-    Raises `ValueError` for inputs that make no sense.
+    Raises `ValueError` for invalid inputs.
     """
     owner = "record_spectrum"
     check_types(owner, podium, options)

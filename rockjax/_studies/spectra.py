@@ -43,23 +43,24 @@ def rocking_spectrum(
     resume: xarray.Dataset | None = None,
     sensitivities: Sequence[str] = (),
 ) -> xarray.Dataset:
-    """Peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
+    """Compute peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
 
+    - `podium`: podium of single numbers
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
     - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
+    - `options`: of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
     - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
-    - `sensitivities`: parameters y of which y ∂/∂y of every wanted peak is found as well, as in
-      [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The others stay as they are,
-      the pulse among them when a parameter of the podium varies
+    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed as well, as in
+      [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The others are constant,
+      including the pulse when a parameter of the podium varies
 
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as
-    variables (those that `options.outputs` asks for; `"errors"` gives `peak_rotation_error` … and
-    `undecided`), with sensitivities `peak_rotation_sensitivity` … (further dim `parameter`), the dimensional
-    axes `T_p` [s] and `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the
-    attributes. Raises `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to
-    what is no parameter here.
+    variables (those in `options.outputs`; `"errors"` gives `peak_rotation_error` … and `undecided`), with
+    sensitivities `peak_rotation_sensitivity` … (further dim `parameter`), the dimensional axes `T_p` [s] and
+    `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
+    `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to unknown parameters.
     """
     known = None if resume is None else [resume]
     try:
@@ -89,14 +90,19 @@ def rocking_spectra(
     resume: Sequence[xarray.Dataset | None] | None = None,
     sensitivities: Sequence[str] = (),
 ) -> list[xarray.Dataset]:
-    """Rocking spectra of several podiums over the same axes (host), each as from
+    """Compute rocking spectra of several podiums over the same axes (host), each as from
     [`rockjax.rocking_spectrum`][].
 
-    Podiums of the same kind (elastic or not, the same restitution law) share one batch: faster than one after
-    another. Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
+    Podiums of the same kind (elastic or not, the same restitution law) share one batch, which is faster than
+    one spectrum after another. Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
 
-    - `resume`: spectra that were interrupted, one or None for each podium: what is solved in them is not
-      solved again. Raises `ValueError` where they belong to other podiums, axes, options or versions
+    - `podiums`: podiums of single numbers
+    - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
+      [`rockjax.rocking_spectrum`][]
+    - `resume`: interrupted spectra, one or None for each podium; their solved scenes are not solved again
+
+    Raises `ValueError` for invalid inputs, and for spectra to resume that belong to other podiums, axes,
+    options or versions.
     """
     owner = "rocking_spectrum"
     of_kind(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
@@ -129,7 +135,7 @@ def rocking_spectra(
         todo = np.stack([_unsolved(known[k], shape[1:]) for k in members])
         if not todo.any():
             return [known[k] for k in members]
-        if not todo.all():  # only these, in a row
+        if not todo.all():  # only the unsolved scenes, as a flat batch
             chosen = lambda y: np.broadcast_to(y, shape)[todo] if np.ndim(y) else y
             together, numbers = jax.tree.map(chosen, (together, numbers))
         try:
@@ -162,7 +168,8 @@ def rocking_spectra(
 
 
 def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
-    """The answers of all kinds that were begun: one is compiled while another runs. Ctrl-C sets `stop`."""
+    """Return the results of all kinds that were started: one is compiled while another runs. Ctrl-C sets
+    `stop`."""
     futures = []
     try:
         for members in kinds:
@@ -174,8 +181,10 @@ def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], sto
 
 
 def kinds_of(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
-    """Which podiums can share one batch: their numbers, by the structure of their pytrees. Those that take
-    longest to compile come first."""
+    """Return the podiums that can share one batch: their indices, by the structure of their pytrees.
+
+    Those that take longest to compile come first.
+    """
     kinds: dict[Any, list[int]] = {}
     for k, podium in sorted(enumerate(podiums), key=lambda each: not each[1].vibrates):
         kinds.setdefault(jax.tree.structure(podium.split()), []).append(k)
@@ -183,19 +192,19 @@ def kinds_of(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
 
 
 def stacked(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
-    """Podiums of one kind as one: numbers that all have in common as they are, others (n,) as `per_podium`
-    shapes them."""
+    """Return podiums of one kind as one: numbers common to all are unchanged, others (n,) are shaped by
+    `per_podium`."""
     stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else per_podium(np.asarray(y))
     return jax.tree.map(stack, *(podium.split() for podium in podiums))
 
 
 def numbered(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
-    """The coordinate along the columns of a table of boundaries."""
+    """Return the coordinate along the columns of a table of boundaries."""
     return "boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"}
 
 
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
-    """Both axes, checked."""
+    """Return both axes, checked."""
     given = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
     axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in given.items()}
     for name, values in axes.items():
@@ -215,7 +224,7 @@ def _known(
     options: Options,
     sensitivities: Sequence[str],
 ) -> list:
-    """What is solved already, checked: a spectrum or None for each podium."""
+    """Return the spectra solved already, checked: a spectrum or None for each podium."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
     known = list(resume) if resume is not None else [None] * len(podiums)
@@ -232,7 +241,7 @@ def _known(
 
 
 def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Which scenes of a spectrum are still to be solved."""
+    """Return the scenes of a spectrum that are still to be solved."""
     return np.ones(shape, bool) if known is None else np.asarray(known["result"] == results.INTERRUPTED)
 
 
@@ -243,7 +252,7 @@ def _placed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
-    """A spectrum, with what was known of it before."""
+    """Return a spectrum, completed by the scenes that were known before."""
     if known is None:
         return new
     solved = ~_unsolved(known, ())
@@ -256,7 +265,12 @@ def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
 def check_resumes(
     owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]
 ) -> None:
-    """Raise `ValueError` unless a spectrum that was kept has these attributes and axes."""
+    """Raise `ValueError` unless a spectrum to resume has these attributes and axes.
+
+    - `owner`: name of the calling function, for messages
+    - `known`: spectrum to resume
+    - `attributes`: name → value that its attributes must have; `axes`: name → values of its axes
+    """
     if not hasattr(known, "coords"):
         raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
     for name, values in axes.items():
@@ -271,7 +285,7 @@ def check_resumes(
 
 
 def check_resumed_parameters(owner: str, known: xarray.Dataset, sensitivities: Sequence[str]) -> None:
-    """Raise `ValueError` unless a spectrum that was kept has sensitivities to these parameters."""
+    """Raise `ValueError` unless a spectrum to resume has sensitivities to these parameters."""
     if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
         raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
 
@@ -303,7 +317,8 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
-    """The least acceleration ratio of the grid that overturns, at each frequency; NaN where none does."""
+    """Return the least acceleration ratio of the grid that overturns, at each frequency; NaN where none
+    does."""
     if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
         raise ValueError(
             f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}"

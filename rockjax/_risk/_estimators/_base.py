@@ -1,4 +1,4 @@
-"""What estimators share: rounds of independent contributions, whose mean is the probability."""
+"""Base classes of the estimators: rounds of independent contributions, whose mean is the probability."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ import scipy
 from rockjax._risk.limit_state import AbstractLimitState
 from rockjax._risk.search import Found
 
-LEVEL = 0.95  # of the interval
-ROUNDS = 2  # at least, and
-EFFECTIVE = 20  # effective failures, before a round may be the last
+LEVEL = 0.95  # confidence level of the interval
+ROUNDS = 2  # least number of rounds before an estimate may converge
+EFFECTIVE = 20  # least effective number of failures before it may converge
 
 
 class Estimate(NamedTuple):
-    """A probability with what is known of its accuracy; `effective` is the effective number of failures in
-    the sample."""
+    """A probability with its accuracy; `effective` is the effective number of failures in the sample."""
 
     probability: float
     standard_error: float
@@ -34,8 +33,11 @@ class Estimate(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives of a probability by name, each with its standard error; and the share of the surface of
-    failure, by its density, across which G jumps, of which they know nothing."""
+    """Derivatives of a probability by name, each with its standard error.
+
+    `jumps` is the share of the surface of failure, weighted by its density, across which G jumps; the
+    derivatives do not include it.
+    """
 
     named: dict[str, tuple[float, float]]
     jumps: float
@@ -46,7 +48,7 @@ class AbstractEstimator(abc.ABC):
     reached."""
 
     needs_design_points = True
-    always_covers = False  # the interval of an estimate that has not converged covers as often as it says
+    always_covers = False  # whether the interval has its nominal coverage even before convergence
 
     def __init__(self, limit: AbstractLimitState, found: Found, rng: np.random.Generator):
         self.limit, self.found, self.rng = limit, found, rng
@@ -58,26 +60,37 @@ class AbstractEstimator(abc.ABC):
 
     @abc.abstractmethod
     def estimate(self) -> Estimate:
-        """What is known so far."""
+        """Return the estimate from all rounds so far."""
 
     def slopes(self) -> Slopes | None:
-        """dP/dy by the same samples, where limit state and method say them."""
+        """Return dP/dy from the same samples, or None if the limit state or the method provides none."""
         return None
 
     def converged(self, known: Estimate, cov: float) -> bool:
-        """Whether an estimate is as accurate as asked for, as far as its own samples can tell."""
+        """Return whether the estimate has reached the coefficient of variation `cov`, judged by its own
+        samples."""
         return self.rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Whether no few contributions make up most of the estimate, so that its spread tells its error."""
+        """Return whether the estimate does not rest on a few dominant contributions, so that its spread
+        measures its error."""
         return True
 
     def exhausted(self) -> bool:
-        """Whether more rounds would tell nothing more."""
+        """Return whether further rounds would add no information."""
         return False
 
     def run(self, cov: float, max_scenes: int, first: int, report: Callable[[Estimate], None]) -> Estimate:
-        """Rounds, each as large as the last estimate asks for, at most four times all before it."""
+        """Add rounds until the estimate converges, is exhausted, or has used `max_scenes`.
+
+        - `cov`: coefficient of variation to reach
+        - `max_scenes`: scenes after which no further round begins
+        - `first`: scenes of the first round. Each later round has the size that the last estimate calls for,
+          at most three times all scenes before it
+        - `report`: called with the estimate after each round
+
+        Returns the last estimate.
+        """
         start, size = self.limit.scenes, first
         while True:
             self.round(size)
@@ -111,8 +124,8 @@ class AbstractMean(AbstractEstimator):
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
-    """Of a positive estimate, lognormal; where nothing has failed in `count` samples, up to what that rules
-    out."""
+    """Return the lognormal confidence interval of an estimate p > 0; for p = 0 the upper limit that `count`
+    samples without failure imply."""
     if p == 0:
         return 0.0, 1 - (1 - LEVEL) ** (1 / count)
     reach = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))

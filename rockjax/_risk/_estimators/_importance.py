@@ -1,17 +1,17 @@
-"""Importance sampling: samples from normals around the design points, each weighted by how likely it was at
-the origin.
+"""Importance sampling: samples from normal densities around the design points, each weighted by its
+likelihood ratio.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u) with w_i in proportion to Φ(−β_i). With φ itself
-in it no weight φ/h exceeds 1/w_0, whatever lies where no design point was found. The weights know only the
-projections on the design points, so they do not degenerate with the dimension.
+The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u) with w_i in proportion to Φ(−β_i). Because φ
+itself is part of it, no weight φ/h exceeds 1/w_0, even where no design point was found. The weights depend
+only on the projections on the design points, so they do not degenerate with the dimension.
 
-Where failure has little to do with the design points, as for rocking, the weights of failing samples have a
-heavy tail: few of them make up most of the sum, and those that were not drawn are missing. The shape k of a
-generalised Pareto distribution fitted to the largest weights tells (Vehtari et al. 2024): above 0.7 neither
-the estimate nor its spread means much.
+Where failure is unrelated to the design points, as often for rocking, the weights of failing samples have a
+heavy tail: a few samples dominate the sum, and others like them were not drawn. The shape k of a generalised
+Pareto distribution fitted to the largest weights detects this (Vehtari et al. 2024): above 0.7 neither the
+estimate nor its spread is reliable.
 
-A failing sample with a large weight lies where no design point is near. A search from there finds the one
-that is missing; then the mixture is widened, and the samples of the old one are forgotten.
+A failing sample with a large weight lies far from every known design point. A search from there finds the
+missing one; then the mixture is widened, and the samples of the old mixture are discarded.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from ._base import AbstractMean
 
 ORIGIN = 0.1  # w_0
 BATCH = 4096
-FAR = 1.0  # weight of a failure that no design point explains; at one of them it is Φ(−β) or so
-SEARCHES = 4  # new starts in a round at most, and
-TAIL = 3.0  # times √n: so many of n weights are the largest, at most a fifth of them, and at least
+FAR = 1.0  # weight of a failure far from every design point; near one it is about Φ(−β)
+SEARCHES = 4  # greatest number of new searches in a round
+TAIL = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
 TAIL_LEAST = 10
-HEAVY = 0.7  # k of a tail that is too heavy
-WIDENED = 3  # times at most that the mixture is widened
+HEAVY = 0.7  # shape k above which a tail is too heavy
+WIDENED = 3  # greatest number of times that the mixture is widened
 
 
 class Importance(AbstractMean):
@@ -46,7 +46,7 @@ class Importance(AbstractMean):
         self.found = found
         share = scipy.stats.norm.cdf(-found.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
-        # Far and near ones alike get enough samples to be seen.
+        # Near and far design points alike get enough samples to be represented.
         weights = 0.5 * (weights + 1 / weights.size)
         self.weights = np.concatenate([[ORIGIN], (1 - ORIGIN) * weights])
         self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), found.u])
@@ -73,7 +73,7 @@ class Importance(AbstractMean):
             self.round(size)
 
     def _batch(self, count: int) -> np.ndarray:
-        """Add so many samples; returns those failures that no design point explains."""
+        """Add `count` samples and return the failures that lie far from every design point."""
         which = self.rng.choice(self.weights.size, size=count, p=self.weights)
         u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2

@@ -1,13 +1,13 @@
-"""Line sampling: along random lines parallel to a design point, where is failure, and how likely is that?
+"""Line sampling: failing stretches of random lines parallel to the direction of a design point.
 
-A line with the direction α_i of a design point contributes the normal probability of its failing stretches:
-every crossing on it counts, so windows of survival do. Where there are several design points, space is
-divided among them: u belongs to the one with the largest α_i·u − β_i, which cuts every line once, and the
-parts add up. So nothing is counted twice or left out.
+A line with the direction α_i of a design point contributes the normal probability of its failing stretches.
+Every crossing on it counts, so windows of survival are included. With several design points, space is divided
+among them: u belongs to the one with the largest α_i·u − β_i. This cuts every line once, and the parts add
+up, so nothing is counted twice or omitted.
 
-The crossings are points of the surface of failure, and where they move with a number y of the structure or
-the ground the probability changes: dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c| over the crossings c of a line, a
-surface integral. Where G jumps across zero no derivative says where the jump moves to.
+The crossings are points of the surface of failure. The probability changes as they move with a number y of
+the structure or the ground: dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c| over the crossings c of a line, a surface
+integral. Where G jumps across zero, no derivative tells how the jump moves.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from rockjax._risk.lines import crossings
 from ._base import AbstractEstimator, Estimate, Slopes, lognormal_interval
 
 NEAR, FINE, COARSE = 2.5, 0.3, 0.8  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
-REACH = 7.5  # of the lines, at both ends: Φ(−7.5) is 3e-14
-SCENES = 40  # of a line, or so
+REACH = 7.5  # half the length of a line: Φ(−7.5) is 3e-14
+SCENES = 40  # scenes of a line, approximately
 BATCH = 128  # lines in memory at once
-JUMP = 1e-3  # of |∂G/∂c| times σ: G that far from zero at a crossing has jumped there
+JUMP = 1e-3  # G has jumped at a crossing if it is farther from zero than this share of |∂G/∂c|·σ
 
 
 class _Found(NamedTuple):
-    """Where lines cross the surface of failure.
+    """Crossings of lines with the surface of failure.
 
     - `u`: points, (k, d); `density`: φ(c), (k,); `G`: there, on the failing side, (k,)
-    - `part`, `line`: which design point's line, and which of them, (k,)
+    - `part`, `line`: index of the design point, and of the line among the lines of that design point, (k,)
     """
 
     u: np.ndarray
@@ -44,9 +44,11 @@ class _Found(NamedTuple):
 
 
 class _Lines(NamedTuple):
-    """Lines u + cα of a design point each that reach its part of space, from `low` on.
+    """Lines u + cα parallel to a design point's direction, with c ≥ `low` inside the part of space that
+    belongs to it.
 
-    - `u`: (m, d), normal to α; `part`, `line`: which design point's, and which of its lines, (m,)
+    - `u`: (m, d), normal to α; `part`, `line`: index of the design point, and of the line among its lines,
+      (m,)
     """
 
     u: np.ndarray
@@ -71,12 +73,12 @@ class Line(AbstractEstimator):
             self._follow(_Lines(*(y[start : start + BATCH] for y in lines)))
 
     def _follow(self, lines: _Lines) -> None:
-        """Add what lines contribute, and their crossings."""
+        """Add the contributions and the crossings of lines."""
         beta, direction = self.found.beta[lines.part], self.directions[lines.part]
         pairs = zip(lines.low, beta, strict=True)
         places = [self._places(low, max(REACH, b + NEAR), float(b)) for low, b in pairs]
         met = crossings(self.limit, lines.u, direction, places)
-        # Failing stretches end at crossings; what is beyond the ends of a whole line goes on.
+        # Failing stretches end at crossings; beyond the ends of a full line the state at its end continues.
         below = np.where(lines.low <= -REACH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(met.fails_first, below, 0.0)
         np.add.at(probability, met.line, np.where(met.enters, 1.0, -1.0) * scipy.stats.norm.sf(met.place))
@@ -88,7 +90,7 @@ class Line(AbstractEstimator):
         self.found_on_lines.append(_Found(u, scipy.stats.norm.pdf(met.place), met.G, *where))
 
     def _drawn(self, counts: np.ndarray) -> _Lines:
-        """So many new lines of every design point; those that miss its part are none, but count."""
+        """Draw `counts` new lines for each design point; lines that miss its part count, but are dropped."""
         part = np.repeat(np.arange(counts.size), counts)
         line = np.concatenate([np.arange(n) + self.lines[i].size for i, n in enumerate(counts)])
         for i, n in enumerate(counts):

@@ -1,4 +1,4 @@
-"""Monte Carlo: the share of failures among samples as they come."""
+"""Monte Carlo: the share of failures among independent samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BATCH = 4096  # samples in memory at once
 
 class MonteCarlo(AbstractMean):
     needs_design_points = False
-    always_covers = True  # exact, of a binomial share
+    always_covers = True  # the binomial interval is exact
 
     def round(self, size: int) -> None:
         for start in range(0, size, BATCH):

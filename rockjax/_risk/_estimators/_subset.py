@@ -1,14 +1,13 @@
-"""Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. Needs no derivative and no
-design point.
+"""Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. It needs neither derivatives
+nor design points.
 
-Samples below a level of G, a twentieth of those above, are moved and kept where they stay below it. A move is
-that of conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, for a quarter of the
-components at random: longer moves of fewer of them lose the past sooner. (A block under 61 samples of noise,
-integrated coarsely, P = 1e-4: a third fewer scenes for the same accuracy.) A run ends at the level 0.
+The samples below a level of G, one twentieth of all, are moved, and a move is kept if it stays below the
+level. A move is that of conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, for a quarter
+of the components at random: longer moves of fewer components decorrelate sooner. A run ends at the level 0.
 
-Samples of one run know each other, through their chains and through the levels before, which is hard to tell
-from one run. So there are always several, independent of each other and side by side in one batch, and their
-spread is the error. The estimate has a bias of the order of the squared coefficient of variation of a run.
+The samples of a run are correlated, through their chains and through the levels before, and one run cannot
+measure this. So there are always several independent runs, side by side in one batch, and their spread is the
+error. The estimate has a bias of the order of the squared coefficient of variation of a run.
 """
 
 from __future__ import annotations
@@ -22,23 +21,23 @@ import scipy
 
 from ._base import LEVEL, ROUNDS, AbstractEstimator, Estimate, lognormal_interval
 
-SHARE = 0.05  # of the samples that fail a level, if no other is wanted
-RUNS = 6  # of a round, side by side
-SAMPLES = 1500  # of a level, in the runs of the first round, if no other number is wanted
-FEWEST = 800  # in those of any other
-# So many times as many as in the runs before at most: more rounds are more runs, whose spread is the error.
+SHARE = 0.05  # default share of the samples that pass to the next level
+RUNS = 6  # runs of a round, side by side
+SAMPLES = 1500  # default number of samples of a level in the first round
+FEWEST = 800  # least number of samples of a level in later rounds
+# Greatest growth of the samples from one round to the next: more rounds mean more runs to take the spread of.
 GROWTH = 2
-NUMBERS = 5e7  # of all samples that are in memory at once, at most
-LEVELS = 40  # of a run: P = 1e-40
-MOVED = 0.25  # share of the components that a move changes, and
-MOVED_LEAST = 10  # so many of them, or all
+NUMBERS = 5e7  # greatest number of array entries of the samples in memory at once
+LEVELS = 40  # greatest number of levels of a run
+MOVED = 0.25  # share of the components that a move changes
+MOVED_LEAST = 10  # least number of components that a move changes, or all
 ACCEPTED = 0.35  # share of moves to aim for
-TAIL = 0.5 + LEVEL / 2  # quantile at the end of the interval
+TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
 
 
 class _Run(NamedTuple):
-    """A run of so many `samples` a level: P, its relative variance as far as the run itself knows it, and the
-    samples that fail, (k, d)."""
+    """A run of `samples` samples per level: P, its relative variance as estimated from the run itself, and
+    the failing samples, (k, d)."""
 
     probability: float
     variance: float
@@ -52,7 +51,7 @@ class Subset(AbstractEstimator):
     def __init__(self, limit, found, rng, samples: int = SAMPLES, share: float = SHARE):
         super().__init__(limit, found, rng)
         self.share = share
-        self.first = samples  # of a level, in the runs of the first round
+        self.first = samples  # samples of a level in the first round
         self.runs: list[_Run] = []
         self.spent = 0
 
@@ -63,13 +62,13 @@ class Subset(AbstractEstimator):
             most = max(SAMPLES, NUMBERS / (RUNS * self.limit.dimension))
             largest = max(run.samples for run in self.runs)
             most = min(most, GROWTH * largest)
-            # Fewer than half of the largest would not count, or hardly.
+            # Runs with less than half of the samples of the largest would add almost no information.
             samples = int(min(max(size / (RUNS * each), FEWEST, largest / 2), most))
         self.runs += self._side_by_side([self._run(samples) for _ in range(RUNS)])
         self.spent += self.limit.scenes - before
 
     def _side_by_side(self, runs: list[Generator[np.ndarray, np.ndarray, _Run]]) -> list[_Run]:
-        """The runs to their ends, what they ask for in one batch."""
+        """Complete the runs, evaluating the samples that they request in one batch."""
         ended: list[_Run] = []
         asked = [(run, next(run)) for run in runs]
         while asked:
@@ -85,7 +84,7 @@ class Subset(AbstractEstimator):
         return ended
 
     def _run(self, samples: int) -> Generator[np.ndarray, np.ndarray, _Run]:
-        """A run, which asks for G of the samples that it yields."""
+        """Generate a run: yield samples, and receive G of them."""
         u = self.rng.standard_normal((samples, self.limit.dimension))
         g = yield u
         probability, variance, spread, chains = 1.0, 0.0, 0.6, samples
@@ -96,7 +95,7 @@ class Subset(AbstractEstimator):
             probability *= float(below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[below])
-            # Any of them: the first ones are those that moved the least.
+            # A random choice: the first samples are those that moved the least.
             chosen = self.rng.permutation(np.flatnonzero(below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
@@ -113,16 +112,16 @@ class Subset(AbstractEstimator):
             u, g = np.where(stays[:, None], candidate, u), np.where(stays, value, g)
             us.append(u)
             gs.append(g)
-            # Shorter moves where too few are kept, longer ones where too many are.
+            # Shorten the moves if too few are accepted, lengthen them if too many are.
             spread = min(spread * math.exp(float(stays.mean()) - ACCEPTED), 1.0)
         return np.concatenate(us), np.concatenate(gs), spread
 
     def exhausted(self) -> bool:
-        """Whether no run of several rounds has reached failure in all its levels."""
+        """Return whether several rounds have passed and no run has reached failure within its levels."""
         return len(self.runs) >= ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> Estimate:
-        # Much smaller runs vary more than in proportion: they have told how large the others must be.
+        # Much smaller runs vary more than in proportion; they only served to choose the size of the others.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
@@ -131,11 +130,11 @@ class Subset(AbstractEstimator):
         mean = float(weight @ p)
         if mean == 0:
             return Estimate(0.0, 0.0, (0.0, self.share**2), 0.0)
-        # The variance of a run goes with 1/samples. By chance runs may be closer to each other than what
-        # each of them knows of itself.
+        # The variance of a run is proportional to 1/samples. By chance runs may agree better than
+        # their own estimated variances suggest.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
         within = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
-        # Of so few runs it is uncertain itself: as much larger as Student's interval is.
+        # The variance of a few runs is itself uncertain: widen it by Student's t.
         error = math.sqrt(max(spread, within)) * float(
             scipy.stats.t.ppf(TAIL, p.size - 1) / scipy.stats.norm.ppf(TAIL)
         )
@@ -148,8 +147,8 @@ def _finite(variance: float) -> float:
 
 
 def _relative_variance(below: np.ndarray, chains: int) -> float:
-    """Of the share of a level, from samples in chains one after the other, with their correlation (Au & Beck
-    2001)."""
+    """Return the relative variance of the share of a level, from samples in chains one after the other,
+    including their correlation (Au & Beck 2001)."""
     n, p = below.size, float(below.mean())
     if p in (0.0, 1.0):
         return 0.0
