@@ -74,6 +74,7 @@ def scanned_soon(
 
 class Scan(NamedTuple):
     """Result of a scan."""
+
     crossings: Crossings
     survives_at_once: np.ndarray  # whether the lower end of each line survives
     # Least dip of the margin among the survivors below the first crossing of each line, ≤ 1.
@@ -205,7 +206,7 @@ def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) ->
     leaves, forms = zip(*map(jax.tree.flatten, same), strict=True)
     if forms[0] != forms[1]:
         return False
-    # Under a transformation JAX traces the counts that a motion derives from concrete numbers; they do not change.
+    # Under a transformation JAX traces counts derived from concrete numbers; they do not change.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 

@@ -1,6 +1,6 @@
-"""Samples of a ground motion and what follows from them, and whether they make sense.
+"""Samples of a ground motion, quantities derived from them, and plausibility checks.
 
-Between samples a motion is linear; all integrals here are exact for that.
+The motion is linear between samples; all integrals here are exact for that.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from rockjax._checks import as_float, require_finite_samples, single
 from rockjax._plausibility import PlausibilityWarning, doubt
 from rockjax._structures import STANDARD_GRAVITY
 
-HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near, but one in gal that is read as m/s² does
+HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-# Of a file in m/s² by the word of the user alone; numbers in g look like that.
+# Least PGA of a file that only the user declares to be in m/s²; smaller numbers look like g.
 UNSAID_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # s
 RAW = "raw"  # how metadata["processing"] begins for uncorrected data
-DRIFT = 0.2  # of PGV: more is left in records that were cut or not corrected
+DRIFT = 0.2  # share of PGV; a larger final velocity means that a record was cut or not corrected
 
 
 class RecordWarning(PlausibilityWarning):
-    """A ground motion can be read, but its units or its baseline look wrong."""
+    """Warning about a ground motion whose units or baseline look wrong."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Accelerogram:
-    """Samples with a name, a source and what the header of the file said; see [`rockjax.Motion`][], which
-    adds to it."""
+    """Samples with a name, a source and the contents of the file header; base class of
+    [`rockjax.Motion`][]."""
 
     acceleration: np.ndarray
     dt: float
@@ -62,7 +62,7 @@ class Accelerogram:
 
     @property
     def duration(self) -> float:
-        """From the first to the last sample [s]."""
+        """Time from the first to the last sample [s]."""
         return (len(self) - 1) * self.dt
 
     @property
@@ -72,14 +72,17 @@ class Accelerogram:
 
     @functools.cached_property
     def velocity(self) -> np.ndarray:
-        """Ground velocity at the samples, from rest, shape (n,) [m/s]: trapezoids, exact for the motion."""
+        """Ground velocity at the samples, from rest, shape (n,) [m/s]; the trapezoidal rule, exact for the
+        motion."""
         steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @functools.cached_property
     def displacement(self) -> np.ndarray:
-        """Ground displacement at the samples, from rest, shape (n,) [m]: trapezoids of the velocity with
-        their end correction (Euler–Maclaurin), exact for the motion."""
+        """Ground displacement at the samples, from rest, shape (n,) [m].
+
+        The trapezoidal rule with end correction (Euler–Maclaurin) on the velocity, exact for the motion.
+        """
         steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
         trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
         return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
@@ -91,7 +94,7 @@ class Accelerogram:
 
     @property
     def pgv(self) -> float:
-        """Peak ground velocity [m/s], inside of an interval too, where ü_g crosses zero."""
+        """Peak ground velocity [m/s], including peaks inside an interval, where ü_g crosses zero."""
         start, end, after = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
         turns = start * end < 0
         inside = after[turns] + 0.5 * self.dt * start[turns] ** 2 / (start[turns] - end[turns])
@@ -99,10 +102,11 @@ class Accelerogram:
 
     @property
     def pgd(self) -> float:
-        """Peak ground displacement [m], inside of an interval too, where the velocity crosses zero."""
+        """Peak ground displacement [m], including peaks inside an interval, where the velocity crosses
+        zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # v + aτ + ½ slope τ² = 0, in the form that does not cancel.
+        # v + aτ + ½ slope τ² = 0, in the form without cancellation.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         sum_ = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -113,8 +117,13 @@ class Accelerogram:
 
 
 def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
-    """Warn where units or baseline look wrong; `where` names the file, `unsaid` where the file does not say
-    its unit."""
+    """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong.
+
+    - `motion`: the motion
+    - `where`: name of the file, for messages
+    - `stacklevel`: of the warnings
+    - `unsaid`: whether the file does not state its unit
+    """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         doubt(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?",

@@ -9,9 +9,9 @@ _UP = re.compile(
     r"|accz|az|compz|düşey)\d*"
 )
 _DOWN = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
-# Codes of channels: band, instrument, orientation (HNZ, BHZ), perhaps with a location before or behind.
+# Codes of channels: band, instrument, orientation (HNZ, BHZ), optionally with a location before or after.
 _CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Of the ends of names, those that words rarely have; longer ones first.
+# Ends of names that ordinary words rarely have; longer ones first.
 _END = re.compile(
     r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
 )
@@ -36,6 +36,7 @@ def points_down(name: str) -> bool:
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """The name of a motion without its vertical component, and that component; empty where it has none."""
+    """Return the name of a motion without its vertical component, and that component; empty if it has
+    none."""
     found = _END.search(name)
     return (name[: found.start()], found[1]) if found else (name, "")

@@ -1,8 +1,8 @@
-"""Ground motions in whatever form they are given, as what is simulated: everything that takes some asks here.
+"""Conversion of ground motions in any form to excitations; all functions that take motions use it.
 
 A `Motion`, as readers return it, becomes a `Record`; `Motions`, and lists of either, become a table of
-`Records`, or a batch of pulses of one kind. What is no ground motion is a `ValueError` that names the
-argument and the call that makes one.
+`Records`, or a batch of pulses of one kind. Anything else raises a `ValueError` that names the argument and
+the call that makes a ground motion.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from .motion import Motion, Motions
 from .record import Record
 from .records import RecordPairs, Records
 
-# What functions of a single motion take, and those of several.
+# Types that functions of a single motion accept, and those of several.
 AnyMotion = AbstractExcitation | Motion | Motions
 AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class Several(NamedTuple):
-    """Single motions, and what they are called: None where one of them has no name."""
+    """Single motions, and their names; None if one of them has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
 
 
 def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
-    """One motion to simulate with, or a batch that is one excitation already; of several only where there is
-    one."""
+    """Return one motion to simulate with, or a batch that is one excitation already; a sequence must contain
+    one motion."""
     if isinstance(value, AbstractExcitation):
         return value
     members = several(owner, value, name).members
@@ -55,8 +55,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """A batch of motions in one excitation: records in one table, motions of one other kind as one with
-    arrays."""
+    """Return a batch of motions in one excitation: records in one table, motions of one other kind as one
+    with arrays."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -67,7 +67,7 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """A table of all records, or of all pairs of records, and their names where they have some."""
+    """Return a table of all records, or of all pairs of records, and their names if they have any."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
@@ -93,7 +93,7 @@ def _of_records(pair: GroundMotion) -> bool:
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Motions with their integrals, on the host, of one or of several; records become motions."""
+    """Return motions with their integrals, on the host, from one or several; records become motions."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):
@@ -119,7 +119,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
 
 
 def several(owner: str, value, name: str) -> Several:
-    """All single motions in what is given: one, several, or a list of any of these."""
+    """Return all single motions of an argument: one, several, or a list of any of these."""
     if isinstance(value, Motion):
         return Several([value.record()], [value.name])
     if isinstance(value, Motions):
@@ -179,7 +179,7 @@ def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcita
 
 
 def _rows(owner: str, records: Records, name: str) -> list[Record]:
-    """The records that are meant in a table, each by itself."""
+    """Return the selected records of a table, each by itself."""
     which, counts = concrete(records.which), concrete(records.counts)
     if which is None or counts is None:
         raise ValueError(f"{owner}: {name} is being traced; give a list of records")
@@ -196,7 +196,7 @@ def _rows(owner: str, records: Records, name: str) -> list[Record]:
 
 
 def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
-    """Records in one table; motions of one other kind as one with arrays."""
+    """Return records in one table; motions of one other kind as one with arrays."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):
@@ -210,7 +210,7 @@ def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitatio
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """A pulse class, or a function (a_p, T_p) → excitation, whose answers are looked at."""
+    """Return a pulse class, or a function (a_p, T_p) → excitation with its results checked."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
@@ -228,8 +228,8 @@ PULSE = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → 
 
 @dataclasses.dataclass(frozen=True)
 class _Pulse:
-    """A user's function of (a_p, T_p); equal to others of the same, so that what is compiled for it serves
-    again."""
+    """A user's function of (a_p, T_p); equal to others of the same function, so that compiled programs are
+    reused."""
 
     owner: str
     name: str
@@ -256,7 +256,7 @@ class _Pulse:
 
 
 def distinct(labels: Sequence[str]) -> list[str]:
-    """Names that say which is which, where files of different folders have the same."""
+    """Return labels that are unique if files of different folders have the same name."""
     total, seen, found = Counter(labels), Counter(), []
     for label in labels:
         seen[label] += 1

@@ -1,4 +1,4 @@
-"""The ground motion in a file, with its units."""
+"""Reading of the ground motion in a file, with its units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from .formats import ACCELERATIONS, EVEN, UNITS, parse
 
 
 def check_reading(path: Path, units, dt, component) -> None:
-    """Raise `ValueError` for arguments of reading that make no sense."""
+    """Raise `ValueError` for invalid arguments of reading.
+
+    - `path`: file; `units`: a key of `UNITS`, or None; `dt`: > 0 [s], or None; `component`: number or name of
+      a channel, or None
+    """
     if not isinstance(component, int | str | None):
         raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
     if units is not None and units not in UNITS:
@@ -26,7 +30,12 @@ def check_reading(path: Path, units, dt, component) -> None:
 def read(
     path: str | Path, units: str | None, dt: float | None, component: int | str | None = None
 ) -> Accelerogram:
-    """The ground motion in a file, without a look at whether it makes sense.
+    """Read the ground motion in a file, without plausibility checks.
+
+    - `path`: file
+    - `units`: unit of the samples, if the file does not state it
+    - `dt`: sampling interval [s], if the file states neither it nor times
+    - `component`: number or name of a channel, if the file has several
 
     Raises `ValueError` that names the file, the line and the cause.
     """

@@ -48,7 +48,7 @@ _ALIASES = {
     "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
 }  # fmt: skip
 
-# The first pattern that a heading has gives its kind.
+# The first pattern that matches a heading determines its kind.
 _KINDS = [
     ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
     ("return period", r"\breturn period|\brp\b|\bt r\b"),
@@ -64,7 +64,7 @@ _KINDS = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Dimensions of units that go with a kind; an index has none, an unknown kind takes any.
+# Dimensions of the units that a kind may have; an index has none, an unknown kind may have any.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -79,7 +79,7 @@ _YEARS = re.compile(
     re.I,
 )
 _BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))\s*$")
-# Parentheses that hold a direction, not a unit: (N-S), (x), (H1), (N90E), (090).
+# Parentheses that contain a direction, not a unit: (N-S), (x), (H1), (N90E), (090).
 _QUALIFIER = re.compile(
     r"(?:[nsewxyzhv]\d?|n-?s|e-?w|u-?d|up|down|[ns]\d{1,2}[ew]|\d{2,3}|[a-z]{2}[nezxy123])$", re.I
 )
@@ -90,13 +90,13 @@ _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 class Heading(NamedTuple):
     """The meaning of a heading.
 
-    - `text`: the heading as it stands in the file
+    - `text`: the heading as written in the file
     - `quantity`: its words without unit and investigation time; `PGA`, `PGV`, `PGD` and `Sa(1 s)` are spelled
-      so whatever the file's spelling
+      like this regardless of the spelling in the file
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
-      period`, `ratio`, `counts`; empty where neither words nor unit tell it
-    - `unit`: a key of `UNITS`; None where the heading has none
-    - `years`: investigation time of a probability [years]; None where the heading has none
+      period`, `ratio`, `counts`; empty if neither words nor unit determine it
+    - `unit`: a key of `UNITS`; None if the heading has none
+    - `years`: investigation time of a probability [years]; None if the heading has none
     """
 
     text: str
@@ -107,7 +107,7 @@ class Heading(NamedTuple):
 
 
 def unit_of(text: str | None) -> str | None:
-    """The key of `UNITS` that a text means, in any case and with `^2`, `²`, `**2`, `/s/s` or `s-2`; None for
+    """Return the key of `UNITS` for a text, in any case and with `^2`, `²`, `**2`, `/s/s` or `s-2`; None for
     any other text."""
     plain = re.sub(r"[\s^*·]|\.(?=\D|$)", "", (text or "").strip(" []()").translate(_SUPERSCRIPTS)).casefold()
     plain = re.sub(r"milliseconds?", "ms", plain)
@@ -120,12 +120,12 @@ def unit_of(text: str | None) -> str | None:
 def parse_heading(where: str, text: str) -> Heading:
     """Return quantity, unit and investigation time of a heading.
 
-    - `where`: file, and line where it is known, for errors
+    - `where`: file, and line if known, for errors
     - `text`: such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or `probability
       of exceedance in 50 years`
 
-    Raises `ValueError` that quotes the heading for brackets that hold no known unit, and for a unit that does
-    not go with the quantity.
+    Raises `ValueError` that quotes the heading for brackets that contain no known unit, and for a unit that
+    does not match the quantity.
     """
     words = " ".join(text.split()).strip("\"' ")
     years, spelled = None, None
@@ -155,7 +155,7 @@ def _kind(words: str) -> str:
 
 
 def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
-    """Quantity and unit."""
+    """Return quantity and unit."""
     if (unit := unit_of(words)) and not _kind(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
@@ -177,7 +177,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         unit = unit_of(rest)
         if unit is None or not quantity:
             continue
-        # A letter after a blank may be a direction (N S): it is a unit where it goes with the quantity.
+        # A letter after a blank may be a direction (N S); it is a unit only if it matches the quantity.
         kind = _kind(quantity)
         suits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if suits or "/" in rest or match[0].strip(" _in"):

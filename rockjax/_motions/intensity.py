@@ -1,8 +1,6 @@
 """Intensity measures of ground motions, exact for motions that are linear between samples.
 
-Judged for this: eqsig loops over the samples in Python and calls `numpy.trapz`, which is gone from NumPy;
-pyRotd imports `pkg_resources`, which is gone from setuptools. All of them, pyRotd's `calc_spec_accels` too,
-read Sa off at samples.
+Sa is the maximum over all times, not only over the samples, unlike in eqsig and pyRotd.
 """
 
 from __future__ import annotations
@@ -25,18 +23,18 @@ if TYPE_CHECKING:
 
 
 def energy(motion: Accelerogram) -> np.ndarray:
-    """∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
+    """Return ∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
     a, b = motion.acceleration[:-1], motion.acceleration[1:]
     return np.concatenate([[0.0], np.cumsum(motion.dt / 3 * (a * a + a * b + b * b))])
 
 
 def arias_intensity(motion: Accelerogram) -> float:
-    """π/(2g) ∫ü_g² dt (Arias 1970) [m/s]."""
+    """Return π/(2g) ∫ü_g² dt (Arias 1970) [m/s]."""
     return float(math.pi / (2 * STANDARD_GRAVITY) * energy(motion)[-1])
 
 
 def cumulative_absolute_velocity(motion: Accelerogram) -> float:
-    """∫|ü_g| dt [m/s]."""
+    """Return ∫|ü_g| dt [m/s]."""
     a, b = np.abs(motion.acceleration[:-1]), np.abs(motion.acceleration[1:])
     both = np.where(a + b > 0, a + b, 1.0)
     crosses = motion.acceleration[:-1] * motion.acceleration[1:] < 0
@@ -44,8 +42,8 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
 
 
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
-    """The time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady 1975)
-    [s]."""
+    """Return the time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady
+    1975) [s]."""
     spent = energy(motion)
     if spent[-1] == 0:
         return 0.0
@@ -54,12 +52,14 @@ def significant_duration(motion: Accelerogram, start: float = 0.05, end: float =
 
 
 def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
-    """Pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator at rest at first [m/s²].
+    """Return the pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator initially at rest
+    [m/s²].
 
+    - `motion`: ground motion
     - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The maximum is exact for a motion that is linear between samples and zero after the last: it is looked for
-    inside of the intervals and in the free vibration that follows, in which the peak of a slow oscillator may
+    The maximum is exact for a motion that is linear between samples and zero after the last: it includes the
+    interior of the intervals and the free vibration that follows, in which the peak of a slow oscillator may
     lie.
     """
     if not (math.isfinite(period) and period >= 0):
@@ -68,13 +68,21 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     if period == 0:
         return motion.pga
-    from .oscillator import largest_displacement  # SciPy takes long to import
+    from .oscillator import largest_displacement  # SciPy is slow to import
 
     return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
 
 def measured(motion: Accelerogram, measure: str, period: float | None, damping: float) -> tuple[float, int]:
-    """One measure of a motion by its name, and with which power of the motion it grows."""
+    """Return an intensity measure of a motion by its name, and the power of the scale factor with which it
+    grows.
+
+    - `motion`: ground motion
+    - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
+    - `period`: of Sa, ≥ 0 [s]; None for other measures; `damping`: of Sa [–]
+
+    Raises `ValueError` for another measure, and for a period that is missing or not applicable.
+    """
     simple = {
         "PGA": (lambda: motion.pga, 1),
         "PGV": (lambda: motion.pgv, 1),
@@ -98,8 +106,10 @@ LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
 def measured_as(motion: Accelerogram, label: str) -> float:
-    """A measure by what curves call it, "PGA", "PGV" or "Sa(0.5 s)", 5 % damped, in SI units. Raises
-    `ValueError` for others."""
+    """Return a measure by its label on curves, "PGA", "PGV" or "Sa(0.5 s)", 5 % damped, in SI units.
+
+    Raises `ValueError` for other labels.
+    """
     found = LABEL.fullmatch(label)
     if found:
         return measured(motion, "Sa", float(found["period"]), 0.05)[0]
@@ -115,7 +125,10 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """[`rockjax.intensity_measures`][] of what is a motion, or a sequence of motions, already."""
+    """Return [`rockjax.intensity_measures`][] of a motion or a sequence of motions.
+
+    - `motion`, `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
+    """
     import xarray
 
     several = not isinstance(motion, Accelerogram)

@@ -1,4 +1,4 @@
-"""Intensity measures of motions in whatever form they are given."""
+"""Intensity measures of motions in any form."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Intensity measures of a motion or of several, as an `xarray.Dataset` with units.
+    """Return intensity measures of a motion or of several, as an `xarray.Dataset` with units.
 
     - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the
       dim `motion`
     - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
-    - `podium`: with it, the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015):
+    - `podium`: adds the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015):
       `acceleration_ratio` PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`

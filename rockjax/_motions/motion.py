@@ -1,6 +1,6 @@
-"""Ground motions on the host: samples with a name, a source and what its header said.
+"""Ground motions on the host: samples with a name, a source and the contents of their header.
 
-Between samples a motion is linear, as it is in a [`rockjax.Record`][]; all integrals here are exact for that.
+The motion is linear between samples, as in a [`rockjax.Record`][]; all integrals here are exact for that.
 """
 
 from __future__ import annotations
@@ -36,14 +36,13 @@ _RATIO = 1000  # largest numerator and denominator of a change of the sampling i
 class Motion(Accelerogram):
     """A ground motion (host), linear between samples and zero outside.
 
-    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; kept as a copy that cannot be written to
+    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only copy
     - `dt`: sampling interval, > 0 [s]
-    - `name`: what to call it; `source`: the file it comes from, None where there is none
-    - `metadata`: what the header of the file says: station, component, event, date, units in the file, filter
+    - `name`: name of the motion; `source`: the file it comes from, or None
+    - `metadata`: contents of the file header: station, component, event, date, units in the file, filter
       corners …
-    - `vertical`: the vertical motion of the same ground, None where there is none
-      ([`rockjax.Motions.paired`][]); what is done to a motion is done to it as well, and measures are those
-      of the horizontal motion
+    - `vertical`: the vertical motion of the same ground, or None ([`rockjax.Motions.paired`][]); changes of a
+      motion apply to it as well, and measures are those of the horizontal motion
 
     Raises `ValueError` for empty or non-finite samples, for gaps (masked samples, values such as -999 or
     999999 that stand for missing ones) and for dt ≤ 0.
@@ -57,13 +56,16 @@ class Motion(Accelerogram):
             raise ValueError(f"Motion: vertical must be a rockjax.Motion or None, got {shown(self.vertical)}")
 
     def record(self, scale: float = 1.0) -> Record | GroundMotion:
-        """The [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–]. With a
-        vertical motion, the [`rockjax.GroundMotion`][]."""
+        """Return the [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–].
+
+        With a vertical motion, returns the [`rockjax.GroundMotion`][].
+        """
         record = Record(self.acceleration, self.dt, scale)
         return record if self.vertical is None else GroundMotion(record, self.vertical.record(scale))
 
     def scaled(self, factor: float) -> Self:
-        """The motion times `factor` [–]; the product of all factors is kept in `metadata["scale"]`."""
+        """Return the motion times `factor` [–]; the product of all factors is stored in
+        `metadata["scale"]`."""
         factor = single("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         scaled = self._changed(factor * self.acceleration, **note)
@@ -76,20 +78,20 @@ class Motion(Accelerogram):
         )
 
     def _and_vertical(self, change: Callable[[Motion], Motion]) -> Self:
-        """With the vertical motion changed too, where there is one."""
+        """Apply a change to the vertical motion as well, if there is one."""
         return self if self.vertical is None else dataclasses.replace(self, vertical=change(self.vertical))
 
     def resampled(self, dt: float) -> Self:
-        """The motion every `dt` [s] instead, band-limited (`scipy.signal.resample_poly`).
+        """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
 
-        What lies above the lower of the two Nyquist frequencies is filtered out, so that nothing is folded
-        back; what lies below is kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it folds
-        30 Hz onto 20 Hz, and towards finer samples it is no change at all, for a motion is linear between
-        samples anyway. The straight line through the first and the last sample is not filtered, so that an
-        offset does not ring at the ends. The first sample stays at its time.
+        Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are aliased;
+        lower ones are kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it aliases 30 Hz to
+        20 Hz, and towards finer samples it changes nothing, because a motion is linear between samples. The
+        straight line through the first and the last sample is not filtered, so that an offset does not ring
+        at the ends. The first sample stays at its time.
 
-        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and where the two
-        intervals are not in a ratio of whole numbers up to 1000.
+        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and if the two intervals
+        are not in a ratio of whole numbers up to 1000.
         """
         dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
@@ -104,8 +106,8 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        # The line through both ends is left out of the filter, whose gains for constants differ from
-        # sample to sample by 1e-3; padtype="line" of SciPy only extends it.
+        # The line through both ends is not filtered: the gains of the filter for constants differ from
+        # sample to sample by 1e-3; padtype="line" of SciPy only extends the line.
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
@@ -113,12 +115,12 @@ class Motion(Accelerogram):
         return resampled._and_vertical(lambda vertical: vertical.resampled(dt))
 
     def baseline_corrected(self, order: int = 2) -> Self:
-        """The motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its derivative in
-        ü_g.
+        """Return the motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its
+        derivative in ü_g.
 
         The polynomial is fitted to the velocity by least squares among those that are zero at the start and
-        meet the velocity at the end, so that the corrected motion begins and ends at rest. `order=1` takes a
-        constant out of the accelerations, 2 a straight line, 3 a parabola.
+        equal the velocity at the end, so that the corrected motion begins and ends at rest. `order=1` removes
+        a constant from the accelerations, 2 a straight line, 3 a parabola.
 
         Raises `ValueError` for an order that is not a whole number from 1 to 8.
         """
@@ -134,14 +136,14 @@ class Motion(Accelerogram):
         c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
         corrected = self._changed(self.acceleration - slope / self.duration, baseline_order=order)
-        # Trapezoids of a polynomial are not quite its integral.
+        # The trapezoidal rule is not exact for a polynomial.
         corrected = corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
         return corrected._and_vertical(lambda vertical: vertical.baseline_corrected(order))
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
-        """The part between the fractions `lower` and `upper` of the Arias intensity [–].
+        """Return the part between the fractions `lower` and `upper` of the Arias intensity [–].
 
-        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] takes it out. Raises
+        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] removes it. Raises
         `ValueError` unless 0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
         """
         for name, value in (("lower", lower), ("upper", upper)):
@@ -169,9 +171,10 @@ class Motion(Accelerogram):
         return dataclasses.replace(trimmed, vertical=vertical._changed(vertical.acceleration[part]))
 
     def save(self, path: str | Path) -> Path:
-        """Write the motion as PEER's `.AT2` (in g, 8 digits, 0 below 1e-99 g) or as `.csv` (time [s],
-        acceleration [m/s²], exactly), by the suffix of `path`; whole or not at all.
-        [`rockjax.read_motion`][] reads both without further arguments.
+        """Write the motion to a file, atomically, in the format of its suffix: `.AT2` or `.csv`.
+
+        PEER's `.AT2` is in g with 8 digits, 0 below 1e-99 g; `.csv` contains time [s] and acceleration
+        [m/s²], exactly. [`rockjax.read_motion`][] reads both without further arguments.
 
         Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
         """
@@ -194,7 +197,7 @@ class Motion(Accelerogram):
             say(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Exponents of three digits would fill the columns, so that numbers touch.
+        # Exponents of three digits would fill the columns, and numbers would touch.
         samples = np.where(np.abs(self.acceleration) < _AT2_LEAST * STANDARD_GRAVITY, 0.0, self.acceleration)
         numbers = [f"{a:15.7E}" for a in samples / STANDARD_GRAVITY]
         return [
@@ -232,11 +235,11 @@ class Motion(Accelerogram):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motions(Sequence[Motion]):
-    """Several ground motions (host), of whatever lengths and sampling intervals: a sequence of
+    """Several ground motions (host), of any lengths and sampling intervals: a sequence of
     [`rockjax.Motion`][].
 
-    An index gives a motion, a slice gives motions. Scale factors are in the accelerations already; `scales`
-    tells them.
+    An index returns a motion, a slice returns motions. Scale factors are included in the accelerations;
+    `scales` lists them.
     """
 
     motions: tuple[Motion, ...]
@@ -266,34 +269,35 @@ class Motions(Sequence[Motion]):
 
     @property
     def scales(self) -> np.ndarray:
-        """The factor on each motion as it was read, shape (motions,) [–]."""
+        """Factor on each motion relative to its file, shape (motions,) [–]."""
         return np.array([float(motion.metadata.get("scale", 1.0)) for motion in self])
 
     def map(self, change: Callable[[Motion], Motion]) -> Motions:
-        """`change` on every motion, such as `lambda motion: motion.resampled(0.01)`."""
+        """Apply `change` to every motion, such as `lambda motion: motion.resampled(0.01)`."""
         return Motions(tuple(change(motion) for motion in self))
 
     def records(self) -> list[Record | GroundMotion]:
-        """One [`rockjax.Record`][] per motion, to simulate with; a [`rockjax.GroundMotion`][] with a vertical
-        motion."""
+        """Return one [`rockjax.Record`][] per motion, to simulate with; a [`rockjax.GroundMotion`][] with a
+        vertical motion."""
         return [motion.record() for motion in self]
 
     def paired(self) -> Motions:
-        """The horizontal motions, each with the vertical one of its station and event.
+        """Return the horizontal motions, each with the vertical one of its station and event.
 
-        Stations, events and components are those of the headers; without them, files whose names differ in
-        their component only belong together. Raises `ValueError` that lists horizontal motions without a
-        vertical one, and vertical ones that several of a station could be.
+        Stations, events and components are taken from the headers; without them, files whose names differ
+        only in their component belong together. Raises `ValueError` that lists horizontal motions without a
+        vertical one, and vertical ones that match several of a station.
         """
         return Motions(paired(self.motions))
 
     def scaled_to(
         self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05
     ) -> Motions:
-        """Every motion scaled so that `measure` is `value`.
+        """Return every motion scaled so that `measure` is `value`.
 
         - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or
           `"Sa"` [m/s²]
+        - `value`: target, > 0, in the unit of the measure
         - `period`, `damping`: of Sa(T) [s], [–]
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
@@ -316,7 +320,10 @@ class Motions(Sequence[Motion]):
         damping: float = 0.05,
         podium: Podium | None = None,
     ) -> xarray.Dataset:
-        """Their intensity measures along `motion`: see [`rockjax.intensity_measures`][]."""
+        """Return the intensity measures of the motions along `motion`.
+
+        - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
+        """
         return intensity_measures(self, periods=periods, damping=damping, podium=podium)
 
     def _rows(self) -> list[tuple[str, ...]]:

@@ -23,14 +23,14 @@ from .motion import Motion
 
 COLUMNS = ("A", "f_p", "gamma", "nu")
 QUANTITIES = ("velocity", "displacement")
-PERIODS = (0.3, 12.0)  # of the pulses that are looked for [s], and at most the duration of the record
-OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # to begin with
+PERIODS = (0.3, 12.0)  # range of the periods of pulses [s]; the upper limit is at most the record's duration
+OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40
 STARTS = 4
 
 
 class PulseTable(NamedTuple):
-    """Pulses by name.
+    """Pulses with names.
 
     - `pulses`: a batch of [`rockjax.MavroeidisPapageorgiou`][] with fields of shape (k,); `names`: of each
     """
@@ -40,11 +40,11 @@ class PulseTable(NamedTuple):
 
 
 def read_pulses(path: str | Path) -> PulseTable:
-    """A table of Mavroeidis–Papageorgiou pulses (host).
+    """Read a table of Mavroeidis–Papageorgiou pulses (host).
 
     The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad] or
-    `nu_deg` [°], and, if wanted, `name`. Lines that begin with # are comments. Raises a `ValueError` that
-    names pulse and column for anything else, and for pulses that make no sense.
+    `nu_deg` [°], and optionally `name`. Lines that begin with # are comments. Raises a `ValueError` that
+    names pulse and column for anything else, and for pulses outside their ranges.
     """
     path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]
@@ -79,9 +79,9 @@ def _number(path: Path, k: int, column: str, row: dict) -> float:
 class PulseFit:
     """The pulse in a record.
 
-    - `pulse`: centred on t = 0, as all of its kind; `time`: where its centre is in the record [s]
+    - `pulse`: centred on t = 0, as all of its kind; `time`: time of its centre in the record [s]
     - `share`: of the energy ∫v² dt of the record that the pulse explains, or of ∫d² dt [–]
-    - `quantity`: what was fitted, `"velocity"` or `"displacement"`
+    - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 
     pulse: MavroeidisPapageorgiou
@@ -90,7 +90,7 @@ class PulseFit:
     quantity: str
 
     def velocity(self, times) -> Float[Array, " n"]:
-        """v of the pulse at times of the record, shape (n,) [m/s]."""
+        """Return v of the pulse at times of the record, shape (n,) [m/s]."""
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def rest(self, motion: Motion) -> Motion:
@@ -114,18 +114,18 @@ def fit_pulse(
     shortest: float = PERIODS[0],
     longest: float = PERIODS[1],
 ) -> PulseFit:
-    """The Mavroeidis–Papageorgiou pulse that comes closest to a record, by least squares on its velocity or
-    displacement (host).
+    """Fit a Mavroeidis–Papageorgiou pulse to a record, by least squares on its velocity or displacement
+    (host).
 
     - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], from rest
-    - `quantity`: what is fitted; the displacement weighs long periods more, and needs a record whose
-      displacement is right
-    - `shortest`, `longest`: periods 1/f_p to begin with [s]
+    - `quantity`: the fitted quantity; the displacement weighs long periods more, and needs a record with a
+      correct displacement
+    - `shortest`, `longest`: range of initial periods 1/f_p [s]
 
-    For each of many periods and numbers of oscillations the best place in the record is a correlation; least
-    squares go on from the best of them (Levenberg–Marquardt). For derivatives of the pulse by the samples see
-    [`rockjax.refit_pulse`][]. Raises `ValueError` for other motions, for one that is zero, and for periods
-    that make no sense.
+    For each of many periods and numbers of oscillations the best place in the record is found by correlation;
+    least squares start from the best of them (Levenberg–Marquardt). For derivatives of the pulse by the
+    samples see [`rockjax.refit_pulse`][]. Raises `ValueError` for other motions, for one that is zero, and
+    for invalid periods.
     """
     owner = "fit_pulse"
     found = as_motions(owner, motion)
@@ -140,7 +140,7 @@ def fit_pulse(
         raise ValueError(f"{owner}: {one.name} is zero throughout")
     longest = max(min(longest, one.duration), 1.0001 * shortest)
     starts = _starts(one.velocity, one.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
-    # As many for every record: one program.
+    # Equally many for every record, so that one program serves all.
     starts += starts[:1] * (STARTS - len(starts))
     side_by_side = jax.tree.map(lambda *ys: np.stack(ys), *starts)
     found = _refitted(one.acceleration, one.dt, side_by_side, quantity=quantity)
@@ -152,19 +152,19 @@ def fit_pulse(
 
 def _leaves_of_fits(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
     fits = jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
-    return jax.tree.leaves(fits)  # a tree of modules cannot be kept
+    return jax.tree.leaves(fits)  # a tree of modules cannot be returned
 
 
 _refitted = KeptProgram(_leaves_of_fits)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
-    """The best pulses of a grid of periods and numbers of oscillations, each where it fits best, one for a
-    period."""
+    """Return the best pulses of a grid of periods and numbers of oscillations, each at its best place, one
+    for a period."""
     total = float(velocity @ velocity)
     best = [max(_best_place(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
     shares = np.array([explained for explained, *_ in best]) / total
-    # The tops of the share over the period.
+    # Local maxima of the share over the period.
     tops = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
     found = []
     for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]:
@@ -175,14 +175,14 @@ def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[Pu
 
 
 def _best_place(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Σv² that a pulse explains where it fits best, the time of its centre, A, γ and ν."""
+    """Return Σv² that a pulse explains at its best place, the time of its centre, A, γ and ν."""
     from scipy.signal import fftconvolve
 
     half = math.floor(0.5 * gamma / f_p / dt)
     phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # Of the normal equations at every place; the shapes are even and odd, so they do not mix.
+    # Normal equations at every place; they are diagonal because the shapes are even and odd.
     sides = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     sizes = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(sides**2 / sizes, axis=0)
@@ -198,11 +198,10 @@ def refit_pulse(
     *,
     quantity: str | None = None,
 ) -> PulseFit:
-    """Least squares from a pulse that is close: differentiable with respect to the samples, under `jit` and
-    `vmap`.
+    """Refine a pulse by least squares: differentiable with respect to the samples, under `jit` and `vmap`.
 
     - `acceleration`: of the record, linear between samples, shape (n,) [m/s²]; `dt`: its interval [s]
-    - `start`: of [`rockjax.fit_pulse`][]; `quantity`: what is fitted, by default what `start` was fitted to
+    - `start`: from [`rockjax.fit_pulse`][]; `quantity`: the fitted quantity, by default that of `start`
 
     Derivatives are those of the implicit function theorem at the least squares.
     """
@@ -242,14 +241,14 @@ def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
 
 
 def _tidy(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
-    """Return the same pulse with A ≥ 0 and −π < ν ≤ π."""
+    """Return an equal pulse with A ≥ 0 and −π < ν ≤ π."""
     turned = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
     nu = turned - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(turned / (2 * math.pi) - 0.5))
     return dataclasses.replace(pulse, A=jnp.abs(pulse.A), nu=nu)
 
 
 def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """v of the pulse, shape (n,) [m/s]."""
+    """Return v of the pulse, shape (n,) [m/s]."""
     phase = 2 * math.pi * pulse.f_p * t
     inside = jnp.abs(t) <= 0.5 * pulse.gamma / pulse.f_p
     shape = 0.5 * (1 + jnp.cos(phase / pulse.gamma)) * jnp.cos(phase + pulse.nu)
@@ -257,7 +256,7 @@ def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Arr
 
 
 def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """∫v dt from before the pulse, shape (n,) [m]."""
+    """Return ∫v dt from before the pulse, shape (n,) [m]."""
     half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
 
     def upto(t):

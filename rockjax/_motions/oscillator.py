@@ -1,9 +1,9 @@
-"""The largest displacement of a linear oscillator under a motion that is linear between samples, exact inside
-of intervals.
+"""The largest displacement of a linear oscillator under a motion that is linear between samples, including
+the interior of intervals.
 
-With z = u̇ − λ̄u and λ = −ζω + iω_d the equation ü + 2ζωu̇ + ω²u = −a(t) is ż = λz − a(t), one complex number
-in the place of two real ones. From sample to sample its solution is known (Nigam & Jennings 1969), and so it
-is everywhere between them.
+With z = u̇ − λ̄u and λ = −ζω + iω_d the equation ü + 2ζωu̇ + ω²u = −a(t) is ż = λz − a(t), with one complex
+number instead of two real ones. Its solution is exact from sample to sample (Nigam & Jennings 1969), and
+between them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy.signal import lfilter
 
 from rockjax._roots import halved
 
-_PIECES = 8  # per period at least, so that ü changes sign once at most in a piece
-_TERMS = 20  # of a series in |λτ| ≤ 2π/8, down to rounding
+_PIECES = 8  # least number of pieces per period, so that ü changes sign at most once in a piece
+_TERMS = 20  # terms of a series in |λτ| ≤ 2π/8, accurate to rounding
 _HALVINGS = 60
 
 
@@ -29,7 +29,7 @@ class _Oscillator(NamedTuple):
 
     @property
     def damped(self) -> float:
-        """Circular frequency with damping ω_d [rad/s]."""
+        """Circular frequency with damping, ω_d [rad/s]."""
         return self.omega * math.sqrt(1 - self.damping**2)
 
     @property
@@ -44,15 +44,15 @@ class _Oscillator(NamedTuple):
         return np.real(z) - self.damping * self.omega * self.displacement(z)
 
     def at_samples(self, load: np.ndarray, dt: float) -> np.ndarray:
-        """z at every sample of a load, from rest."""
-        # exp of this holds exp(λ dt) and its first two integrals, without cancellation.
+        """Return z at every sample of a load, from rest."""
+        # exp of this matrix contains exp(λ dt) and its first two integrals, without cancellation.
         blocks = expm(dt * np.array([[self.pole, 1, 0], [0, 0, 1], [0, 0, 0]]))
         decay, hold, ramp = blocks[0, 0], blocks[0, 1], blocks[0, 2] / dt
         steps = -(hold - ramp) * load[:-1] - ramp * load[1:]
         return np.concatenate([[0.0], lfilter([1.0], [1.0, -decay], steps)])
 
     def after(self, z, load, slope, tau):
-        """z a time τ ≤ T/8 after it was `z`, under `load` + `slope` τ; arrays of one shape."""
+        """Return z a time τ ≤ T/8 later, under the load `load` + `slope` τ; arrays of one shape."""
         s = self.pole * tau
         term = np.ones_like(s)
         decay, hold, ramp = term, np.zeros_like(s), np.zeros_like(s)
@@ -64,7 +64,7 @@ class _Oscillator(NamedTuple):
         return decay * z - tau * (load * hold + slope * tau * ramp)
 
     def turn(self, z, load, slope):
-        """The first τ > 0 at which ü = 0 if the load goes on, where a damped sinusoid has its zero."""
+        """Return the first τ > 0 at which ü = 0 if the load continues, a zero of a damped sinusoid."""
         u, v = self.displacement(z), self.velocity(z)
         w, b = self.omega, self.damping * self.omega
         start = -load - 2 * b * v - w * w * u
@@ -74,8 +74,8 @@ class _Oscillator(NamedTuple):
 
 
 def largest_displacement(load: np.ndarray, dt: float, period: float, damping: float) -> float:
-    """max|u| of ü + 2ζωu̇ + ω²u = −a(t) from rest, with a linear between the samples `load` and zero after
-    the last [m].
+    """Return max|u| of ü + 2ζωu̇ + ω²u = −a(t) from rest, with a linear between samples and zero after the
+    last [m].
 
     - `load`: samples of a, shape (n,), n ≥ 2 [m/s²]; `dt`: their interval [s]
     - `period`: T > 0 [s]; `damping`: 0 ≤ ζ < 1 [–]
@@ -92,9 +92,9 @@ def largest_displacement(load: np.ndarray, dt: float, period: float, damping: fl
 
 
 def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) -> float:
-    """The largest |u| where u̇ = 0 inside of an interval, or `known` where none exceeds it."""
+    """Return the largest |u| where u̇ = 0 inside an interval, or `known` if none exceeds it."""
     start, end = z[:-1], z[1:]
-    # u̇ is monotone on both sides of a zero of ü, of which there is one in an interval at most.
+    # u̇ is monotone on both sides of a zero of ü, and an interval contains at most one.
     middle = oscillator.turn(start, load, slope)
     turns = np.flatnonzero(middle < dt)
     middle = np.minimum(middle, dt)
@@ -118,7 +118,7 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
 
 
 def _free(oscillator: _Oscillator, z: complex) -> float:
-    """The largest |u| of free vibration after `z`: at its first turn."""
+    """Return the largest |u| of free vibration after `z`: at its first turning point."""
     u, v = oscillator.displacement(z), oscillator.velocity(z)
     b = oscillator.damping * oscillator.omega
     # u̇ = exp(−bt) (v cos ω_d t − (b v + ω² u)/ω_d sin ω_d t)

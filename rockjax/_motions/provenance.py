@@ -1,4 +1,4 @@
-"""Identity of the record of a result: its name, source and distinguishing numbers."""
+"""Provenance of the records of a result: name, source and distinguishing numbers."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .records import RecordPairs, Records
 
 
 def sha256(samples: Any) -> str:
-    """SHA-256 of samples [m/s²], as little-endian float64."""
+    """Return the SHA-256 of samples [m/s²], as little-endian float64."""
     return hashlib.sha256(np.ascontiguousarray(samples, "<f8").tobytes()).hexdigest()
 
 
 def describe_record(record: Record) -> dict[str, Any]:
-    """Samples of a record for the attributes of a file: their number, dt, PGA times the scale of the record,
-    checksum without that."""
+    """Return attributes of a file that identify a record: number of samples, dt, PGA times the scale of the
+    record, and checksum of the unscaled samples."""
     samples = np.asarray(record.acceleration, float)
     return {
         "record_samples": samples.size,
@@ -32,8 +32,8 @@ def describe_record(record: Record) -> dict[str, Any]:
 
 
 def origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
-    """Name, source, factor and seed of a `Motion` and of its vertical one, for the attributes of a file;
-    nothing of other excitations."""
+    """Return name, source, factor and seed of a `Motion` and of its vertical one, for the attributes of a
+    file; empty for other excitations."""
     if not isinstance(motion, Motion):
         return ()
     found: dict[str, Any] = {"record_name": motion.name}
@@ -47,8 +47,8 @@ def origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
-    """Name, source, samples, dt, PGA and checksum of what is a record, for the attributes of a file; lists of
-    them of several records. Nothing of other excitations."""
+    """Return name, source, samples, dt, PGA and checksum of records, for the attributes of a file; lists for
+    several records. Empty for other excitations."""
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
@@ -66,7 +66,7 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
 
 
 def _several(given: Any) -> list[Motion]:
-    """The motions with names and sources in what was given as records."""
+    """Return the motions with names and sources in an argument of records."""
     if isinstance(given, Motion):
         return [given]
     return (
@@ -77,8 +77,8 @@ def _several(given: Any) -> list[Motion]:
 
 
 def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str, Any]:
-    """Coordinates along `record` that tell records from others: dt, PGA, checksum of the samples; and source
-    and seed, where `given` says them of all."""
+    """Return coordinates along `record` that identify records: dt, PGA, checksum of the samples; and source
+    and seed, if `given` has them for all."""
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)
     rows = [

@@ -1,4 +1,4 @@
-"""Ground motions from files, one by one or as a suite."""
+"""Readers of ground motions from files, one by one or as a suite."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .accelerogram import check
 from .files import check_reading, read
 from .motion import Motion, Motions
 
-TABLE = "suite.csv"  # what a folder may hold to say what is in it
+TABLE = "suite.csv"  # optional table of the files in a folder
 _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
 
 
 def read_motion(
     path: str | Path, *, units: str | None = None, dt: float | None = None, component: int | str | None = None
 ) -> Motion:
-    """The ground motion in a file (host), with what its header says.
+    """Read the ground motion in a file (host), with the contents of its header.
 
     Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet
     (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net
@@ -30,17 +30,17 @@ def read_motion(
     (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or tabs between;
     NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
-    - `dt`: sampling interval, > 0 [s]; needed where the file has neither it nor times
-    - `component`: where the file has several channels, the number or name of one: `1`, `"Up"`, `"HNE"`; any
-      usual name of the vertical one is known
+    - `path`: file to read
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed if the file does not state it
+    - `dt`: sampling interval, > 0 [s]; needed if the file has neither it nor times
+    - `component`: number or name of a channel, if the file has several: `1`, `"Up"`, `"HNE"`; any usual name
+      of the vertical one is recognised
 
-    Raises `ValueError` that names the file, the line and the cause for whatever cannot be read as a ground
-    motion, for headings that are not understood or contradict `units` or `dt`, and for gaps; it lists the
-    channels where one must be chosen. Warns ([`rockjax.RecordWarning`][]) where PGA is above 3 g or below
-    1e-4 g, or below 0.05 g where only `units="m/s2"` says the unit, where the sampling interval is above
-    0.1 s or below 1e-4 s, where the file is damaged or its data are raw, and where more than a fifth of PGV
-    is left at the end.
+    Raises `ValueError` that names the file, the line and the cause for anything that cannot be read as a
+    ground motion, for headings that are not understood or contradict `units` or `dt`, and for gaps; it lists
+    the channels if one must be chosen. Warns ([`rockjax.RecordWarning`][]) if PGA is above 3 g or below 1e-4
+    g, or below 0.05 g if only `units="m/s2"` gives the unit, if the sampling interval is above 0.1 s or below
+    1e-4 s, if the file is damaged or its data are raw, and if the final velocity is more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
     check(motion, str(path), stacklevel=3, unsaid=units is not None)
@@ -56,16 +56,16 @@ def read_suite(
     component: int | str | None = None,
     pattern: str | None = None,
 ) -> Motions:
-    """The ground motions in a folder, or in a table (host).
+    """Read the ground motions in a folder, or in a table (host).
 
     - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of
-      headings: `file` (relative to the table) and, where wanted, `name`, `scale`, `units`, `dt` and
-      `component`; empty cells are as if left out, and other columns become metadata. A folder that holds a
-      `suite.csv` is read by it
-    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table comes
-      first
+      headings: `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and
+      `component`; empty cells count as missing, and other columns become metadata. In a folder that contains
+      a `suite.csv`, that table is read
+    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table has
+      priority
     - `scale`: factor on all motions, times that of the table [–]
-    - `pattern`: reads these files of a folder only, such as `"*.AT2"`, and no `suite.csv`
+    - `pattern`: read only these files of a folder, such as `"*.AT2"`, and no `suite.csv`
 
     Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
     """
@@ -113,7 +113,8 @@ def is_table(path: Path) -> bool:
 
 
 def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """The rows of a table of files: where each is, for complaints, and its cells that are not empty."""
+    """Return the rows of a table of files: the place of each, for messages, and its cells that are not
+    empty."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
         rows = [

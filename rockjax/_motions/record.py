@@ -35,8 +35,8 @@ from .accelerogram import check
 
 
 class Record(AbstractSampled):
-    """A sampled ground motion, linear between samples and zero before the first and after the last, jumps
-    included.
+    """A sampled ground motion, linear between samples and zero before the first and after the last, with
+    jumps there.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
     - `dt`: sampling interval, > 0 [s]
@@ -71,17 +71,19 @@ class Record(AbstractSampled):
         scale: float = 1.0,
         component: int | str | None = None,
     ) -> Self:
-        """The record in a file (host): PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's .npy.
+        """Read a record from a file (host): PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's
+        .npy.
 
-        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed where the file does not say it
-        - `dt`: sampling interval [s], where the file has neither it nor times
+        - `path`: file to read
+        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed if the file does not state it
+        - `dt`: sampling interval [s], if the file has neither it nor times
         - `scale`: factor on the samples [–]
-        - `component`: number or name of a channel, where the file has several
+        - `component`: number or name of a channel, if the file has several
 
-        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also keeps what the header
-        says.
+        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also returns the contents
+        of the header.
         """
-        from .files import read  # with all formats, which few need
+        from .files import read  # imports all formats, which few programs need
 
         scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
@@ -117,7 +119,8 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """The record filled up to one of few sizes; a batch of them to closer ones, as each fills memory."""
+        """Return the record padded to one of a few sizes; batches use more sizes, because each record takes
+        memory."""
         samples = self.acceleration
         count, sizes = samples.shape[-1], OF_RECORDS if samples.ndim == 1 else OF_TABLES
         return PaddedRecord(
@@ -130,8 +133,8 @@ class Record(AbstractSampled):
 
 
 class PaddedRecord(Record):
-    """A record filled up with zeros, so that records of many lengths share their programs; `count` are
-    samples."""
+    """A record padded with zeros, so that records of many lengths share programs; the first `count` entries
+    are samples."""
 
     count: Int[Array, ""] = eqx.field(converter=as_array, default=0)
 

@@ -1,4 +1,4 @@
-"""Several records in one table, for ensembles."""
+"""Several records in one table, for ensembles of scenes."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ LEAST_ROWS = 8
 
 
 class Records(AbstractSampled):
-    """Sampled ground motions of any lengths and intervals, kept once for all scenes: a batch of records.
+    """Sampled ground motions of any lengths and intervals, stored once for all scenes: a batch of records.
 
-    `Records.of(records)` is made from single records; as it stands it is a batch of all of them, shape (k,).
-    `pick(j)` is record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With
+    `Records.of(records)` is made from single records; it is a batch of all of them, shape (k,). `pick(j)` is
+    record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With
     [`rockjax.peak_responses`][] the samples are not copied for each scene, and one program serves records of
     different lengths.
 
-    - `acceleration`: samples, shape (k, n), rows filled up with zeros [m/s²]; `counts`: how many are samples,
-      shape (k,)
+    - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]; `counts`: number of samples of
+      each, shape (k,)
     - `intervals`: sampling intervals, shape (k,) [s]; `starts`: times of the first samples, shape (k,) [s]
-    - `which`: the rows that are meant; `scale`: factor on the samples [–]
+    - `which`: indices of the selected rows; `scale`: factor on the samples [–]
     """
 
     acceleration: Float[Array, "k n"]
@@ -54,14 +54,14 @@ class Records(AbstractSampled):
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     def __check_init__(self):
-        if isinstance(self.acceleration, np.ndarray):  # what is JAX's comes from records, which were checked
+        if isinstance(self.acceleration, np.ndarray):  # JAX arrays come from records that were checked
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
-        """A batch of single records, their scales applied. Raises `ValueError` for none, and for batches
-        among them."""
+        """Return a batch of single records, their scales applied. Raises `ValueError` for an empty sequence,
+        and for batches in it."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
                 f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}"
@@ -80,7 +80,7 @@ class Records(AbstractSampled):
                 )
         counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
-        # Of JAX every operation would be compiled for every length.
+        # In NumPy, because outside jit every jnp operation would compile separately for every length.
         numpy = array_module(singles)
         rows = [
             numpy.pad(
@@ -97,7 +97,7 @@ class Records(AbstractSampled):
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Some of the records, unscaled. Raises `ValueError` for one that is not there, where it is
+        """Return some of the records, unscaled. Raises `ValueError` for an index out of range, if it is
         concrete."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
         chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
@@ -147,11 +147,11 @@ class Records(AbstractSampled):
         return numpy.where(samples, numpy.abs(self.acceleration), 0.0)
 
     def chosen(self, which, scale) -> Self:
-        """Some of the records, scaled; in NumPy where these are."""
+        """Return some of the records, scaled; in NumPy if the arguments are NumPy arrays."""
         return dataclasses.replace(self, which=which, scale=scale)
 
     def common_form(self) -> Self:
-        """The table filled up to one of few sizes, with records that nobody means."""
+        """Return the table padded to one of a few sizes, with records that are never selected."""
         rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
@@ -169,12 +169,12 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """Several records, each with a vertical one: the same rows of two tables. Sizes are those of the
-    horizontal ones."""
+    """Several records, each with a vertical one: equal rows of two tables. Sizes are those of the horizontal
+    ones."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
-        """A batch of single pairs of records."""
+        """Return a batch of single pairs of records."""
         return cls(*(Records.of([getattr(pair, part) for pair in pairs]) for part in PARTS))
 
     @property
@@ -196,11 +196,11 @@ class RecordPairs(GroundMotion):
         return cast(Records, self.horizontal)
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Some of the pairs, unscaled."""
+        """Return some of the pairs, unscaled."""
         return self._each(lambda records: records.pick(which))
 
     def chosen(self, which, scale) -> Self:
-        """Some of the pairs, scaled; in NumPy where these are."""
+        """Return some of the pairs, scaled; in NumPy if the arguments are NumPy arrays."""
         return self._each(lambda records: records.chosen(which, scale))
 
     def _each(self, change: Callable[[Records], Records]) -> Self:
@@ -209,6 +209,6 @@ class RecordPairs(GroundMotion):
 
 
 def _more(values, size: int, fill: float):
-    """Values with others behind them."""
+    """Return values padded at the end."""
     numpy = array_module(values)
     return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

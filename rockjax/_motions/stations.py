@@ -15,7 +15,7 @@ M = TypeVar("M", bound=Accelerogram)
 
 
 def paired(motions: Sequence[M]) -> tuple[M, ...]:
-    """The horizontal ones, each with the vertical one of its station; in the order given."""
+    """Return the horizontal motions, each with the vertical one of its station, in the given order."""
     vertical: dict[tuple, list[M]] = defaultdict(list)
     horizontal: list[M] = []
     for motion in motions:
@@ -52,13 +52,14 @@ def _is_vertical(motion: Accelerogram) -> bool:
 
 
 def _station(motion: Accelerogram) -> tuple[str, ...]:
-    """Station, event and date; by the name where the header has no station."""
+    """Return station, event and date; the name if the header has no station."""
     said = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
     return tuple(said) if said[0] else ("", motion.name)
 
 
 def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Vertical motions whose names differ from this one's in their ends only; of several the most alike."""
+    """Return vertical motions whose names differ from this one's only in their ends; of several the most
+    similar."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -77,7 +78,7 @@ def _of_depth(motion: M, others: list[M]) -> list[M]:
 
 
 def _upwards(motion: M) -> M:
-    """Upwards positive: a component that is called down is turned round."""
+    """Return the motion with upwards positive: a component that is labelled down changes its sign."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

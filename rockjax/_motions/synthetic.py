@@ -1,10 +1,10 @@
-"""Synthetic ground motions: filtered white noise under an envelope, with a velocity pulse where wanted.
+"""Synthetic ground motions: filtered white noise under an envelope, optionally with a velocity pulse.
 
 The noise has the spectral density of Kanai (1957) and Tajimi (1960), a soil layer of frequency ω_g and
 damping ζ_g over white noise, with the high-pass of Clough & Penzien (1993), ω_f and ζ_f, that keeps velocity
 and displacement finite:
 
-S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
+    S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
 The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983): a gamma function with its maximum
 1 at ε t_n and the value η at t_n, the end. The pulse is that of Mavroeidis & Papageorgiou (2003).
@@ -25,12 +25,12 @@ from rockjax._structures import STANDARD_GRAVITY
 
 from .motion import Motion, Motions
 
-_TAPER = 0.05  # of the duration: the envelope ends at η, this brings it to zero
+_TAPER = 0.05  # share of the duration over which the envelope, which would end at η, is tapered to zero
 
 
 @dataclasses.dataclass(frozen=True)
 class Soil:
-    """The parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer
+    """Parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer
     (1992).
 
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil; `omega_f`, `zeta_f`: of the
@@ -44,15 +44,19 @@ class Soil:
 
 
 def spectral_density(omega, soil: Soil) -> np.ndarray:
-    """S(ω)/S_0 of Clough & Penzien, of the shape of `omega` [rad/s]."""
+    """Return S(ω)/S_0 of Clough & Penzien, of the shape of `omega` [rad/s]."""
     r2, s2 = (omega / soil.omega_g) ** 2, (omega / soil.omega_f) ** 2
     ground = (1 + 4 * soil.zeta_g**2 * r2) / ((1 - r2) ** 2 + 4 * soil.zeta_g**2 * r2)
     return ground * s2**2 / ((1 - s2) ** 2 + 4 * soil.zeta_f**2 * s2)
 
 
 def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndarray:
-    """Saragoni & Hart's envelope: 1 at `peak` times the duration, `end` at its end; then tapered to zero
-    [–]."""
+    """Return Saragoni & Hart's envelope [–].
+
+    - `t`: times [s]; `duration`: end [s]
+    - `peak`: time at which it is 1, as a share of the duration; `end`: its value at the end before the taper
+      to zero
+    """
     b = -peak * math.log(end) / (1 + peak * (math.log(peak) - 1))
     s = t / (peak * duration)
     with np.errstate(divide="ignore"):
@@ -62,23 +66,23 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Standard normal numbers, by Box & Muller from the bits of PCG64: these are the same with every NumPy,
-    while what a `Generator` makes of them may change."""
+    """Return standard normal numbers, by Box & Muller from the bits of PCG64: these are stable across NumPy
+    versions, unlike the distributions of a `Generator`."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Stationary noise with the spectral density; twice as long as needed, for a filter by FFT is
-    periodic."""
+    """Return stationary noise with the spectral density; computed at twice the length, because a filter by
+    FFT is periodic."""
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
 def _at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, displaced: bool) -> np.ndarray:
-    """Less `weight` times a constant, and times t where `displaced`, so that velocity (and displacement) end
+    """Subtract `weight` times a constant, and times t if `displaced`, so that velocity (and displacement) end
     at zero."""
 
     def ends(a):
@@ -105,11 +109,12 @@ def synthetic_motions(
     envelope_peak: float = 0.2,
     envelope_end: float = 0.05,
 ) -> Motions:
-    """Synthetic ground motions (host): Clough & Penzien's noise under Saragoni & Hart's envelope, and a
-    pulse.
+    """Return synthetic ground motions (host): Clough & Penzien's noise under Saragoni & Hart's envelope, and
+    a pulse.
 
-    - `count`: how many, ≥ 1; motion k depends on `seed` and k alone, so that more of them begin with the same
-    - `seed`: ≥ 0; the same seed gives the same motions with every version of NumPy, up to rounding
+    - `count`: number of motions, ≥ 1; motion k depends only on `seed` and k, so a larger count begins with
+      the same motions
+    - `seed`: ≥ 0; equal seeds give equal motions with every version of NumPy, up to rounding
     - `dt`: sampling interval [s]; `duration`: [s]
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
     - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion; added with its centre at the
@@ -118,12 +123,12 @@ def synthetic_motions(
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil (Kanai 1957, Tajimi 1960), 15 and 0.6
       for firm soil
     - `omega_f`, `zeta_f`: of the high-pass (Clough & Penzien 1993) [rad/s], [–]
-    - `envelope_peak`, `envelope_end`: where the envelope (Saragoni & Hart 1974) is 1, over the duration, and
-      its value at the end [–]
+    - `envelope_peak`, `envelope_end`: time at which the envelope (Saragoni & Hart 1974) is 1, over the
+      duration, and its value at the end [–]
 
     The noise begins and ends at rest and undisplaced: a constant and a straight line under the envelope are
-    taken out. The pulse ends at rest; it may leave the displacement that its phase gives it. Names are
-    synthetic-0001 …, and the metadata say that the motions are synthetic, with all parameters.
+    subtracted. The pulse ends at rest; it may leave the displacement that its phase gives it. Names are
+    synthetic-0001 …, and the metadata state that the motions are synthetic, with all parameters.
 
     Raises `ValueError` for parameters outside their ranges, and for a pulse longer than the motion.
     """
@@ -140,7 +145,7 @@ def synthetic_motions(
         raise ValueError(
             f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
         )
-    # The noise and what its filters make of it.
+    # Memory of the noise and of its filtered copies.
     require_memory(owner, count, 3 * 8 * samples, of="motions", instead="ask for fewer, or for shorter ones")
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
@@ -181,7 +186,8 @@ def synthetic_motions(
 
 
 def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndarray:
-    """The samples of a pulse; what their straight lines leave of its velocity is taken out where it acts."""
+    """Return the samples of a pulse; the velocity error of linear interpolation is subtracted where it
+    acts."""
     A, f_p, gamma, nu = (float(x) for x in (pulse.A, pulse.f_p, pulse.gamma, pulse.nu))
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:

@@ -1,4 +1,4 @@
-"""Checks of a podium, an excitation and options together."""
+"""Checks of a podium, an excitation and options."""
 
 from __future__ import annotations
 
@@ -19,6 +19,12 @@ from rockjax._structures.modes import as_many, parts, with_fields
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
+    """Raise `ValueError`, in the name of `owner`, for arguments of other types.
+
+    - `owner`: name of the calling function, for messages
+    - `podium`, `options`: a `Podium` and `Options`
+    - `name`: name of the argument `podium` in messages
+    """
     of_kind(owner, name, podium, Podium, "a rockjax.Podium")
     of_kind(owner, "options", options, Options, "rockjax.Options")
     for part, value in ((name, podium), ("options", options)):
@@ -34,27 +40,27 @@ def check_precision(options: Options) -> None:
 
 @functools.cache
 def _least_tolerance(kind: np.dtype) -> tuple[float, str]:
-    """The least tolerance of a floating-point type, in words as well."""
+    """Return the least tolerance of a floating-point type, and its text."""
     least = 20 * float(np.finfo(kind).eps)
     return least, f">= {least:.1e} in {kind} (loosen it, or enable float64 with jax_enable_x64)"
 
 
 def check_single(owner: str, podium: Podium) -> None:
-    """Raise `ValueError` for a batch of podiums; rows of modes and stories belong to one."""
+    """Raise `ValueError` for a batch of podiums; axes of modes and stories are allowed."""
     if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
 
 
 def as_start(owner: str, initial, podium: Podium) -> State:
-    """The initial state as arrays, a number for every scene in each.
+    """Return the initial state as arrays, with a number for every scene in each.
 
-    Displacements and velocities of several modes are rows over them, split; one number is that of all, as
-    where all floors move by it.
+    Displacements and velocities of several modes are split along their axis; a single number applies to all
+    of them, as if all floors moved by it.
     """
     of_kind(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.several):
-        return initial  # as it is: in small batches every array put on a device shows
+        return initial  # unchanged, because transfers to the device dominate in small batches
     initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     if top is None or not top.several:
         return initial
@@ -74,7 +80,15 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check concrete numbers against each other."""
+    """Check concrete numbers against each other.
+
+    - `owner`: name of the calling function, for messages
+    - `podium`, `excitation`, `options`: of the scenes
+    - `t_end`: end of the scenes [s], or None
+
+    Raises `ValueError` for an `overturn_ratio` above π/(2α), for a margin that does not exist, and for a
+    `t_end` before the excitation.
+    """
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
@@ -96,7 +110,8 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
-    """Past the stability angle a column may still come back, and no one moment decides."""
+    """Raise `ValueError` for an overturn ratio without margin: past the stability angle a column may still
+    return."""
     limit = concrete(podium.stability_angle / podium.alpha)
     if limit is not None:
         least = float(limit.min())
@@ -106,13 +121,13 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # amplitudes that strong motion has in g, and that lift hardly anything in m/s²
+IN_G = 0.05, 1.0  # range of amplitudes of strong motion in g; in m/s² they lift almost no structure
 
 
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
     """Warn of a pulse that cannot lift the columns but would if its amplitude were in g.
 
-    Only amplitudes of at most two digits are doubted, as people type them; computed ones are not.
+    Only amplitudes of at most two digits, as typed by hand, are checked; computed ones are not.
     """
     size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     if size is None or not IN_G[0] <= abs(size) < IN_G[1] or float(f"{float(size):.2g}") != float(size):

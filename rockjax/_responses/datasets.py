@@ -47,7 +47,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
 
 
 def derived_numbers(podium: Podium) -> dict[str, float]:
-    """Derived numbers of a podium, in one small program."""
+    """Return derived numbers of a podium, computed in one small program."""
     return {name: float(value) for name, value in _derive(podium).items()}
 
 
@@ -61,7 +61,7 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:
-    """The parameters of a podium, for the attributes of a file."""
+    """Return the parameters of a podium, for the attributes of a file."""
     top = podium.superstructure
     law, derived = podium.restitution, derived_numbers(podium)
     kept = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
@@ -76,7 +76,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """The kind of a superstructure, and its numbers where there are rows of them."""
+    """Return the kind of a superstructure, and its arrays."""
     about: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return about
@@ -93,7 +93,7 @@ def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
 
 
 def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
-    """Restrainers as JSON, for an attribute of a file."""
+    """Return restrainers as JSON, for an attribute of a file."""
     numbers = [
         {field.name: getattr(each, field.name) for field in dataclasses.fields(each)} for each in restrainers
     ]
@@ -112,7 +112,7 @@ def _of_text(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """The podium that `describe_podium` described."""
+    """Return the podium from the attributes that `describe_podium` returned."""
     kinds = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
@@ -136,7 +136,7 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
-    """Name and numbers of a ground motion, for the attributes of a file; arrays are left out."""
+    """Return name and numbers of a ground motion, for the attributes of a file; arrays are left out."""
     if isinstance(excitation, GroundMotion):
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical
@@ -153,7 +153,7 @@ def _of_motion(name: str) -> str:
 
 
 def describe_options(options: Options) -> dict[str, Any]:
-    """Tolerances, method and versions, for the attributes of a file."""
+    """Return tolerances, method and versions, for the attributes of a file."""
     return {
         "method": options.method if isinstance(options.method, str) else type(options.method).__name__,
         "rtol": float(options.rtol),
@@ -166,7 +166,7 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 def describe_versions() -> dict[str, str]:
     """Return the versions that computed a result as attributes of a file."""
-    # Diffrax itself takes long to import.
+    # The metadata of the package, because Diffrax itself is slow to import.
     return {
         "rockjax_version": _version.__version__,
         "jax_version": jax.__version__,

@@ -1,7 +1,7 @@
 """Estimated errors: differences from a second solution of the same scene at another tolerance.
 
-The second solution has a tenth of the tolerance, so that the difference is the error of the first to a tenth.
-Close to rounding it has ten times the tolerance, and the difference errs on the safe side.
+The second solution has a tenth of the tolerance, so the difference is the error of the first within about ten
+per cent. Close to rounding it has ten times the tolerance, and the difference is an upper estimate.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from rockjax._checks import float_type
 from rockjax._options import LEAST_ATOL, OF_STORIES, Options
 from rockjax._results import Errors
 
-# The true error is below this times the estimate, but for one scene in a hundred (docs/verification.md).
+# The true error is below this times the estimate, except for one scene in a hundred (docs/verification.md).
 SAFETY = 10.0
 FINER = 0.1
-# Where two solutions of chaotic rocking agree, it is by chance: the closer they have to, the rarer it is.
-PARTED = 0.005  # energetic impacts: a sixteenth of a percent of the speed of one from which columns overturn
-# Errors that grow so much and become so large a part of the peak: the difference of two solutions is one
-# draw of many then, and says little about the next.
+# Two solutions of chaotic rocking agree only by chance; a tighter threshold makes this less likely.
+PARTED = 0.005  # difference of energetic impacts, 1/16 % of the speed of one from which columns overturn
+# Errors above this multiple of the tolerance and this share of the peak: the difference of two solutions is
+# then one random draw, and says little about others.
 AMPLIFIED, LARGE = 1e5, 1e-3
-FALL_APART = 0.01  # 1/p: the distance to the boundary is another one by a hundredth
-SHORTER = 0.7  # steps, where it is not the tolerance that sets them
+FALL_APART = 0.01  # difference of overturning times [1/p]: 1 % in the distance to the boundary
+SHORTER = 0.7  # factor on steps that the tolerance does not limit
 
 
 def companion(options: Options) -> Options:
-    """The options of the second solution."""
+    """Return the options of the second solution."""
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
     finer, looser = (FINER * rtol, larger(FINER * atol, LEAST_ATOL)), (rtol / FINER, atol / FINER)
     room = FINER * rtol >= 100 * float(np.finfo(float_type()).eps)
-    if isinstance(room, bool):  # as plain numbers, which the program of the first solution takes as well
+    if isinstance(room, bool):  # plain numbers, so that the program of the first solution is reused
         tolerances = finer if room else looser
     else:
         tolerances = jax.tree.map(lambda a, b: jnp.where(room, a, b), finer, looser)
@@ -44,24 +44,26 @@ def companion(options: Options) -> Options:
 
 
 def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
-    """Return whether the two solutions have parted after impacts from which columns can overturn.
+    """Return whether the two solutions have diverged after impacts from which columns can overturn.
 
     In chaotic rocking both may survive by chance with the same earlier peak. The longer solution may have one
-    more impact. Where both overturn, their times are compared.
+    more impact. If both overturn, their times are compared.
     """
     apart, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     one_more = xp.minimum(abs(apart - last[0]), abs(apart + last[1]))
-    # Equal sums, and the last impact of each another one than of the other.
+    # Equal sums, although the last impacts of the two differ.
     by_chance = (abs(last[0] - last[1]) > PARTED) & (xp.minimum(*last) > PARTED)
     as_many = xp.where(by_chance, xp.inf, abs(apart))
-    falls = abs(a["fall_time"] - b["fall_time"]) > FALL_APART  # not so where one of them is NaN
+    falls = abs(a["fall_time"] - b["fall_time"]) > FALL_APART  # False if one of them is NaN
     return falls | (xp.minimum(as_many, one_more) > PARTED)
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Options, xp) -> Errors:
-    """Return the error estimates from floats and integers of both solutions.
+    """Return the error estimates from two solutions of the same scenes.
 
-    `options` are those of the first one; `xp` is NumPy for batches on the host, else jax.numpy.
+    - `first`, `second`: (floats, integers) of each solution, by name
+    - `options`: of the first solution
+    - `xp`: NumPy for batches on the host, else jax.numpy
     """
     rtol, overturn_ratio = (xp.asarray(y) for y in (options.rtol, options.overturn_ratio))
     if xp is jnp:
@@ -76,7 +78,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
 
     rotation = apart("peak_rotation")
     falls = flags["overturned"]
-    # What a column has too much when it reaches the overturning angle vanishes on the boundary.
+    # The excess energy of a column at the overturning angle vanishes on the boundary.
     close = xp.where(
         falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio
     )

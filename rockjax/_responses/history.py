@@ -25,7 +25,7 @@ from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
 from rockjax._types import Value, Vector
 
-POINTS = 10  # of Gauss–Legendre on one step of the history: far below the error of the step itself
+POINTS = 10  # Gauss–Legendre points on one step; their error is far below that of the step itself
 
 
 class Energies(Module):
@@ -39,7 +39,7 @@ class Energies(Module):
     - `impacts`: lost at the impacts since the start, Eqs. (26), (27)
     - `damping`: lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
     - `dampers`: lost in the dampers that restrain the columns since the start, ∫(C/m_c)|ℓ̇|^(1+ν) dt
-    - `residual`: what the solution leaves open; its size measures the error of the whole history
+    - `residual`: remainder of the balance; its size measures the error of the history
     """
 
     mechanical: Float[Array, "*times"]
@@ -54,7 +54,7 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end, the method between the nodes, and the tolerance where restrainers depend on
+# Podium, excitation, nodes, end, the method between the nodes, and the tolerance if restrainers depend on
 # it.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
@@ -69,9 +69,13 @@ class _Sample(NamedTuple):
 
 
 def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> dict[str, Any]:
-    """Return every quantity of a history at one instant, by name."""
+    """Return every quantity of a history at one instant, by name.
+
+    - `c`: coefficients; `sigma`: mode, 0 in full contact, ±1 while rocking; `ground`: ground acceleration
+    - `x`, `v`: displacements and velocities
+    """
     a = acceleration(c, sigma, ground, x, v)
-    none = 0.0 * x[0]  # NaN where there is no state
+    none = 0.0 * x[0]  # NaN outside the scene
     found = {
         "theta": x[0],
         "theta_dot": v[0],
@@ -90,13 +94,13 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return found
 
 
-# Few sizes, so that histories of many lengths share their programs: of a few times, of those of a dataset
-# with its impacts, and of nodes.
+# A few fixed sizes, so that histories of many lengths share programs: for a few times, for the times and
+# impacts of a dataset, and for nodes.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def filled(t, left):
-    """Times (n,) and flags (n,), with the last repeated."""
+    """Return times (n,) and flags (n,), padded by repeating the last."""
     if concrete(t) is None or not t.size:
         return t, left
     more = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
@@ -118,7 +122,7 @@ def padded(nodes: Nodes) -> Nodes:
 def _sample(
     c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value
 ) -> _Sample:
-    """One step of the method from node k to the time t."""
+    """Return the state at time t by one step of the method from node k."""
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
     if c.vibration is None:  # full contact is one step, over many pieces
@@ -135,7 +139,7 @@ def _sample(
 
 
 def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
-    """The node from which the motion at t starts; where `left`, the one before a node at t itself."""
+    """Return the node from which the motion at t starts; if `left`, the one before a node at t itself."""
     passed = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
     )
@@ -169,14 +173,14 @@ def along(scene: Solved, t, left) -> dict[str, Array]:
 
 @KeptProgram
 def balance(scene: Solved, t, left):
-    """All samples, the energies at times t, and the first of them at the start.
+    """Return all samples, the energies at times t, and the first of them at the start.
 
     Energies are mechanical, input, impacts, damping and, with restrainers, dampers.
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
-    # All steps to their ends, and from the nodes before t to t. Padding has no length.
+    # All full steps, and the partial ones from the nodes before t to t. Padded steps have no length.
     every = jnp.arange(size, dtype=nodes.used.dtype)
     k = jnp.where(every < nodes.used, every, 0)
     last = k + 1 >= nodes.used
@@ -185,7 +189,7 @@ def balance(scene: Solved, t, left):
     starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
 
     def advance(z, k, stop):
-        """State, powers and energy at the part z of a step."""
+        """Return state, powers and energy at the fraction z of a step."""
         here = _sample(
             c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
         )
@@ -193,7 +197,7 @@ def balance(scene: Solved, t, left):
         by_dampers = () if held is None else (damper_power(c, held, here.sigma, here.x, here.v),)
         return here, (*power(c, *here), *by_dampers, energy(c, here.sigma, here.x, here.v))
 
-    # One program of the step for all of them: compiling it is what takes time.
+    # One compiled step serves all of them, because compilation dominates.
     nodes_of_rule, weights = np.polynomial.legendre.leggauss(POINTS)
     places = jnp.asarray(np.append(0.5 + 0.5 * nodes_of_rule, 1.0), t.dtype)
     states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(

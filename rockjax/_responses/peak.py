@@ -27,11 +27,11 @@ from .sensitivities import SENSITIVE, Sensitivities, slope_name
 if TYPE_CHECKING:
     import xarray
 
-# Answers with an axis of their own, and what it is of; numbered from 1 at the bottom.
+# Outputs with an axis of their own, and its name; numbered from 1 at the bottom.
 MODES, STORIES = "vibration_mode", "story"
 OWN_AXES = {"peak_deformation": MODES} | dict.fromkeys(OF_STORIES, STORIES)
 
-# What the peaks of a scene that overturned are: no answers for a structure that falls.
+# Peaks of a scene that overturned cover the time until overturning; they do not describe the fall.
 UNTIL_OVERTURNING = "until overturning"
 
 # field of `Peak`: (unit, description, output it belongs to)
@@ -62,25 +62,25 @@ class AbstractPeak(Module):
 
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached
       [s]
-    - `exceeded_alpha`: |θ| went past α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s]
+    - `exceeded_alpha`: |θ| exceeded α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s]
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until rest, overturning or `t_end`; NaN where the scene ended before that,
-      because what was wanted stood (ask for the output `"impacts"`, or for a history). Bounces of rigid
-      columns that end at rest are counted by restitution alone, unless it is wanted
-    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; of several modes each,
-      along a last axis
-    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 where there is none. Mass that
-      is in no mode is struck at impacts; its impulses have no acceleration and are left out, here and in
+    - `impacts`: their number until rest, overturning or `t_end`; NaN if the scene ended earlier because the
+      requested outputs were final (request the output `"impacts"`, or a history). Bounces of rigid columns
+      that end at rest are counted by restitution alone, unless it is requested
+    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; with several modes for
+      each, along a last axis
+    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 without one. Mass that is in no
+      mode receives impulses at impacts; they have no acceleration and are left out, here and in
       `peak_floor_acceleration`
     - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories.
-      All peaks of a scene that overturned are those until then, and no answers for a structure that falls
-    - `margin`: the overturning margin [–], if asked for (else NaN): energy to spare over the depth of the
-      well, 1 where the columns never lift, 0 on the overturning boundary, negative the faster they fall
+      All peaks of a scene that overturned cover the time until then; they do not describe the fall
+    - `margin`: the overturning margin [–], if requested (else NaN): energy to spare over the depth of the
+      well, 1 if the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
-      Derivatives of what follows an impact grow like its inverse
-    - `errors`: estimated errors, an [`rockjax.Errors`][], if asked for (else None)
+      Derivatives of the motion after an impact grow like its inverse
+    - `errors`: estimated errors, an [`rockjax.Errors`][], if requested (else None)
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
 
@@ -124,8 +124,8 @@ class Peak(AbstractPeak):
     sensitivities: Sensitivities | None = None
 
     def dataset(self) -> xarray.Dataset:
-        """The scalars as data (host), a batch with the dims `scene_0`, `scene_1`, …; with `units` and
-        `long_name`."""
+        """Return the scalars as a dataset (host), a batch with the dims `scene_0`, `scene_1`, …; with `units`
+        and `long_name`."""
         import xarray
 
         dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
@@ -140,7 +140,13 @@ class Peak(AbstractPeak):
 
 
 def peak_fields(floats, integers, options: Options, *, throw: bool = False, history: bool = False) -> dict:
-    """The fields of a `Peak` from the answers of its lanes."""
+    """Return the fields of a `Peak` from the outputs of its lanes.
+
+    - `floats`, `integers`: outputs of the lanes by name
+    - `options`: of the scenes
+    - `throw`: raise `RuntimeError` for a scene that did not finish
+    - `history`: whether the scenes have a history, which goes on to rest
+    """
     code = integers["code"]
     if throw:
         raise_without_answer(code)
@@ -167,15 +173,15 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 
 
 def _impacts(floats, integers, options: Options, history: bool):
-    """The number of impacts, NaN where the scene ended before it stood.
+    """Return the number of impacts, NaN if the scene ended before it was final.
 
-    In a scene that has settled the wanted outputs stand, and its impacts only where they are wanted, where a
-    history goes on to rest, or where the columns never lift: they cannot any more without a change of
-    rotation and margin.
+    In a scene that has settled the requested outputs are final. The number of impacts is final only if it was
+    requested, if a history goes on to rest, or if the columns never lift: they cannot any more without a
+    change of rotation and margin.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
-    # Every operation of JAX on its own is a program to compile.
+    # In NumPy, because outside jit every jnp operation compiles separately.
     code, count, uplifted = flags if traced else map(np.asarray, flags)
     stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
@@ -188,7 +194,7 @@ def _impacts(floats, integers, options: Options, history: bool):
 
 
 def raise_without_answer(code: Array) -> None:
-    """Raise `RuntimeError` if any (concrete) scene ended without an answer, naming the first."""
+    """Raise `RuntimeError` if any (concrete) scene did not finish, naming the first."""
     codes = concrete(code)
     if codes is None:
         return
@@ -206,8 +212,7 @@ def raise_without_answer(code: Array) -> None:
 def peak_variables(
     peaks: AbstractPeak, outputs: Sequence[str]
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """(name, values, attributes) of the scalars of a peak or a batch of them, those that the outputs ask
-    for."""
+    """Return (name, values, attributes) of the requested scalars of a peak or a batch of them."""
     for name, (unit, description, output) in VARIABLES.items():
         values = getattr(peaks, name)
         if values is not None and (output is None or output in outputs):
@@ -239,16 +244,16 @@ def peak_variables(
 
 
 def _until(name: str) -> dict[str, str]:
-    """Attributes of a peak that refer to the flag `overturned` beside it."""
+    """Return attributes of a peak that refer to the flag `overturned` beside it."""
     if name not in PEAKS:
         return {}
     return {"ancillary_variables": "overturned", "comment": f"where overturned, {UNTIL_OVERTURNING}"}
 
 
 def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
-    """The variables of a dataset of peaks; where there are sensitivities, these along `parameter`.
+    """Return the variables of a dataset of peaks, including sensitivities along `parameter` if there are any.
 
-    `dims`: of the scenes; none for variables that are to be spread over dims of their own later.
+    `dims`: of the scenes; empty for variables whose dims are added later.
     """
     scenes = np.ndim(peaks.stats.steps)
     data: dict[str, Any] = {
@@ -267,18 +272,18 @@ def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -
 
 
 def own_axis(name: str, dimensions: int) -> tuple[str, ...]:
-    """The dim of the modes or stories that an answer, or what is estimated of it, has besides those of the
-    scenes."""
+    """Return the dim of the modes or stories that an output, or a quantity derived from it, has besides those
+    of the scenes."""
     return (OWN_AXES[name.removesuffix("_error")],) if dimensions else ()
 
 
 def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
-    """The coordinate of the parameters, where there are some."""
+    """Return the coordinate of the parameters, if there are any."""
     return {} if sensitivities is None else {"parameter": list(sensitivities.parameters)}
 
 
 def _text(peak: AbstractPeak) -> str:
-    """A readable account of one scene, or of the size of a batch."""
+    """Return a readable description of one scene, or of the size of a batch."""
     headline, rows = _account(peak)
     return "\n".join(
         [headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)]
@@ -330,5 +335,5 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _numbers(values) -> str:
-    """A number, or a few of them."""
+    """Return the text of a number, or of a few."""
     return ", ".join(f"{float(y):.6g}" for y in np.ravel(np.asarray(values)))

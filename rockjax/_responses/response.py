@@ -1,4 +1,4 @@
-"""Time histories: the motion at any time, and what follows from it."""
+"""Time histories: the motion at any time, and quantities derived from it."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ _IMPACTS = {
 class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion itself.
 
-    `response(t)` is the state at any times within the scene, with the accuracy of the solve: one step of the
-    method from the nearest node before. At an impact it is the state after it, with `left=True` the one
-    before. All methods that take times give NaN before the start and after the end of the scene. A rigid
+    `response(t)` is the state at any times within the scene, with the accuracy of the solution: one step of
+    the method from the nearest node before. At an impact it is the state after it, with `left=True` the one
+    before. All methods that take times return NaN before the start and after the end of the scene. A rigid
     scene that has settled is at rest for good, so it has no end.
 
-    - `impact_times`: when the columns struck the ground, ascending, padded with NaN under `jit` [s]
+    - `impact_times`: times at which the columns struck the ground, ascending, padded with NaN under `jit` [s]
     - `times`: nodes of the history, padded with inf under `jit` [s]
-    - `origin`: name, source, factor and seed of the motion, where it was given as a [`rockjax.Motion`][]
+    - `origin`: name, source, factor and seed of the motion, if it was given as a [`rockjax.Motion`][]
     """
 
     impact_times: Float[Array, " impacts"]
@@ -81,25 +81,25 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of what there is to show (host) [s]; to the end of the motion where a rigid scene
-        rests before."""
+        """Start and end of the part to plot (host) [s]; to the end of the motion if a rigid scene comes to
+        rest before."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """State at times t [s]."""
+        """Return the state at times t [s]."""
         theta, theta_dot, *of_modes = self._at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Deformation of the superstructure u_t − u_b [m]; 0 without an elastic one, u_i − u_b along a last
-        axis of several modes."""
+        """Return the deformation of the superstructure u_t − u_b [m]; 0 without an elastic one, u_i − u_b
+        along a last axis for several modes."""
         return self._over_modes(*self._at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
-        """Drift of each story of a building [m], the lowest first, (C11).
+        """Return the drift of each story of a building [m], the lowest first, (C11).
 
         Raises `ValueError` without stories.
         """
@@ -107,7 +107,7 @@ class Response(AbstractPeak):
         return self._at(t, "drift")[0]
 
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
-        """Absolute horizontal acceleration of each floor of a building [m/s²], the lowest first.
+        """Return the absolute horizontal acceleration of each floor of a building [m/s²], the lowest first.
 
         Raises `ValueError` without stories.
         """
@@ -115,7 +115,8 @@ class Response(AbstractPeak):
         return self._at(t, "floor_acceleration")[0]
 
     def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Shear between the beam and the superstructure over the weight of the latter, Eq. (7) [–]."""
+        """Return the shear between the beam and the superstructure over the weight of the latter, Eq. (7)
+        [–]."""
         return self._at(t, "base_shear")[0]
 
     def _check_stories(self, name: str) -> None:
@@ -124,49 +125,49 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """With an axis of modes, where there is only one of a superstructure that may have more."""
+        """Add an axis of modes if a superstructure that may have several has only one."""
         top = self.podium.superstructure
         alone = top is not None and top.several and not top.resolved().several
         return values[..., None] if alone else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
+        """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
         return self._at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """σ of the automaton: 0 in full contact, ±1 while rocking, with the sign of the rotation [–]."""
+        """Return σ of the automaton: 0 in full contact, ±1 while rocking, with the sign of the rotation
+        [–]."""
         return self._at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """The moment that holds the frame up, over its value at uplift [–].
+        """Return the restoring moment over its value at uplift [–].
 
         In full contact −q/q_up, Eq. (9): between −1 and 1. While rocking the moment of the ground's vertical
-        forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less what falls
-        with the frame; and of the forces of restrainers.
+        forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less the inertia
+        of the vertical motion; and that of the forces of restrainers.
         """
         return self._at(t, "restoring_moment")[0]
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
-        """Energy that the dampers of the columns have taken up to times t, per N m_c [m²/s²]; by default at
-        the end.
+        """Return the energy that the dampers of the columns have dissipated up to times t, per N m_c [m²/s²];
+        by default at the end.
 
-        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; what they have taken in all depends on when the scene
-        ends.
+        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; the total depends on the end of the scene.
         """
         return self.energies(self.stats.end_time if t is None else t).dampers
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
-        """The balance of energy at times t [s], integrated over every step of the history."""
+        """Return the balance of energy at times t [s], integrated over every step of the history."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """The history as data (host): states, deformation, ground acceleration, mode, moment and energies at
-        times t.
+        """Return the history as a dataset (host): states, deformation, ground acceleration, mode, moment and
+        energies at times t.
 
-        By default 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables
+        By default at 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables
         without a dim, impacts have the dim `impact`, with the rates of rotation before and after. Every
         variable has `units` and `long_name`; parameters, tolerances and versions are in the attributes.
         Raises `ValueError` for times that are not 1-D.
@@ -178,7 +179,7 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")
         struck = np.asarray(self.impact_times)
         struck = struck[np.isfinite(struck)]
-        # The states before the impacts in the same go.
+        # The states before the impacts are computed in the same call.
         times, left = np.append(t, struck), np.arange(t.size + struck.size) >= t.size
         samples, energies = self._history(times, left)
         before = np.asarray(samples["theta_dot"])[t.size :]
@@ -190,7 +191,7 @@ class Response(AbstractPeak):
         return _dataset(self, t, samples, energies, impacts)
 
     def _at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
-        """Quantities of these names at times t, along further axes those of modes or stories."""
+        """Return the quantities of these names at times t, with modes or stories along further axes."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
         found = history.along(self._scene(), times, flags)
@@ -199,19 +200,19 @@ class Response(AbstractPeak):
             return [_first(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
 
     def _history(self, t, left) -> tuple[dict, Energies]:
-        """All samples and energies at times t (n,), or before them where `left` (n,)."""
+        """Return all samples and energies at times t (n,), or just before them where `left` (n,)."""
         size = t.size
         times, flags = history.filled(t, left)
         samples, *parts, initial = history.balance(self._scene(), times, flags)
         with nans_allowed():
             if not self.podium.restrainers:
-                parts.append(0.0 * parts[-1])  # NaN where there is no state
+                parts.append(0.0 * parts[-1])  # NaN outside the scene
             samples, parts = jax.tree.map(lambda y: _first(y, size), (samples, parts))
             samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
         return samples, Energies(*parts, initial=initial)
 
     def _scene(self) -> history.Solved:
-        # The segments engine may have any solver; its nodes are bridged by an explicit one.
+        # The segments engine may have any solver; between its nodes an explicit one is used.
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
@@ -221,13 +222,14 @@ class Response(AbstractPeak):
 
 
 def _first(values: Array, count: int) -> Array:
-    """The first of an array; of NumPy where it is known, as JAX would compile this for every number."""
+    """Return the first `count` entries of an array; in NumPy if concrete, because JAX would compile a program
+    for every count."""
     known = concrete(values)
     return values[:count] if known is None else as_array(known[:count])
 
 
 def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
-    """Ground acceleration at times t (n,) [m/s²]."""
+    """Return the ground acceleration at times t (n,) [m/s²]."""
     times, _ = history.filled(t, np.zeros(t.size, bool))
     return np.asarray(history.ground_acceleration(excitation.common_form(), times))[: t.size]
 
@@ -239,7 +241,7 @@ def _dataset(
     energies: Energies,
     impacts: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """The dataset of `Response.dataset`, from what was computed at times t."""
+    """Return the dataset of `Response.dataset`, from quantities computed at times t."""
     import xarray
 
     values = dict(samples) | {

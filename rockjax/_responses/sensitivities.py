@@ -22,16 +22,17 @@ from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
 
-SENSITIVE = (*PEAKS, "margin")  # answers that have sensitivities
+SENSITIVE = (*PEAKS, "margin")  # outputs that have sensitivities
 
 
 class Sensitivities(Module):
-    """Derivatives of peaks with respect to the logarithms ln y of some parameters y, the others held.
+    """Derivatives of peaks with respect to the logarithms ln y of some parameters y, with the others
+    constant.
 
-    - `parameters`: their names; they are along the last axis of what follows
+    - `parameters`: their names; they are along the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `peak_drift` [m],
-      `peak_floor_acceleration` [m/s²], `margin` [–]: y ∂(…)/∂y, None for those that are not wanted or not
-      there; zero where a parameter is zero. Axes of modes and stories come before that of the parameters
+      `peak_floor_acceleration` [m/s²], `margin` [–]: y ∂(…)/∂y, None for those that were not requested or do
+      not exist; zero where a parameter is zero. Axes of modes and stories come before that of the parameters
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -44,7 +45,7 @@ class Sensitivities(Module):
 
 
 def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> Sensitivities | None:
-    """Collect the sensitivities of requested peaks from the answers of lanes; None without parameters."""
+    """Collect the sensitivities of requested peaks from the outputs of lanes; None without parameters."""
     if not names:
         return None
     wanted = {peak: floats.get(slope_name(peak)) if peak in outputs else None for peak in SENSITIVE}
@@ -52,7 +53,7 @@ def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> 
 
 
 def slope_name(answer: str) -> str:
-    """Return the name of the derivatives of an answer."""
+    """Return the name of the derivatives of an output."""
     return f"{answer}_sensitivity"
 
 
@@ -76,7 +77,7 @@ def _varies(value: Any) -> bool:
 
 
 def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """The motion with other numbers in some places."""
+    """Return the motion with other values of some numbers."""
     for place, value in values.items():
         part, _, field = place.rpartition(".")
         if part:
@@ -89,10 +90,14 @@ def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> Abstr
 def of_scenes(
     owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Names of parameters of a structure and a ground motion, checked.
+    """Return names of parameters of a structure and a ground motion, checked.
 
-    Raises `ValueError`, in the name of `owner`, for one that is neither's, that is named twice, or that says
-    the same as another.
+    - `owner`: name of the calling function, for messages
+    - `podium`, `motion`: of the scenes
+    - `names`: requested parameters
+
+    Raises `ValueError` for a name that neither has, that occurs twice, or that determines the same number as
+    another.
     """
     names = _checks.texts(owner, "sensitivities", names)
     if not names:
@@ -106,7 +111,12 @@ def of_scenes(
 def moved(
     podium: Podium, motion: AbstractExcitation, names: Sequence[str], factors: Float[Array, " n"]
 ) -> tuple[Podium, AbstractExcitation]:
-    """A structure and a ground motion as they are, that move with factors on named parameters."""
+    """Return a structure and a ground motion of unchanged values that depend on factors on named parameters.
+
+    - `podium`, `motion`: of the scene
+    - `names`: parameters, as checked by `of_scenes`
+    - `factors`: factor on each, equal to 1, for derivatives, (n,)
+    """
     factor = dict(zip(names, factors, strict=True))
     fields = {field: factor.pop(name) for name, field in numbers_of(motion).items() if name in factor}
     scale = factor.pop("scale", None)
@@ -121,6 +131,6 @@ def _kept(motion: AbstractExcitation, place: str) -> Any:
 
 
 def _as_is(now: Any, changed: Any) -> Any:
-    """Return `now` to the last digit, with the derivatives of `changed`."""
+    """Return exactly the values of `now`, with the derivatives of `changed`."""
     constant = jax.lax.stop_gradient
     return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), now, changed)

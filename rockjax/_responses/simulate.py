@@ -1,4 +1,4 @@
-"""The verbs: `simulate` with history, `peak_response` without."""
+"""The functions `simulate`, with history, and `peak_response`, without."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .estimate import companion, errors
 from .peak import Peak, peak_fields
 from .response import Response
 
-CAPACITY = 2**15  # steps that a history has room for outside jit at first
+CAPACITY = 2**15  # initial capacity of a history outside jit, in steps
 
 
 def peak_response(
@@ -37,18 +37,20 @@ def peak_response(
     t_end: float | Array | None = None,
     options: Options = Options(),
 ) -> Peak:
-    """Peak response of one scene, without history.
+    """Compute the peak response of one scene, without history.
 
     Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`,
     `excitation`, `initial` and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
+    - `podium`: podium of single numbers
     - `excitation`: a pulse, a wavelet, a record, a `Motion`; or any other [`rockjax.AbstractExcitation`][]
     - `initial`: the state at the start of the excitation's support
-    - `t_end`: when to stop at the latest [s]; by default the end of the support plus 30/p, or 10 T_s if that
-      is longer
+    - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p, or 10 T_s if that is
+      longer
+    - `options`: accuracy, requested outputs and limits
 
-    Raises `ValueError` for inputs that make no sense and, with `options.throw`, `RuntimeError` for a scene
-    that ends without an answer, where values are concrete. Under `jit` look at `result`.
+    Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
+    finish, if values are concrete. Under `jit` check `result`.
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
@@ -66,15 +68,17 @@ def simulate(
     t_end: float | Array | None = None,
     options: Options = Options(),
 ) -> Response:
-    """Response history of one scene, to `t_end`, overturning, or (rigid) rest for good.
+    """Compute the response history of one scene, to `t_end`, overturning, or (rigid) rest for good.
 
-    Arguments and errors are those of [`rockjax.peak_response`][]; the peaks are the same to the tolerance.
-    (Where rocking is chaotic neither is settled: ask for `"errors"`.) Impacts are counted to the end of the
-    history. Under `jit` the history holds `options.history` steps, outside as many as it needs.
+    - `podium`, `excitation`, `initial`, `t_end`, `options`: as for [`rockjax.peak_response`][]; under `jit`
+      the history holds `options.history` steps, outside it as many as it needs
+
+    The peaks equal those of `peak_response` to the tolerance. (If rocking is chaotic neither is reliable:
+    request `"errors"`.) Impacts are counted to the end of the history. Errors are those of `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # A size that hardly any scene exceeds: each is a program of its own. None has more nodes than `most`.
+    # Every capacity compiles its own program, so start with one that few scenes exceed; none exceeds `most`.
     most = options.max_steps + 2
     is_known = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), most) if is_known else options.history
@@ -99,8 +103,8 @@ def simulate(
 
 
 def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
-    """The nodes that are used, and the times of impact in ascending order; all of them, filled up with NaN,
-    where traced."""
+    """Return the nodes that are used, and the times of impact in ascending order; all of them, padded with
+    NaN, if traced."""
     count = concrete(nodes.used)
     if count is None or count.ndim:
         return nodes, jnp.sort(nodes.impact_time)  # NaN last
@@ -108,7 +112,7 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)):
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
-    # Known numbers: every operation of JAX on its own, for every length, would be a program to compile.
+    # Concrete numbers use NumPy: outside jit every jnp operation would compile separately for every length.
     nodes = jax.tree.map(lambda y: as_array(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
     return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
@@ -120,7 +124,7 @@ def _solved(podium, excitation, initial, t_end, options, history):
 
 
 def _errors(arguments, floats, integers) -> Errors | None:
-    """The estimated errors of a solution, by a second one."""
+    """Return the estimated errors of a solution, by a second one."""
     podium, excitation, initial, t_end, options = arguments
     if "errors" not in options.outputs:
         return None
@@ -131,7 +135,7 @@ def _errors(arguments, floats, integers) -> Errors | None:
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
-    """The arguments as arrays, checked where they are concrete."""
+    """Return the arguments as arrays, checked if they are concrete."""
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)

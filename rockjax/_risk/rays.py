@@ -117,7 +117,7 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
     before_it = scan.r < factor * size[scan.line]
     seen = scan.always + np.bincount(scan.line[before_it], scan.sign[before_it], minlength=size.size) > 0.5
     e, weights = u[seen] / size[seen, None], weights[seen] / scan.shares(factor)[seen]
-    # A ray with a narrow window has a large weight; for another structure its window may be wide and dominate.
+    # A ray with a narrow window has a large weight, and its window may be wide for another structure.
     weights = np.minimum(weights, HEAVIEST * np.median(weights))
     weights *= known.probability / float(weights @ scan.shares(factor)[seen])
     return Rays(e, weights, factor, known.cov, limit.scenes - before)

@@ -35,8 +35,8 @@ from .spectra import numbered
 if TYPE_CHECKING:
     import xarray
 
-# The options of single scenes, so that programs are shared. Methods of lower order have cheaper steps, but need as
-# long for ten times the error if something vibrates.
+# The options of single scenes, so that programs are shared. Methods of lower order have cheaper steps, but
+# take as long for ten times the error if something vibrates.
 ENSEMBLE = Options()
 
 

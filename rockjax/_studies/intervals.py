@@ -132,7 +132,7 @@ def of_capacities(capacities: Capacities, median, dispersion, at, confidence: fl
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     best = capacities.likelihood(1 / dispersion, mu / dispersion)
-    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of twice the log-likelihood inside
+    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of 2 ln(likelihood)
 
     def both(inside: Callable, start) -> np.ndarray:
         ends = (_past(lambda y: inside(y) > 0, start, sign) for sign in (-1, 1))

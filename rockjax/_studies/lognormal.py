@@ -107,7 +107,7 @@ def _where(good: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Ar
 
 def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Return the place at which the gradient of a misfit is zero, and whether there is one."""
-    import optimistix as optx  # imported late because it is slow to import and needed only when a fit is traced
+    import optimistix as optx  # slow to import, and needed only when a fit is traced
 
     constant = jax.lax.stop_gradient
 

@@ -1,1 +1,1 @@
-"""Very many scenes: in chunks, kept in a store, resumed, on one machine or a cluster."""
+"""Sweeps of many scenes: solved in chunks, saved in a store, resumable, on one machine or a cluster."""

@@ -1,5 +1,4 @@
-"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write what they
-answer."""
+"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write their results."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ Devices = Literal["all"] | Sequence[Any] | None
 
 
 class Job(NamedTuple):
-    """What a process needs besides the store to solve any of its chunks."""
+    """Inputs that a process needs, besides the store, to solve any chunk of a sweep."""
 
     store: str
     fingerprint: str
@@ -36,7 +35,14 @@ class Job(NamedTuple):
     sensitivities: tuple[str, ...] = ()
 
     def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRecord:
-        """Solve a chunk and write it, unless another process has done so by now."""
+        """Solve a chunk and write it, unless another process has already done so.
+
+        - `k`: index of the chunk
+        - `threads`: CPU threads, None for all cores
+        - `devices`: JAX devices, as for [`rockjax.sweep`][]
+
+        Returns the row of the chunk.
+        """
         store, numbers = _opened(self)
         if (row := store.row(k)) is not None:
             return row
@@ -54,8 +60,8 @@ _OPENED: dict[tuple[str, str], tuple[Store, Numbers]] = {}  # by path and finger
 
 
 def _opened(job: Job) -> tuple[Store, Numbers]:
-    """The store and its scenes, read once by each process. Raises `RuntimeError` where it is not what was
-    asked for."""
+    """Return the store and its scenes, read once by each process. Raises `RuntimeError` if it is not the
+    store of the job."""
     path, key = job.store, (job.store, job.fingerprint)
     if key in _OPENED:
         return _OPENED[key]
@@ -78,14 +84,21 @@ def solved(
     devices: Devices,
     sensitivities: tuple[str, ...],
 ) -> Peak:
-    """The batch of some scenes of a sweep, on a CPU by so many threads."""
-    stop = threading.Event()  # so that Ctrl-C ends as an `Interrupted`
+    """Return the peaks of a batch of scenes of a sweep.
+
+    - `arguments`: (structures, excitations, initial, t_end)
+    - `options`: of the scenes
+    - `threads`: CPU threads, None for all cores
+    - `devices`: JAX devices, as for [`rockjax.sweep`][]
+    - `sensitivities`: names of parameters
+    """
+    stop = threading.Event()  # Ctrl-C then raises `Interrupted`
     workers = _workers(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
 
 def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:
-    """Who solves, as arguments of the batch."""
+    """Return the arguments of the batch that select devices or threads."""
     if devices is None:
         return {"threads": threads}
     return {"devices": jax.local_devices() if devices == "all" else devices}

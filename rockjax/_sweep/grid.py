@@ -1,4 +1,4 @@
-"""Labelled grids of scenes: structures and ground motions that vary along axes of their own."""
+"""Labelled grids of scenes: structures and ground motions that vary along named axes."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Grid(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many scenes along each axis."""
+        """Number of scenes along each axis."""
         return tuple(len(labels) for labels in self.coords.values())
 
     @property
     def size(self) -> int:
-        """The number of scenes."""
+        """Number of scenes."""
         return math.prod(self.shape)
 
     def __repr__(self) -> str:
@@ -60,23 +60,23 @@ def _span(labels: np.ndarray) -> str:
 
 
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
-    """A grid of scenes over named axes, in the order of their names (host).
+    """Return a grid of scenes over named axes, in the order of their names (host).
 
-    - `structure`: the podium that the others are variants of
+    - `structure`: the podium that all scenes are variants of
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list of records),
       which then are the first axis, `motion`
-    - `axes`: the values along each axis. Of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`,
-      `gamma`, `lam`, `g`, `restitution` (where it is a factor) and, of its superstructure, `eta`, `T_s`,
-      `zeta`. Of any motion a factor `scale`; of a single one any number, such as `a_p`, `T_p`, `f_p`; of a
+    - `axes`: the values along each axis. For the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`,
+      `gamma`, `lam`, `g`, `restitution` (if it is a factor) and, for its superstructure, `eta`, `T_s`,
+      `zeta`. For any motion a factor `scale`; for a single one any number, such as `a_p`, `T_p`, `f_p`; for a
       single pulse also `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of each podium. A
-      number of the motion that is named as one of the podium's is `excitation.gamma`, given as
+      number of the motion with the same name as one of the podium is `excitation.gamma`, given as
       `**{"excitation.gamma": …}`; one of the vertical motion of a [`rockjax.GroundMotion`][] is
-      `**{"vertical.a_p": …}`, and `scale` is of both
+      `**{"vertical.a_p": …}`, and `scale` applies to both
 
     Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
 
-    Raises `ValueError` for a podium that holds arrays already, for names that mean nothing here or contradict
-    each other, and for values that are not one-dimensional or that make no podium or motion.
+    Raises `ValueError` for a podium that contains arrays already, for unknown or contradictory names, and for
+    values that are not one-dimensional or outside their ranges.
     """
     of_kind("grid", "structure", structure, Podium, "a rockjax.Podium")
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
@@ -111,7 +111,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
 
 
 def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """The motion, and what its batch is called along `motion`, None where it is one."""
+    """Return the motion, and the labels of its batch along `motion`, None for a single motion."""
     if isinstance(excitation, Records) and excitation.which.ndim:
         records, _ = as_records("grid", excitation, "excitation")
         return records, np.arange(len(records))

@@ -1,4 +1,4 @@
-"""The numbers of a grid of scenes, by name: what is kept of it, and any part of it as arguments again."""
+"""The numbers of a grid of scenes, by name, and the arguments of any part of it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 class Numbers(NamedTuple):
     """Every number of (structures, excitations, initial, t_end).
 
-    - `named`: arrays, or what can be cut like arrays: the axes of the grid, each whole or of length 1, then
-      those of one scene; what is common to all scenes has no axes of the grid
+    - `named`: arrays, or objects that can be sliced like arrays: first the axes of the grid, each full or of
+      length 1, then those of one scene; numbers common to all scenes have no axes of the grid
     - `skeleton`: the arguments with names in the place of their numbers; `shape`: of the grid
     """
 
@@ -28,7 +28,14 @@ class Numbers(NamedTuple):
 
     @classmethod
     def of(cls, owner: str, structures, excitations, initial, t_end) -> Self:
-        """Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or hold no scene."""
+        """Collect the numbers of a batch of scenes.
+
+        - `owner`: name of the calling function, for messages
+        - `structures`, `excitations`, `initial`, `t_end`: arguments whose arrays broadcast to the shape of
+          the grid
+
+        Raises `ValueError` for arrays that do not broadcast or contain no scene.
+        """
         arguments = (structures, excitations, initial, t_end)
         paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
         names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
@@ -44,7 +51,7 @@ class Numbers(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The number of scenes."""
+        """Number of scenes."""
         return int(np.prod(self.shape, dtype=np.int64))
 
     def _own(self) -> dict[str, int]:
@@ -55,7 +62,7 @@ class Numbers(NamedTuple):
         return self.named[name].ndim > own
 
     def _arguments(self, cut) -> Arguments:
-        """Arguments of what is cut from every number that has axes of the grid."""
+        """Return the arguments with `cut` applied to every number that has axes of the grid."""
         chosen = [
             np.asarray(cut(self.named[name], own) if self._batched(name, own) else self.named[name][...])
             for name, own in self._own().items()
@@ -63,7 +70,7 @@ class Numbers(NamedTuple):
         return jax.tree.unflatten(jax.tree.structure(self.skeleton), chosen)
 
     def box(self, where: tuple[slice, ...]) -> Arguments:
-        """The scenes of a part of the grid."""
+        """Return the arguments of a part of the grid."""
 
         def cut(y, own: int):
             axes = y.shape[: y.ndim - own]
@@ -72,7 +79,7 @@ class Numbers(NamedTuple):
         return self._arguments(cut)
 
     def at(self, scenes: np.ndarray) -> Arguments:
-        """Some scenes, by their numbers in the order of the grid, as a table."""
+        """Return the arguments of some scenes, by their indices in the order of the grid, as a table."""
         place = np.unravel_index(scenes, self.shape)
 
         def cut(y, own: int):
@@ -82,7 +89,7 @@ class Numbers(NamedTuple):
         return self._arguments(cut)
 
     def varying(self) -> dict[str, np.ndarray]:
-        """The single numbers that have axes of the grid."""
+        """Return the single numbers that have axes of the grid."""
         return {
             name: self.named[name]
             for name, own in self._own().items()
@@ -90,7 +97,7 @@ class Numbers(NamedTuple):
         }
 
     def common(self) -> dict[str, np.ndarray]:
-        """The single numbers that all scenes share."""
+        """Return the single numbers that all scenes share."""
         return {
             name: self.named[name]
             for name, own in self._own().items()

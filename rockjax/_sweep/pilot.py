@@ -1,4 +1,4 @@
-"""A sample of the scenes of a sweep, which says what the others will take."""
+"""A sample of the scenes of a sweep, to estimate the cost of all."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .chunks import Devices, cores_of, solved, trial_steps
 from .store import ChunkLayout, compressed_size, stored_as
 from .study import SweepSpec
 
-SAMPLE = (256, 16384)  # scenes
-SHARE = 50  # of so many scenes one
-# Wall time of a chunk: long against the writing of its files, which takes some hundredths; short against what
-# a fault costs.
+SAMPLE = (256, 16384)  # least and greatest number of scenes
+SHARE = 50  # one of this many scenes is sampled
+# Wall time of a chunk [s]: long compared with the writing of its files, short compared with the loss of
+# time after a fault.
 CHUNK_SECONDS = 2.5, 10.0
-# At least so many for each that solves them, where they are not too short: nobody waits long for the last.
+# Least number of chunks for each worker, if they are not too short, so that the wait for the last is short.
 CHUNKS_EACH = 8
 
 
 class Pilot(NamedTuple):
-    """A sample of the scenes, solved.
+    """A solved sample of the scenes.
 
-    - `scenes`: their numbers; `steps`: trial steps of each; `core_seconds`: for one trial step, of one core
-      [s]
-    - `variables`: what answers look like; `bytes_`: a scene in the store; `resident`: memory of the process
-      [bytes]
+    - `scenes`: their indices; `steps`: trial steps of each; `core_seconds`: time of one core for one trial
+      step [s]
+    - `variables`: description of the results; `bytes_`: size of a scene in the store; `resident`: memory of
+      the process [bytes]
     """
 
     scenes: np.ndarray
@@ -42,14 +42,19 @@ class Pilot(NamedTuple):
     resident: int
 
     def chunk(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
-        """Scenes in a chunk that costs neither overhead nor waiting."""
+        """Return the number of scenes in a chunk that is neither too short nor too long.
+
+        - `scenes`: number of scenes to solve
+        - `cores`: number of cores that solve the sweep; `cores_of_chunk`: number that solve one chunk
+        """
         a_scene = max(1e-9, self.core_seconds * float(self.steps.mean()))
         low, high = CHUNK_SECONDS
         seconds = min(high, max(low, scenes * a_scene / (CHUNKS_EACH * cores)))
         return max(1, round(seconds * cores_of_chunk / a_scene))
 
     def expected(self, layout: ChunkLayout) -> np.ndarray:
-        """Trial steps of every chunk: the mean of its sample, or of all where it has none."""
+        """Return the expected trial steps of every chunk: the mean of its sample, or of all samples if it has
+        none."""
         chunks = layout.chunk_of(self.scenes)
         number = np.bincount(chunks, minlength=layout.number)
         total = np.bincount(chunks, weights=self.steps, minlength=layout.number)
@@ -58,7 +63,7 @@ class Pilot(NamedTuple):
 
 
 def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
-    """Solve some scenes spread over all of them, and measure."""
+    """Solve a sample of scenes spread over the sweep, and measure their cost."""
     numbers, options = study.numbers, study.options
     low, high = SAMPLE
     count = min(numbers.size, max(low, min(high, numbers.size // SHARE)))
@@ -81,8 +86,8 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
 
 
 def _resident() -> int:
-    """The most memory that this process has had, with the compiler at work; now, where the system does not
-    tell [bytes]."""
+    """Return the greatest memory of this process so far, compiler included; the present one if the system
+    does not report it [bytes]."""
     import psutil
 
     now = psutil.Process().memory_info().rss

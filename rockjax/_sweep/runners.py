@@ -1,4 +1,4 @@
-"""Where the chunks of a sweep are solved: in this process, or by the workers of a Dask cluster."""
+"""Runners for the chunks of a sweep: in this process, or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class LocalRunner:
         return pilot(study, None, self.devices)
 
     def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
-        """Solve chunks; returns what stopped it."""
+        """Solve the chunks `todo`; return the `KeyboardInterrupt` that stopped it, or None."""
         try:
             for k in map(int, todo):
                 job.solve(k, None, self.devices)
@@ -70,7 +70,7 @@ class DaskRunner:
         return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
 
     def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
-        """Solve chunks; returns what stopped it."""
+        """Solve the chunks `todo`; return the `KeyboardInterrupt` that stopped it, or None."""
         from distributed import as_completed
 
         call = uuid.uuid4().hex[:8]
@@ -87,7 +87,7 @@ class DaskRunner:
         except OSError as error:
             raise _unwritten(job, bar, error) from error
         finally:
-            with contextlib.suppress(Exception):  # of a scheduler that is gone
+            with contextlib.suppress(Exception):  # the scheduler may be gone
                 self.client.cancel(list(tasks))
         return None
 
@@ -97,7 +97,7 @@ def _task(job: Job, k: int, devices: Devices) -> ChunkRecord:
 
 
 def _result(task: Any) -> Any:
-    """The result of a task. Raises `RuntimeError` where Dask has given it up."""
+    """Return the result of a task. Raises `RuntimeError` if Dask has given it up."""
     from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
@@ -119,7 +119,8 @@ def _line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress in expected trial steps, so that the time left holds although chunks differ in cost."""
+    """Progress in expected trial steps, so that the remaining time is right although chunks differ in
+    cost."""
 
     def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
@@ -147,7 +148,7 @@ class ChunkProgress:
         return f"{self.done} of {self.count} chunks"
 
     def finished(self, k: int) -> None:
-        """A chunk is through; rounding must not lead past the end."""
+        """Advance by a finished chunk, limited to the total despite rounding."""
         self.done += 1
         self.bar.set_description_str(self._words(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -1,10 +1,10 @@
 """The zarr store of a sweep: arrays that xarray opens, in chunks of scenes that are written one by one.
 
-At the root are the answers, an array for each, with the axes of the sweep as dimensions. The group `inputs`
-holds every number that the scenes were made of; the group `progress` one row for each chunk, written after
-the chunk's answers: a chunk without its row is not there, and one whose answers do not have the row's
-checksum is damaged. Whoever writes a chunk writes the same bytes, so that it may be written twice, by two
-processes at once, or after a fault.
+The root contains the results, one array for each, with the axes of the sweep as dimensions. The group
+`inputs` contains every number of the scenes; the group `progress` one row for each chunk, written after the
+chunk's results. A chunk without a row is missing, and one whose results do not match the row's checksum is
+damaged. Every process writes the same bytes for a chunk, so it may be written twice, by two processes at
+once, or again after a fault.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
 
 Box = tuple[slice, ...]
 FORMAT = 1
-_ABOUT = "sweep"  # attribute with everything that tells one sweep from another
-_LONG = 1_000_000  # an axis longer than this is kept in chunks
+_ABOUT = "sweep"  # attribute with everything that identifies a sweep
+_LONG = 1_000_000  # inputs with more entries than this are stored in chunks
 
 
 class TakenError(Exception):
-    """Another process was the first to make a store at a path."""
+    """Raised if another process was the first to make a store at a path."""
 
 
 class ChunkRecord(NamedTuple):
-    """What is known of a chunk that is done: checksum, wall time [s], trial steps, scenes without an
-    answer."""
+    """Record of a finished chunk: checksum, wall time [s], trial steps, and number of scenes that did not
+    finish."""
 
     checksum: float
     seconds: float
@@ -52,7 +52,7 @@ class ChunkRecord(NamedTuple):
 
 
 class ChunkLayout(NamedTuple):
-    """A grid of scenes in chunks: boxes that lie one after the other in the order of the scenes.
+    """A grid of scenes divided into chunks: boxes that follow each other in the order of the scenes.
 
     - `shape`: scenes along each axis; `block`: those of a chunk
     """
@@ -62,7 +62,8 @@ class ChunkLayout(NamedTuple):
 
     @classmethod
     def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
-        """Chunks of about so many scenes, no more than that: the last axes whole, the first one by one."""
+        """Return chunks of at most `chunk` scenes, and about as many: the last axes in full, the first one by
+        one."""
         block, room = [], max(1, chunk)
         for n in reversed(shape):
             block.append(min(n, room))
@@ -75,17 +76,17 @@ class ChunkLayout(NamedTuple):
 
     @property
     def number(self) -> int:
-        """The number of chunks."""
+        """Number of chunks."""
         return math.prod(self.chunks_along)
 
     def box(self, k: int) -> Box:
-        """The part of the grid that is chunk k."""
+        """Return the part of the grid that is chunk k."""
         corner = np.unravel_index(k, self.chunks_along)
         starts = [int(j) * b for j, b in zip(corner, self.block, strict=True)]
         return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
 
     def sizes(self) -> np.ndarray:
-        """Scenes in every chunk, shape (number,)."""
+        """Return the number of scenes in every chunk, shape (number,)."""
         along = [
             np.minimum(b, n - b * np.arange(m))
             for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
@@ -93,7 +94,7 @@ class ChunkLayout(NamedTuple):
         return np.prod(np.meshgrid(*along, indexing="ij"), axis=0).reshape(-1)
 
     def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
-        """The chunks in which scenes are, by their numbers in the order of the grid."""
+        """Return the chunks that contain scenes, by the indices of the scenes in the order of the grid."""
         place = np.unravel_index(scenes, self.shape)
         return np.ravel_multi_index(
             [j // b for j, b in zip(place, self.block, strict=True)], self.chunks_along
@@ -101,8 +102,8 @@ class ChunkLayout(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """An answer: its type, the attributes of its array, and its axes besides those of the grid with their
-    lengths."""
+    """A result: its type, the attributes of its array, and its further axes besides those of the grid, with
+    their lengths."""
 
     dtype: np.dtype
     attrs: dict[str, Any]
@@ -110,21 +111,21 @@ class Variable(NamedTuple):
 
     @property
     def missing(self) -> Any:
-        """What stands where a scene has not been solved."""
+        """Value that marks a scene that has not been solved."""
         if "flag_meanings" in self.attrs:
             return results.INTERRUPTED
         return {"f": np.nan, "b": False, "i": -1}[self.dtype.kind]
 
 
 def stored_as(values: np.ndarray, attrs: Mapping[str, Any], further: Sequence[str]) -> Variable:
-    """How the answers of a table of scenes are kept; counts need no 64 bits."""
+    """Return the variable in which results of a table of scenes are stored; counts do not need 64 bits."""
     dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
     about = {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
     return Variable(dtype, about, dict(zip(further, values.shape[1:], strict=True)))
 
 
 def checksum(parts: Mapping[str, np.ndarray]) -> float:
-    """CRC-32 of the answers of a chunk, in the order of their names."""
+    """Return the CRC-32 of the results of a chunk, in the order of their names."""
     crc = 0
     for name in sorted(parts):
         crc = zlib.crc32(np.ascontiguousarray(parts[name]).view(np.uint8), crc)
@@ -132,18 +133,18 @@ def checksum(parts: Mapping[str, np.ndarray]) -> float:
 
 
 def fingerprint(about: Mapping[str, Any]) -> str:
-    """One text for everything that tells one sweep from another."""
+    """Return a text that identifies a sweep."""
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def digest(y: np.ndarray) -> str:
-    """A text for the numbers of an array."""
+    """Return a text that identifies the numbers of an array."""
     y = np.ascontiguousarray(y)
     return f"{y.dtype.str}{list(y.shape)} {hashlib.sha256(y.tobytes()).hexdigest()[:16]}"
 
 
 class Store:
-    """An open store. `about` is what it is a sweep of, as JSON."""
+    """An open store. `about` identifies its sweep, as JSON."""
 
     def __init__(self, path: str, group: zarr.Group):
         self.path = path
@@ -156,9 +157,9 @@ class Store:
 
     @classmethod
     def open(cls, path: str | Path) -> Store | None:
-        """The store at a path, None where there is nothing.
+        """Return the store at a path, None if there is nothing.
 
-        Raises `ValueError` where there is something else, and where the metadata of the store cannot be read.
+        Raises `ValueError` if there is something else, and if the metadata of the store cannot be read.
         """
         path = located(path)
         if is_local(path) and not Path(path).exists():
@@ -191,17 +192,24 @@ class Store:
         expected: np.ndarray,
         attrs: Mapping[str, Any],
     ) -> Store:
-        """A new store without answers, whole or not at all. `expected` are the trial steps of every chunk, as
-        a guess.
+        """Create a new store without results, atomically.
 
-        Raises `TakenError` where another process was faster; its store is left as it is.
+        - `path`: folder or URL
+        - `about`: everything that identifies the sweep, with `shape` and `chunk`
+        - `dims`: names of the axes; `coords`: their coordinates
+        - `variables`: results, by name
+        - `inputs`: numbers of the scenes, by name
+        - `expected`: expected trial steps of every chunk, (chunks,)
+        - `attrs`: attributes of the dataset
+
+        Raises `TakenError` if another process was faster; its store is left unchanged.
         """
         path = located(path)
         zarr = _zarr()
         layout = ChunkLayout(tuple(about["shape"]), tuple(about["chunk"]))
         with _in_one_move(path) as place:
             blocks = dict(zip(dims, layout.block, strict=True))
-            # Axes whole; what is given for every scene in the chunks of the answers.
+            # Axes are stored in full, numbers of every scene in the chunks of the results.
             kept = {name: {"chunks": _chunks(array, blocks)} for name, array in coords.variables.items()}
             at = _zarr_store(place)
             coords.to_zarr(at, mode="w", zarr_format=3, consolidated=False, encoding=kept)
@@ -242,8 +250,7 @@ class Store:
         return opened
 
     def inputs(self) -> dict[str, Any]:
-        """The numbers that the scenes were made of; long ones stay in the store until some of them are
-        wanted."""
+        """Return the numbers of the scenes; long arrays stay in the store until they are sliced."""
         group: Any = self.group["inputs"]
         return {
             name: array if array.size > _LONG and array.chunks != array.shape else array[...]
@@ -252,25 +259,25 @@ class Store:
 
     @property
     def expected(self) -> np.ndarray:
-        """Trial steps of every chunk, as they were guessed, shape (chunks,)."""
+        """Return the expected trial steps of every chunk, shape (chunks,)."""
         array: Any = self.group["progress/expected"]
         return np.asarray(array[...])
 
     def rows(self) -> np.ndarray:
-        """A `Row` for every chunk, NaN for those that are not done, shape (chunks, 4)."""
+        """Return the `ChunkRecord` of every chunk, NaN for those that are not done, shape (chunks, 4)."""
         return np.asarray(self._rows[...])
 
     def row(self, k: int) -> ChunkRecord | None:
-        """The row of a chunk, None where it is not done."""
+        """Return the row of a chunk, None if it is not done."""
         row = ChunkRecord(*map(float, self._rows[k]))
         return None if np.isnan(row.checksum) else row
 
     def forget(self, k: int) -> None:
-        """A chunk is to be solved again."""
+        """Mark a chunk as not done, so that it is solved again."""
         self._rows[k] = np.full(len(ChunkRecord._fields), np.nan)
 
     def intact(self, k: int, row: np.ndarray) -> bool:
-        """Whether the answers of a chunk are those that its row was written for."""
+        """Return whether the results of a chunk match the checksum in its row."""
         box = self.layout.box(k)
         try:
             return (
@@ -281,15 +288,19 @@ class Store:
             OSError,
             RuntimeError,
             ValueError,
-        ):  # what zarr's codecs raise for bytes that are none of theirs
+        ):  # zarr's codecs raise these for damaged bytes
             return False
 
     def write(
         self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float
     ) -> ChunkRecord:
-        """The answers of a chunk, and then its row.
+        """Write the results of a chunk, and then its row.
 
-        Raises `RuntimeError` where another sweep has taken the store's place meanwhile.
+        - `k`: index of the chunk
+        - `parts`: results by name, of the shape of the chunk
+        - `seconds`: wall time [s]; `steps`: trial steps; `failed`: number of scenes that did not finish
+
+        Returns the row. Raises `RuntimeError` if another sweep has replaced the store meanwhile.
         """
         with _readable(self.path):
             about = _about(_zarr().open_group(_zarr_store(self.path), mode="r"))
@@ -304,7 +315,8 @@ class Store:
         return row
 
     def dataset(self) -> xarray.Dataset:
-        """The sweep as a lazy dataset; what has not been solved is NaN with the result `interrupted`."""
+        """Return the sweep as a lazy dataset; scenes that have not been solved are NaN with the result
+        `interrupted`."""
         import xarray
 
         with _readable(self.path):
@@ -312,14 +324,14 @@ class Store:
 
 
 def _about(group: zarr.Group) -> dict[str, Any]:
-    """What a store is a sweep of; nothing for other stores, and for one that was not made whole."""
+    """Return the identity of the sweep of a store; empty for other stores, and for an incomplete one."""
     attrs: Any = group["progress"].attrs if "progress" in group else {}
     return dict(attrs.get(_ABOUT, {}))
 
 
 def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Chunks of numbers that have the axes of the grid first, such as serve a chunk of answers; others are
-    not cut."""
+    """Return chunks for numbers whose first axes are those of the grid, aligned with the chunks of the
+    results; others are not divided."""
     axes = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < axes:
         return shape
@@ -335,7 +347,7 @@ def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...
 
 
 def located(path: str | Path) -> str:
-    """A path as text with its home folder in place of `~`, a URL of anything but a file as it is."""
+    """Return a path as text with the home folder in place of `~`; URLs other than of files are unchanged."""
     text = str(path).removeprefix("file://")
     return os.path.expanduser(text) if is_local(text) else text
 
@@ -345,8 +357,8 @@ def is_local(path: str) -> bool:
 
 
 def require_place(path: str | Path) -> None:
-    """Raise `OSError` where no store can be made at a path: tried by making a folder of that name and
-    removing it."""
+    """Raise `OSError` if no store can be made at a path: tested by making a folder of that name and removing
+    it."""
     path = located(path)
     if not is_local(path):
         return
@@ -361,7 +373,8 @@ def require_place(path: str | Path) -> None:
 
 
 def _zarr_store(path: str) -> Any:
-    """What zarr and xarray open at a path. They would take a text apart as a URL, at `#`, `?` and `:`."""
+    """Return the store object that zarr and xarray open at a path; as plain text they would parse it as a
+    URL, at `#`, `?` and `:`."""
     if not is_local(path):
         return path
     from zarr.storage import LocalStore
@@ -371,8 +384,8 @@ def _zarr_store(path: str) -> Any:
 
 @contextlib.contextmanager
 def _in_one_move(path: str) -> Iterator[str]:
-    """A folder beside the target, which gets its name once it is whole. (Behind a URL the attributes come
-    last.)"""
+    """Provide a folder beside the target, which is renamed to it once complete. (Behind a URL the attributes
+    are written last.)"""
     if not is_local(path):
         yield path
         return
@@ -397,11 +410,11 @@ def _in_one_move(path: str) -> Iterator[str]:
 
 
 def _rename(place: str, target: Path) -> None:
-    """Raises `TakenError` where the target has come into being meanwhile."""
+    """Rename a folder to the target. Raises `TakenError` if the target has been created meanwhile."""
     try:
         os.rename(place, target)
     except OSError as error:
-        # Linux says that the folder is not empty, other systems that it exists, or that they will not.
+        # Linux reports that the folder is not empty, other systems that it exists, or that access is denied.
         if target.is_dir() and any(target.iterdir()):
             raise TakenError(target) from error
         raise
@@ -409,13 +422,13 @@ def _rename(place: str, target: Path) -> None:
 
 @contextlib.contextmanager
 def _readable(path: str) -> Iterator[None]:
-    """Says of metadata that zarr cannot read whose they are, which file it is, and what can be done."""
+    """Raise `ValueError` that names the store, the file and the cure for metadata that zarr cannot read."""
     try:
         yield
     except (ValueError, KeyError, TypeError) as error:
         damaged = _damaged(path) if is_local(path) else None
         if damaged is None and str(error).startswith(path):
-            raise  # says it already
+            raise  # already a clear message
         what = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
         raise ValueError(
             f"{path}: {what}, so that this sweep cannot be gone on with; put the file back from a copy, or "
@@ -425,7 +438,7 @@ def _readable(path: str) -> Iterator[None]:
 
 
 def _damaged(path: str) -> Path | None:
-    """The first file of metadata that is not JSON."""
+    """Return the first metadata file that is not JSON."""
     for file in sorted(Path(path).rglob("zarr.json")):
         try:
             json.loads(file.read_bytes())
@@ -435,9 +448,9 @@ def _damaged(path: str) -> Path | None:
 
 
 def _codecs() -> list[Any]:
-    """Compressed, and with a checksum that zarr itself looks at when a chunk is read.
+    """Return the codecs: compression, and a checksum that zarr verifies when it reads a chunk.
 
-    LZ4 on shuffled bytes made these answers as small as Zstandard did, in a third of the time.
+    LZ4 on shuffled bytes compresses these results as well as Zstandard does, and is faster.
     """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
@@ -445,7 +458,7 @@ def _codecs() -> list[Any]:
 
 
 def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
-    """Bytes that answers take in a store."""
+    """Return the number of bytes that results take in a store."""
     zarr = _zarr()
     total = 0
     for values in parts.values():
@@ -463,7 +476,7 @@ def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
 
 
 def require_zarr() -> None:
-    """Raise `ImportError` that says what to install, where something is missing."""
+    """Raise `ImportError` that names the packages to install, if some are missing."""
     missing = [name for name in ("zarr", "dask", "psutil") if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"a sweep needs {', '.join(missing)}; install with: pip install 'rockjax[sweep]'")

@@ -1,5 +1,5 @@
-"""What a sweep is of: the numbers of its scenes, the names and labels of their axes, and how they are
-solved."""
+"""Specification of a sweep: the numbers of its scenes, the names and labels of their axes, and the
+options."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .store import FORMAT, ChunkLayout, Store, digest, fingerprint
 
 
 class SweepSpec(NamedTuple):
-    """What is swept: the numbers of the scenes, the names and labels of their axes, and how they are
-    solved."""
+    """The numbers of the scenes of a sweep, the names and labels of their axes, and the options to solve
+    them."""
 
     numbers: Numbers
     dims: tuple[str, ...]
@@ -42,7 +42,7 @@ class SweepSpec(NamedTuple):
         return self.numbers.size
 
     def about(self, layout: ChunkLayout) -> dict[str, Any]:
-        """Everything that tells this sweep from others, as JSON."""
+        """Return everything that identifies this sweep, as JSON."""
         left_out = ("throw", "history", "_stride")
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in left_out]
         values = {name: getattr(self.options, name) for name in fields}
@@ -69,6 +69,13 @@ def _plain(y: Any) -> Any:
 def study_of(
     structures, excitations, coords, initial, t_end, options: Options, outputs, sensitivities=()
 ) -> SweepSpec:
+    """Return the specification of a sweep, from the arguments of [`rockjax.sweep`][].
+
+    - `structures`, `excitations`, `coords`, `initial`, `t_end`, `options`, `outputs`, `sensitivities`: as for
+      [`rockjax.sweep`][]
+
+    Raises `ValueError` for invalid arguments.
+    """
     of_kind("sweep", "options", options, Options, "rockjax.Options")
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
@@ -105,7 +112,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store is of this very sweep."""
+    """Raise `ValueError` unless a store belongs to exactly this sweep."""
     layout = found.layout if chunk is None else ChunkLayout.of(study.shape, chunk)
     differences = list(_differences(found.about, study.about(layout)))
     if differences:
@@ -117,7 +124,7 @@ def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
-    """What two sweeps differ in, in words: numbers and labels by their names, all else by its values."""
+    """Describe the differences of two sweeps: numbers and labels by their names, all else by its values."""
     for name in here:
         before, now = there.get(name), here.get(name)
         if isinstance(before, dict) and isinstance(now, dict):
@@ -130,8 +137,8 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
 
 
 def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
-    """The labels of the axes and of sensitivities, and every number that varies between scenes along the axes
-    on which it does."""
+    """Return the labels of the axes and of sensitivities, and every number that varies between scenes along
+    the axes on which it does."""
     for name, labels in study.labels.items():
         of_axis = {"units": "1", "long_name": "ground motion"} if name == "motion" else about(name)
         yield name, ((name,), labels, of_axis)
@@ -143,6 +150,6 @@ def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
         along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)
         values = y.reshape([n for n in y.shape if n > 1])
         if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
-            continue  # they are the labels
+            continue  # already the labels
         yield (name if short in taken else short), (along, values, about(name))
         taken.add(short)

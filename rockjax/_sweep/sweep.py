@@ -1,8 +1,7 @@
-"""Sweeps: any number of scenes in chunks, on one machine or many, kept chunk by chunk in a zarr store.
+"""Sweeps: any number of scenes in chunks, on one machine or many, saved chunk by chunk in a zarr store.
 
-Each chunk is one call of the batch path. What runs them beside each other and elsewhere, and runs them again
-where a machine fails, is Dask; here is only what a chunk is, in which order they are given away, and what has
-to be the same for a store to be gone on with.
+Each chunk is one call of the batch path. Dask distributes the chunks and repeats them after the failure of a
+machine; this module defines the chunks, their order, and the properties that must agree to resume a store.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from .study import SweepSpec, check_same, coords_of, study_of
 if TYPE_CHECKING:
     import xarray
 
-BYTES = 300  # of memory that a scene of a chunk takes while it is solved, besides its numbers
+BYTES = 300  # memory for a scene while it is solved, besides its numbers
 
 
 def sweep(
@@ -53,37 +52,37 @@ def sweep(
     progress: bool = True,
     dry_run: bool = False,
 ) -> xarray.Dataset | SweepPlan:
-    """Peak responses of any number of scenes, chunk by chunk into a zarr store (host).
+    """Compute peak responses of any number of scenes, chunk by chunk into a zarr store (host).
 
     Scenes are those of [`rockjax.peak_responses`][]: every number of `structures`, `excitations`, `initial`
-    and `t_end` may be an array, and together they broadcast to the shape of the sweep. [`rockjax.grid`][]
-    makes them for a grid, with `coords`; arrays of one length make a table of scenes.
+    and `t_end` may be an array, and they broadcast to the shape of the sweep. [`rockjax.grid`][] makes them
+    for a grid, with `coords`; arrays of one length make a table of scenes.
 
-    The same call goes on where an earlier one was stopped, by whatever: chunks that are in the store are
-    verified by their checksums and left, what is missing or damaged is solved. Returns the store as a lazy
-    `xarray.Dataset`, the numbers that vary as its coordinates. Scenes that end without an answer keep their
-    `result`, and a `RuntimeWarning` counts them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
-    the dataset as it is.
+    The same call resumes an interrupted sweep: chunks in the store are verified by their checksums and kept,
+    missing or damaged ones are solved. Returns the store as a lazy `xarray.Dataset`, with the numbers that
+    vary as its coordinates. Scenes that do not finish keep their `result`, and a `RuntimeWarning` counts
+    them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the dataset so far.
 
-    - `coords`: the names of the axes in order, with their labels or alone; `scene` for a table where it is
-      not given
-    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers see under this
-      name
-    - `outputs`: which answers are wanted, as in [`rockjax.Options`][]
-    - `sensitivities`: parameters y of which y ∂/∂y of every wanted peak is kept as well, as in
+    - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
+    - `coords`: the names of the axes in order, with or without labels; by default `scene` for a table
+    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers can access
+      under this name
+    - `options`: of the scenes
+    - `outputs`: requested outputs, as in [`rockjax.Options`][]
+    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored as well, as in
       [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the further dim `parameter`
     - `chunk`: scenes in a chunk; by default as many as take some seconds
     - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by
-      all cores here
+      all cores of this machine
     - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this
-      machine. Without it the cores of the CPU, or all GPUs where JAX has some
-    - `progress`: a bar with the time left, by what chunks are expected to cost
-    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the time, memory and disk that
-      all of them will take; nothing is written
+      machine. Without it the cores of the CPU, or all GPUs if JAX has some
+    - `progress`: show a bar with the remaining time, by the expected cost of the chunks
+    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the expected time, memory and
+      disk space of all; nothing is written
 
-    Raises `ValueError` for inputs that make no sense, and for a store of another sweep: other numbers, other
-    options, another version; `OSError` where the store cannot be written; `RuntimeError` where workers fail;
-    `ImportError` without the extra `rockjax[sweep]`. What was solved until then is kept in all cases.
+    Raises `ValueError` for invalid inputs, and for a store of another sweep: other numbers, other options,
+    another version; `OSError` if the store cannot be written; `RuntimeError` if workers fail; `ImportError`
+    without the extra `rockjax[sweep]`. Chunks solved until then are kept in all cases.
     """
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
@@ -123,7 +122,7 @@ def sweep(
 
 
 def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions) -> Store:
-    """A new store; or, where another client was the first to start this very sweep, that one."""
+    """Return a new store; or, if another client was the first to start this very sweep, its store."""
     import xarray
 
     coords = xarray.Dataset(coords=dict(coords_of(study)))
@@ -141,8 +140,8 @@ def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: i
 
 
 def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Chunks that are to be solved, the costliest first, so that none is waited for at the end; and those
-    that are done."""
+    """Return the chunks to solve, the most expensive first, so that the last ones are short; and those that
+    are done."""
     from tqdm.auto import tqdm  # a widget in notebooks
 
     rows = found.rows()
@@ -163,15 +162,15 @@ def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclasses.dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep will take, measured on a sample of its scenes.
+    """Expected cost of a sweep, measured on a sample of its scenes.
 
     - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the
       store already
-    - `steps`: trial steps that are left; `core_seconds`: what they take one core [s]; `cores`: those there
-      are; `seconds`: time to wait [s]
-    - `memory`: of the process that solves a chunk [bytes]; `disk`: of the whole store at most, for
-      neighbours on a grid are more alike than the sample is [bytes]
-    - `store`: where it will be
+    - `steps`: remaining trial steps; `core_seconds`: time of one core for them [s]; `cores`: number of
+      available cores; `seconds`: expected wall time [s]
+    - `memory`: of the process that solves a chunk [bytes]; `disk`: upper limit for the store, because
+      neighbours on a grid compress better than the sample does [bytes]
+    - `store`: its path or URL
     """
 
     scenes: int

@@ -1,4 +1,4 @@
-"""The podium as it moves, to scale."""
+"""Animation of the moving podium, to scale."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 class _Animation(FuncAnimation):
-    """Shown by Jupyter as it is, with buttons to play and stop."""
+    """An animation that Jupyter displays with buttons to play and stop."""
 
     def __init__(self, figure: Figure, *arguments: Any, **options: Any):
         self.figure = figure
         super().__init__(figure, *arguments, **options)
 
     def _repr_html_(self) -> str:
-        plt.close(self.figure)  # or it would be shown a second time, standing still
+        plt.close(self.figure)  # otherwise Jupyter would also show the static figure
         return self.to_jshtml()
 
 
@@ -48,10 +48,11 @@ def animation(
     end: float | None = None,
     moving_ground: bool = False,
 ) -> _Animation:
-    """The podium rocking, over its rotation history; in real time by default. Jupyter shows it as it is.
+    """Animate the rocking podium over its rotation history; in real time by default. Jupyter displays the
+    result.
 
     - `response`: a [`rockjax.Response`][] or its dataset
-    - `columns`: how many columns to draw, ≥ 1; the response is the same for any number
+    - `columns`: number of columns to draw, ≥ 1; the response is the same for any number
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
       animation, > 0
@@ -60,8 +61,8 @@ def animation(
       history
 
     Columns of width 2B and height 2H tilt about their edges, the beam moves by u_b and v_b, Eq. (13), the
-    elastic superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; theirs
-    are for the eye. Raises `ValueError` for numbers out of range.
+    elastic superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; those
+    drawn are arbitrary. Raises `ValueError` for numbers out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:
@@ -85,12 +86,14 @@ def animation(
 def save_animation(
     path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options
 ) -> Path:
-    """Write the animation of [`rockjax.plots.animation`][], whole or not at all: `.gif`, or `.mp4` where
-    there is an ffmpeg.
+    """Write the animation of [`rockjax.plots.animation`][], atomically: `.gif`, or `.mp4` if ffmpeg is
+    available.
 
-    That is the program of the system, or what the package `imageio-ffmpeg` brings. `options` are those of
-    `animation`. Raises `ValueError` for other endings and `RuntimeError` where an ffmpeg is needed and there
-    is none.
+    - `path`: file to write; `response`: a [`rockjax.Response`][] or its dataset; `dpi`: resolution
+    - `options`: as for [`rockjax.plots.animation`][]
+
+    ffmpeg is the program of the system, or that of the package `imageio-ffmpeg`. Returns the path. Raises
+    `ValueError` for other suffixes and `RuntimeError` if ffmpeg is needed and missing.
     """
     path, fps = Path(path), options.get("fps", 25.0)
     if path.suffix not in (".gif", ".mp4"):
@@ -106,7 +109,7 @@ def save_animation(
 
 
 def _ffmpeg() -> str:
-    """The program of the system, else that of imageio-ffmpeg."""
+    """Return the path of ffmpeg: the program of the system, else that of imageio-ffmpeg."""
     if FFMpegWriter.isAvailable():
         return FFMpegWriter.bin_path()
     try:
@@ -129,7 +132,7 @@ def _displacement(data: xarray.Dataset) -> np.ndarray:
 
 
 class _Stage:
-    """The figure, and how it looks at each time."""
+    """The figure and its artists, updated for each time."""
 
     def __init__(
         self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool
@@ -193,14 +196,14 @@ class _Stage:
         top = self.height + self.depth + storey + float(np.max(lift))
         soil = self.width * 0.6
         x = max(self.half + aside + 0.1 * self.height, 0.55 * (top + soil))
-        # Wider than the picture, so that it can move; the hatching shows it.
+        # Wider than the picture, so that it can move; the hatching makes the motion visible.
         far = x + float(np.max(np.abs(self.ground)))
         self.corners = np.array([(-far, 0), (far, 0), (far, -soil), (-far, -soil)])
         self.soil = part("0.93", edgecolor="0.4", hatch="///")
         ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * top), aspect="equal", xlabel="[m]", ylabel="[m]")
 
     def _moves(self, k):
-        """Displacements of the beam relative to the ground (u_b, v_b), Eq. (13)."""
+        """Return the displacements of the beam relative to the ground (u_b, v_b), Eq. (13)."""
         theta = self.theta[k]
         psi = np.where(theta < 0, -1, 1) * self.alpha - theta
         lift = 2 * self.R * (np.cos(psi) - np.cos(self.alpha))
@@ -248,7 +251,7 @@ def _box(x: float, y: float, half: float, height: float) -> np.ndarray:
 
 
 class _Floor(NamedTuple):
-    """A mass that moves against the beam, on two columns that bend."""
+    """A mass that moves relative to the beam, on two columns that bend."""
 
     sway: np.ndarray  # from the beam, at all times [m]
     level: float  # of its lower edge, above the beam [m]

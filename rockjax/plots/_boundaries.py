@@ -1,4 +1,4 @@
-"""Pictures of overturning boundaries: the least acceleration, windows of survival above it, sensitivities."""
+"""Plots of overturning boundaries: the least acceleration, windows of survival above it, sensitivities."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ if TYPE_CHECKING:
 
 @on_axes
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
-    """Minimum overturning acceleration over frequency of a rocking spectrum.
+    """Plot the minimum overturning acceleration over frequency of a rocking spectrum.
 
-    Where the spectrum holds refined boundaries they are drawn; else what is read off its grid, with its
-    steps.
+    If the spectrum contains refined boundaries they are drawn; otherwise the steps of its grid.
     """
     assert ax is not None
     if "boundaries" in dataset:
         return overturning_spectrum(dataset, ax, **line)
-    from rockjax._studies.spectra import minimum_overturning  # with JAX, which other pictures do without
+    from rockjax._studies.spectra import minimum_overturning  # imports JAX, which other plots do not need
 
     x, least = dataset["frequency_ratio"].values, minimum_overturning(dataset).values
     curve = ax.step(x, least, where="mid", **line)[0]
@@ -39,15 +38,15 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 
 @styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
-    """Minimum overturning acceleration in the layout of the paper's Fig. 7: one panel per η/γ, one curve per
-    T_s."""
+    """Plot minimum overturning accelerations in the layout of the paper's Fig. 7: one panel per η/γ, one
+    curve per T_s."""
     read_off = "" if "boundaries" in panels else ", read off the grid"
     return _curves(panels, overturning_curve, f"Minimum overturning acceleration{read_off}")
 
 
 @styled
 def overturning_boundaries(panels: xarray.Dataset) -> Figure:
-    """Exact minimum overturning curves in the layout of the paper's Fig. 7, windows of survival above them
+    """Plot exact minimum overturning curves in the layout of the paper's Fig. 7, with windows of survival
     shaded.
 
     `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
@@ -56,7 +55,7 @@ def overturning_boundaries(panels: xarray.Dataset) -> Figure:
 
 
 def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
-    """One panel per η/γ, one curve per T_s."""
+    """Draw one panel per η/γ, with one curve per T_s."""
     count = panels.sizes["eta_over_gamma"]
     figure, grid, _ = grid_of_panels(1, count, 3.9, 3.1, right=2.85, panels=panels, title=title)
     axes = grid[0]
@@ -76,17 +75,17 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
 
 
 def _top(dataset: xarray.Dataset) -> float:
-    """The end of the search for boundaries."""
+    """Return the end of the search for boundaries."""
     return float(dataset.attrs.get("max_acceleration_ratio") or dataset["acceleration_ratio"].values[-1])
 
 
 @on_axes
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
-    """Least overturning acceleration over frequency; where scenes survive above it again, in the same colour,
-    shaded.
+    """Plot the least overturning acceleration over frequency; windows of survival above it are shaded in the
+    same colour.
 
-    Where the minimum jumps to another branch its ends are joined by a dotted line; a triangle marks where it
-    ends, because nothing up to the end of the search overturns beside it. `ax.legend()` names what was drawn.
+    Jumps of the minimum to another branch are bridged by a dotted line; a triangle marks an end of the curve,
+    where nothing up to the end of the search overturns. `ax.legend()` names the lines and marks.
     """
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
@@ -105,8 +104,11 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 
 
 def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
-    """Polygons of survival above the minimum: at each x from every second boundary to the next one, joined to
-    the windows of the next x that overlap them; where there is none, half the way there."""
+    """Return polygons of survival above the minimum.
+
+    At each x a window extends from every second boundary to the next one. It is joined to the windows of the
+    next x that overlap it; without one, it ends half-way.
+    """
     found: list[list[tuple[float, float]]] = []
     for row in boundaries:
         begins, ends = row[1::2], row[2::2]
@@ -133,7 +135,7 @@ def _jumps(curve: np.ndarray) -> np.ndarray:
 
 
 def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
-    """A line with gaps at its jumps, bridged by dots."""
+    """Draw a line with gaps at its jumps, bridged by dots."""
     (curve,) = ax.plot(np.insert(x, jumps + 1, np.nan), np.insert(y, jumps + 1, np.nan), **line)
     bridge = {"ls": (0, (1, 2)), "lw": 0.8}
     for k in jumps:
@@ -146,7 +148,7 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
 
 
 def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour: Any) -> None:
-    """Triangles where nothing overturns any more beside the last place of a curve."""
+    """Draw triangles at the ends of a curve, beyond which nothing overturns."""
     known = np.isfinite(minimum)
     ends = known & (np.r_[True, known[:-1]] != np.r_[known[1:], True])
     if ends.any():
@@ -160,14 +162,15 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour:
 
 
 def _explain(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
-    """An entry of the legend that is not of one curve, once for each picture."""
+    """Add an entry to the legend that belongs to no single curve, once for each picture."""
     if label not in ax.get_legend_handles_labels()[1]:
         draw(label)
 
 
 @styled
 def sensitivities(panels: xarray.Dataset) -> Figure:
-    """d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per T_s.
+    """Plot d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per
+    T_s.
 
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
@@ -199,7 +202,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
 
 
 def _limit(ax: Axes, values: np.ndarray) -> None:
-    """Limits that leave out what grows without bound where a branch ends."""
+    """Set limits that exclude the unbounded values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])

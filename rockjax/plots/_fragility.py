@@ -1,4 +1,4 @@
-"""Pictures of ensembles: curves of incremental dynamic analysis, and fragility curves."""
+"""Plots of ensembles: curves of incremental dynamic analysis, and fragility curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ._style import COLOURS, on_axes
 if TYPE_CHECKING:
     import xarray
 
-# Above the axes, where they cover nothing.
+# Legends are placed above the axes, where they cover nothing.
 ABOVE: dict[str, Any] = {
     "loc": "lower left",
     "bbox_to_anchor": (0.0, 1.01),
@@ -32,10 +32,10 @@ def _label(name: str, of: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Intensity over peak rotation, a curve for each record; where a record overturns there is no point.
+    """Plot intensity over peak rotation, a curve for each record; there is no point where a record overturns.
 
-    At the limit state, crosses are the least intensities that overturn, and dashes those at which survival
-    returns or ends again: windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, crosses are the least intensities that overturn, and dashes the further boundaries of
+    windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -72,10 +72,13 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
 def fragility(
     dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]
 ) -> Axes:
-    """Probability of overturning over intensity with its confidence band, over the shares that were observed.
+    """Plot the probability of overturning over intensity, with its confidence band and the observed shares.
 
-    `dataset` is from [`rockjax.fragility`][]. Crosses are the first overturning of the records, circles the
-    shares at the levels. Several may be drawn into one `ax`, each with a `label` and a `colour`.
+    - `dataset`: from [`rockjax.fragility`][]
+    - `ax`: axes to draw into; several curves may share them
+    - `label`: name of the curve in the legend; `colour`: of the curve
+
+    Crosses are the first overturning of the records, circles the shares at the levels.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -90,7 +93,7 @@ def fragility(
     ax.plot(x, dataset["probability"], color=colour, label=name)
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
-    # Steps of the empirical distribution, in the middle of each.
+    # Mid-points of the steps of the empirical distribution.
     share = (np.arange(capacity.size) + 0.5) / values.size
     ax.plot(capacity, share, "x", ms=5, color=colour, label="first overturning of the records")
     observed, levels = dataset["observed"].values, dataset["intensity"].values
@@ -126,7 +129,7 @@ def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: n
 
 
 def _legend(ax: Axes) -> None:
-    """Each curve with its band, then the marks that all curves share, without their colours."""
+    """Draw a legend: each curve with its band, then the marks common to all curves, without colours."""
     entries: list[tuple[Any, str]] = []
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):

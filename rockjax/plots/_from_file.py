@@ -1,4 +1,4 @@
-"""Pictures of files: what `rockjax plot` can draw of every kind of dataset that rockjax writes."""
+"""Plots of files: the pictures that `rockjax plot` can draw for every kind of dataset that rockjax writes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Picture:
     """One picture of a dataset.
 
     - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
-    - `default`: drawn where no picture is asked for by name
-    - `needs`: a variable without which there is no such picture
-    - `group`: the group of the file with what is drawn; without it there is no such picture either
+    - `default`: whether it is drawn if no picture is requested by name
+    - `needs`: variable that the dataset must have
+    - `group`: group of the file that contains the data; the file must have it
     """
 
     draw: Callable[..., Any]
@@ -36,7 +36,7 @@ class Picture:
 
 
 def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """The drawing of many spectra, for one as well."""
+    """Adapt a drawing of many spectra to a single one."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -52,7 +52,7 @@ def _chart(data: xarray.Dataset) -> Axes:
     return extension("design-chart")(data)
 
 
-# kind of the dataset: {picture: how}
+# kind of the dataset: {name: picture}
 PICTURES: dict[str, dict[str, Picture]] = {
     "rocking-spectrum": {
         "rotation": Picture(_panels(plots.spectra)),
@@ -83,8 +83,8 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """A dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any other
-    file."""
+    """Return a dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any
+    other file."""
     import xarray
 
     if not Path(path).is_file():
@@ -118,11 +118,15 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
 def redraw(
     path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
 ) -> list[Path]:
-    """Write the pictures of a file to PREFIX-NAME.png (films to PREFIX-NAME.gif); PREFIX is the file without
-    its ending.
+    """Write the pictures of a file to PREFIX-NAME.png (animations to PREFIX-NAME.gif).
 
-    `suffix`: the format of the pictures; `names`: which, by default those that the command which made the
-    file draws. Raises `ValueError` for files that are not rockjax's and for pictures that they do not have.
+    - `path`: file that rockjax wrote
+    - `prefix`: start of the names of the pictures, by default the path without its suffix
+    - `names`: pictures to draw, by default those that the command that made the file draws
+    - `suffix`: format of the pictures
+
+    Returns the paths written. Raises `ValueError` for files that rockjax did not write and for pictures that
+    they do not have.
     """
     data = load(path)
     groups = _groups(path)

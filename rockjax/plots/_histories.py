@@ -1,6 +1,6 @@
-"""Pictures of one scene: over time, in the phase plane, moment over rotation, and where the energy went.
+"""Plots of one scene: over time, in the phase plane, moment over rotation, and the balance of energy.
 
-Each function takes a [`rockjax.Response`][], or the dataset of one, such as `rockjax response` writes.
+Each function takes a [`rockjax.Response`][], or its dataset, such as `rockjax response` writes.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     import xarray
 
 TIME = "time [s]"
-FEW = 6  # curves that differ by unordered colours
-MOST_ROWS = 10  # of a legend
+FEW = 6  # greatest number of curves with distinct colours; more use a colour scale
+MOST_ROWS = 10  # greatest number of rows of a legend
 # σ: name, colour; light to dark, so that they differ in grey as well.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
 
 def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
-    """The data to draw. Raises `ValueError` for data that are not a response history."""
+    """Return the dataset to draw. Raises `ValueError` for data that are not a response history."""
     if isinstance(response, Response):
         return response.dataset()
     if getattr(response, "attrs", {}).get("kind") != "response":
@@ -49,7 +49,7 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
     """Return the limits of the time axis [s]: from the start to 1.2 times the time until the last impact.
 
-    Peaks and overturning after that are shown too, and without impacts the whole history.
+    Later peaks and overturning are included, and without impacts the full history is.
     """
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
@@ -66,8 +66,8 @@ def vibrates(attributes: Mapping[str, Any]) -> bool:
 
 @on_axes
 def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """θ/α over time with impacts, first uplift and peak; the strip below tells full contact from rocking left
-    and right."""
+    """Plot θ/α over time with impacts, first uplift and peak; the strip below shows full contact and rocking
+    left and right."""
     assert ax is not None
     data = as_history(response)
     t, ratio = data["time"].values, data["theta"].values / data.attrs["alpha_rad"]
@@ -100,7 +100,7 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
     )
     if not peak > 0:
         return
-    # Between two samples the sign is that of the larger one.
+    # Between two samples use the sign of the larger one.
     near = data["theta"].values[
         np.clip(np.searchsorted(data["time"].values, at) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
     ]
@@ -109,7 +109,7 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
 
 
 def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
-    """Phases along the lower edge, with their names in the legend."""
+    """Draw the phases along the lower edge, with their names in the legend."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     stops = np.append(starts[1:], t.size - 1)
     for sigma, (name, colour) in _PHASES.items():
@@ -122,8 +122,8 @@ def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Deformation of the superstructure u_t − u_b over time [mm], of a building the drifts of its stories;
-    0 without an elastic one."""
+    """Plot the deformation of the superstructure u_t − u_b over time [mm]; for a building the drifts of its
+    stories; 0 without an elastic one."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -136,7 +136,7 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
 
 @on_axes
 def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Ground acceleration over time [g], the vertical one too where there is one."""
+    """Plot the ground acceleration over time [g], including the vertical one if there is one."""
     assert ax is not None
     data, label = as_history(response), r"$\ddot u_g$ [g]"
     g = data.attrs["g_m_s2"]
@@ -150,7 +150,8 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
 
 
 def _several(data: xarray.Dataset, values: np.ndarray, what: str, label: str, ax: Axes) -> None:
-    """One line for each mode or story. Of more than six the colours go from dark at the lowest to light."""
+    """Draw one line for each mode or story; for more than six the colours go from dark at the lowest to
+    light."""
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]
     for k, each in enumerate(values.T):
@@ -177,10 +178,11 @@ def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax:
 
 @on_axes
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their separatrices.
+    """Plot θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their
+    separatrices.
 
     At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. With tendons it is at
-    ±θ_s, where there is one. The separatrices are those of the frame with its superstructure rigid, without
+    ±θ_s, if there is one. The separatrices are those of the frame with its superstructure rigid, without
     ground motion, impacts and dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
     """
     assert ax is not None
@@ -189,7 +191,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     times, before, after = (
         data[name].values for name in ("impact_times", "theta_dot_before", "theta_dot_after")
     )
-    # At an impact the curve ends at the rate before and begins again at the rate after.
+    # At an impact the curve ends at the rate before it and restarts at the rate after it.
     gap = np.full_like(times, np.nan)
     zero = np.zeros_like(times)
     t = np.concatenate([data["time"].values, times, times, times])
@@ -226,7 +228,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
-    """|θ̇| on the separatrices of the rigid, undamped frame [rad/s]."""
+    """Return |θ̇| on the separatrices of the rigid, undamped frame [rad/s]."""
     podium = podium_of(data.attrs)
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
@@ -238,19 +240,19 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle(podium: Podium) -> float:
-    """|θ| at the top of the potential well [rad]: α without tendons, π/2 where they hold the columns at every
-    rotation."""
+    """Return |θ| at the top of the potential well [rad]: α without tendons, π/2 if they hold the columns at
+    every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
 @on_axes
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
+    """Plot the restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
 
-    In full contact (θ = 0) it is the demand on the frame, −q/q_up of Eq. (9), between −1 and 1. While
-    rocking it is the moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls
-    from 1 to 0 at θ = α, of the vertical inertia of beam, columns and superstructure, Eq. (15), and of
-    restrainers. The thick line is what weights and tendons do at rest.
+    In full contact (θ = 0) it is the demand on the frame, −q/q_up of Eq. (9), between −1 and 1. While rocking
+    it is the moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1
+    to 0 at θ = α, of the vertical inertia of beam, columns and superstructure, Eq. (15), and of restrainers.
+    The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)
@@ -282,10 +284,10 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 
 @on_axes
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Energy over time, in parts of P(α), what it takes to overturn at rest: `Response.energies`.
+    """Plot energy over time, divided by P(α), the energy to overturn from rest: `Response.energies`.
 
-    The work of the ground is what the frame has as mechanical energy, plus what impacts and damper have
-    taken. What is left open, the residual, measures the error of the history.
+    The work of the ground is the mechanical energy of the frame plus the energy dissipated by impacts and
+    dampers. The residual measures the error of the history.
     """
     assert ax is not None
     data = as_history(response)
@@ -319,7 +321,7 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 @styled
 def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Time history: rotation with its impacts, deformation of the superstructure where elastic, ground
+    """Plot a time history: rotation with its impacts, deformation of an elastic superstructure, ground
     acceleration."""
     figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
     if isinstance(response, Response):

@@ -1,4 +1,4 @@
-"""Figures of many panels: their layout, and what they say of structure and pulse."""
+"""Figures of many panels: their layout, and titles that describe structure and pulse."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-WIDE = 9.0  # inches
+WIDE = 9.0  # width from which a title has one line [inches]
 
 
 def grid_of_panels(
@@ -32,17 +32,23 @@ def grid_of_panels(
     sharey: Literal["all", "row"] = "all",
     left=0.65,
 ) -> tuple[Figure, np.ndarray, float]:
-    """A figure of equal panels in inches below a title that says of which structure and pulse they are, its
-    axes, and where they end on the right (in parts of its width).
+    """Make a figure of equal panels below a title that describes structure and pulse.
 
-    Laid out by hand: solving for the layout takes longer than the drawing.
+    - `rows`, `columns`: of panels
+    - `width`, `height`: of each panel; `left`, `right`: margins [inches]
+    - `panels`: dataset with the attributes for the title
+    - `title`: text before the description
+    - `sharey`: as in `Figure.subplots`
+
+    Returns the figure, its axes, and the right end of the axes as a share of the width. The layout is
+    explicit, because solving for it takes longer than the drawing.
     """
     apart, stacked = 0.2, 0.45
     w = left + columns * width + (columns - 1) * apart + right
     head = title_of(panels)
-    if title:  # in a line of its own where one for both would be wider
+    if title:  # on its own line if one line for both would be too wide
         head = f"{title}, {head}" if w > WIDE else f"{title}\n{head}"
-    # Room for two lines of it above the axes at the top, and for more.
+    # Room for two lines of the title above the axes at the top, and for more.
     below, above = 0.55, 1.05 + 0.2 * max(head.count("\n") - 1, 0)
     h = below + rows * height + (rows - 1) * stacked + above
     figure = plt.figure(figsize=(w, h))
@@ -56,8 +62,8 @@ def grid_of_panels(
 
 
 def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
-    """One legend for all panels, to the right of them, where it covers nothing; `beside` in inches from the
-    last one."""
+    """Draw one legend for all panels, to the right of the last one by `beside` inches, where it covers
+    nothing."""
     entries: dict[str, Artist] = {}
     for ax in axes.flat:
         handles, labels = ax.get_legend_handles_labels()
@@ -65,7 +71,7 @@ def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
             label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries
         }
     x = axes[0, -1].get_position().x1 + beside / figure.get_figwidth()
-    # Curves first, then what marks at them mean.
+    # Curves first, then the marks.
     known = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
     figure.legend([entries[label] for label in known], known, loc="center left", bbox_to_anchor=(x, 0.5))
 
@@ -81,14 +87,14 @@ def title_of(panels: xarray.Dataset) -> str:
 
 
 def _restrainers(attributes: Mapping[str, Any]) -> str:
-    """The devices and their numbers, in a line of their own; none without."""
+    """Return the devices and their numbers, on a line of their own; empty without any."""
     found = []
     for device in json.loads(attributes.get("restrainers", "[]")):
-        from rockjax._parameters.variants import find  # with JAX, which other pictures do without
+        from rockjax._parameters.variants import find  # imports JAX, which other plots do not need
 
         kind = device["kind"]
         known = {field: find(f"restrainers.{kind}.{field}") for field in device}
-        # What is 0 is not there, and an exponent of 1 is that of a linear damper.
+        # Numbers that are 0 are omitted, as is the exponent 1 of a linear damper.
         said = [
             rf"${symbol_of(entry.name)} = {device[field]:.3g}$"
             for field, entry in known.items()
@@ -109,7 +115,7 @@ def mass_of(panels: xarray.Dataset, ratio: float) -> str:
 
 
 def period_of(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
-    """The superstructure, from η/γ and its period."""
+    """Return the description of the superstructure, from η/γ and its period."""
     if T_s > 0:
         return rf"$T_s = {T_s:g}$ s"
     return r"rigid, $T_s = 0$" if ratio else mass_of(panels, ratio)

@@ -1,4 +1,4 @@
-"""Pictures of what records do to structures of every size."""
+"""Plots of the effect of records on structures of every size."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-MOST = 6  # records that are told apart
+MOST = 6  # greatest number of records with their own colours
 
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """PGA over least overturning PGA, and displacement of the top, over p; `dataset` is from
+    """Plot PGA over least overturning PGA, and displacement of the top, over p; `dataset` is from
     [`rockjax.record_spectrum`][]."""
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
@@ -28,7 +28,7 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
         demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **how)
         displacement.plot(p, dataset["top_displacement"][k], **how)
     if not few:
-        # NaN is below what was looked for in the demand; of the displacement it is a fall.
+        # NaN of the demand is below the range of the search; NaN of the displacement is an overturning.
         middle = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
         demand.plot(p, np.where(middle > 0, middle, np.nan), color=COLOURS[0], label="median")
         stands = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2

@@ -1,4 +1,4 @@
-"""Pictures of risk: hazard, fragility and what each intensity contributes; the motion of a design point."""
+"""Plots of risk: hazard, fragility and the contribution of each intensity; the motion of a design point."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @styled
 def risk(dataset: xarray.Dataset) -> Figure:
-    """Hazard curve, fragility curve and the density of their product over one axis of intensity.
+    """Plot hazard curve, fragility curve and the density of their product over one axis of intensity.
 
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Where something happens: between the intensities below and above which a thousandth of the frequency
-    # comes from.
+    # Range of intensities that matter: a thousandth of the frequency comes from below it, and a thousandth
+    # from above.
     mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
     low, high = np.interp([1e-3, 1 - 1e-3], mass / mass[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
@@ -60,7 +60,7 @@ def risk(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def design_point(point: DesignPoint, podium: Podium) -> Figure:
-    """The motion of a design point, which just makes a structure fail, and the response to it.
+    """Plot the motion of a design point, which just makes a structure fail, and the response to it.
 
     `point` is one of [`rockjax.design_points`][] of the podium.
     """

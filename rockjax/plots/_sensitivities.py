@@ -1,4 +1,4 @@
-"""Pictures of sensitivity spectra: the derivatives of peak rotations over the axes of a rocking spectrum."""
+"""Plots of sensitivity spectra: the derivatives of peak rotations over the axes of a rocking spectrum."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, st
 if TYPE_CHECKING:
     import xarray
 
-# Towards the boundary of overturning derivatives grow without bound: steps of a scale that is nearly
+# Towards the boundary of overturning derivatives grow without bound, so the levels are nearly
 # logarithmic on both sides of zero.
 STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
@@ -28,10 +28,14 @@ COLOURS_OF_SIGNS = "RdBu_r"
 def sensitivity_spectrum(
     dataset: xarray.Dataset, ax: Axes | None = None, parameter: str | None = None, levels=LEVELS
 ) -> Axes:
-    """∂(max|θ|/α)/∂ ln y over ω_p/p and a_p/(g tan α): red where a larger y makes columns rock further.
+    """Plot ∂(max|θ|/α)/∂ ln y over ω_p/p and a_p/(g tan α): red where a larger y increases the rotation.
 
-    Overturned cells are grey. `dataset` is a rocking spectrum with sensitivities; `parameter` names y, by
-    default the first of them. Raises `ValueError` for a spectrum without it.
+    - `dataset`: rocking spectrum with sensitivities
+    - `ax`: axes to draw into
+    - `parameter`: name of y, by default the first of the spectrum
+    - `levels`: of the colours
+
+    Overturned cells are grey. Raises `ValueError` for a spectrum without the parameter.
     """
     assert ax is not None
     slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")
@@ -56,8 +60,8 @@ def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
 
 @styled
 def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
-    """Sensitivities of peak rotations in the layout of the paper's Fig. 6: T_s across, η/γ down for each
-    parameter in turn.
+    """Plot sensitivities of peak rotations in the layout of the paper's Fig. 6: T_s across, η/γ down, one
+    block of rows per parameter.
 
     `panels` is a rocking spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
@@ -82,7 +86,7 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
 
 
 def _bar(figure: Figure, rest: float) -> None:
-    """The colour bar of all panels, to the right of them."""
+    """Draw the colour bar of all panels, to the right of them."""
     width, height = figure.get_figwidth(), figure.get_figheight()
     tall = min(0.8, 3.5 / height)
     place = (rest + 0.75 / width, 0.5 - tall / 2, 0.16 / width, tall)

@@ -1,4 +1,4 @@
-"""Pictures of rocking spectra, and the dimensional axes of all spectra."""
+"""Plots of rocking spectra, and the dimensional axes of all spectra."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @on_axes
 def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=None) -> Axes:
-    """Contours of peak rotation over ω_p/p and a_p/(g tan α); overturned cells are left blank."""
+    """Plot contours of peak rotation over ω_p/p and a_p/(g tan α); overturned cells are left blank."""
     assert ax is not None
     levels = np.arange(0, 1.01, 0.1) if levels is None else levels
     rotation = dataset["peak_rotation"].where(~dataset["overturned"])
@@ -31,7 +31,7 @@ def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=Non
 
 
 def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Colorbar:
-    """The colour bar of one rocking spectrum or of several in a figure, beside `axes` or in `cax`.
+    """Draw the colour bar of one rocking spectrum or of several in a figure, beside `axes` or in `cax`.
 
     `bar` are arguments of `Figure.colorbar`. Raises `ValueError` for axes without a spectrum.
     """
@@ -49,7 +49,12 @@ def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Col
 def dimensional_axes(
     dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True
 ) -> Axes:
-    """Second axes: pulse period T_p on top, peak ground acceleration on the right."""
+    """Add secondary axes: pulse period T_p on top, peak ground acceleration on the right.
+
+    - `dataset`: spectrum with the attributes of its podium
+    - `ax`: axes of the spectrum, with their limits set
+    - `period`, `acceleration`: whether to add each
+    """
     p = dataset.attrs["p_rad_s"]
     unit = math.tan(dataset.attrs["alpha_rad"])
     if period:
@@ -75,14 +80,14 @@ def _inside(value, limits) -> bool:
 
 
 def _period(ratio, p):
-    """T_p from ω_p/p, and back: each is 2π/p over the other."""
+    """Return T_p from ω_p/p, and vice versa: each is 2π/p over the other."""
     with np.errstate(divide="ignore"):
         return 2 * math.pi / p / np.asarray(ratio, float)
 
 
 @styled
 def spectra(panels: xarray.Dataset) -> Figure:
-    """Rocking spectra in the layout of the paper's Fig. 6: η/γ down, T_s across.
+    """Plot rocking spectra in the layout of the paper's Fig. 6: η/γ down, T_s across.
 
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -95,7 +100,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
             dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
             ratio = float(panel.eta_over_gamma)
             names = (mass_of(panels, ratio), period_of(panels, ratio, float(panel.T_s)))
-            # Above an axis at the top Matplotlib looks for room, which takes a while.
+            # A fixed y, because Matplotlib's search for room above a secondary axis is slow.
             ax.set_title(", ".join(dict.fromkeys(names)), fontsize=10, y=None if i == 0 else 1.0)
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")

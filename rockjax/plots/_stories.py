@@ -1,4 +1,4 @@
-"""Pictures of a building over its height."""
+"""Plots of a building over its height."""
 
 from __future__ import annotations
 
@@ -29,9 +29,12 @@ def stories(
     label: str | None = None,
     beside: Mapping[str, Response | xarray.Dataset] | None = None,
 ) -> Figure:
-    """A building over its height: largest drifts of the stories, over their heights where these are known,
-    and largest accelerations of the floors.
+    """Plot the largest drifts of the stories and the largest accelerations of the floors over the height of a
+    building.
 
+    - `response`: a [`rockjax.Response`][] or its dataset; drifts are divided by the heights of the stories if
+      these are known
+    - `figure`: figure to draw into
     - `label`: of the response; `beside`: others of the same building, by label. Peaks of a response that
       overturned are marked "until overturning"
 

@@ -1,4 +1,4 @@
-"""Style of the pictures: colours, lines, labels and the layout of figures."""
+"""Style of the plots: colours, lines, labels and the layout of figures."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ ROTATION = r"$\theta\,/\,\alpha$"
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
-OVERTURNED = "0.85"  # of cells without an answer that is of interest
+OVERTURNED = "0.85"  # colour of cells that overturned
 
 
 def symbol_of(parameter: str) -> str:
-    """The symbol of a parameter in formulas of pictures, which take Greek letters as they are."""
+    """Return the symbol of a parameter for formulas of plots, which accept Greek letters directly."""
     entry = entry_of(parameter)
     if entry is None:
         return parameter.rpartition(".")[2]
@@ -59,15 +59,18 @@ STYLE: dict[str, Any] = {
 
 
 def in_style():
-    """The context of our style. A backend that was loaded inside would have its interactive mode taken back
-    at the end, and a notebook would not show the figures of later cells; so it is loaded before."""
+    """Return the context of the style.
+
+    The backend is loaded before: if it were loaded inside, its interactive mode would be reset at the end,
+    and a notebook would not show the figures of later cells.
+    """
     plt.draw_if_interactive()
     return plt.style.context(STYLE)
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """For functions that make a whole figure: they make it in our style and leave the user's settings as they
-    are."""
+    """Decorate a function that makes a figure: the figure has this style, and the user's settings are
+    unchanged."""
 
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -78,7 +81,7 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
-    """For functions (data, ax=None, …): without axes they make a figure in our style; given axes keep
+    """Decorate a function (data, ax=None, …): without axes it makes a figure in this style; given axes keep
     theirs."""
 
     @functools.wraps(draw)
@@ -93,13 +96,16 @@ def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
 
 
 def look(k: int) -> dict[str, Any]:
-    """Colour and line of the k-th curve."""
+    """Return colour and line style of the k-th curve."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
 
 
 def label_log_x(ax: Axes) -> None:
-    """Label a logarithmic x axis with plain numbers, 1, 2, 5, 10, …, that do not overlap: at the decades
-    only where it spans many. Call it after the limits are set."""
+    """Label a logarithmic x axis with plain numbers, 1, 2, 5, 10, …, that do not overlap; with decades only
+    if it spans many.
+
+    Call it after the limits are set.
+    """
     low, high = ax.get_xlim()
     decades = math.log10(high / low)
     if decades > 2.5:

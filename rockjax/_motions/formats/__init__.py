@@ -1,10 +1,7 @@
-"""File formats of networks and databases, one module each; a new one adds a module and a line in
-`FORMATS`.
+"""File formats of networks and databases, one module each; a new one adds a module and a line in `FORMATS`.
 
-Judged for this: gmprocess reads them all and brings over a hundred packages, quakeio brings OpenSees for one
-of them, and neither says in which line a file is wrong; ObsPy reads K-NET, from a header without a flaw, but
-none of the other texts. So the texts are read here, and what ObsPy alone reads well, binary waveforms such as
-miniSEED and SAC, is left to it.
+The text formats are parsed here, because existing packages have many dependencies or do not report the line
+of an error. Binary waveforms, such as miniSEED and SAC, are read by ObsPy.
 """
 
 from __future__ import annotations
@@ -16,7 +13,7 @@ from rockjax._text.reading import decode
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
 from .base import ACCELERATIONS, EVEN, UNITS, Component, Samples
 
-# In the order in which they are looked for.
+# In the order in which they are tried.
 FORMATS = (
     peer.FORMAT,
     geonet.FORMAT,
@@ -37,7 +34,7 @@ __all__ = ["ACCELERATIONS", "EVEN", "FORMATS", "UNITS", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:
-    """The samples in a file of whatever format its suffix or its first lines tell."""
+    """Return the samples in a file, in the format that its suffix or its first lines indicate."""
     suffix = path.suffix.lower()
     if suffix in waveforms.WAVEFORMS:
         return waveforms.read(path, content, component)

@@ -1,4 +1,5 @@
-"""Text files of Turkey's AFAD and of the Earthquake Department before it: three components side by side."""
+"""Text files of Turkey's AFAD and its predecessor, the Earthquake Department: three components side by
+side."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from .base import Component, Format, Samples, choose, interval, number, raw, sho
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_SAME = 0.01  # of the peak: so close are the columns to what the header says where they are in its unit
+_SAME = 0.01  # relative difference of the peaks of column and header if both are in the same unit
 
 
 def _afad(path: Path, lines: list[str], component: Component) -> Samples:
@@ -59,7 +60,7 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """gal where the peak of the column is what the header says in gal; else nobody says it."""
+    """Return gal if the peak of the column is the one that the header gives in gal; else None."""
     found = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
     try:
         peak = float(found[1]) if found else 0.0

@@ -18,13 +18,13 @@ from rockjax._motions.components import is_vertical, points_down
 from rockjax._motions.headings import UNITS as ALL_UNITS
 from rockjax._motions.headings import unit_of
 
-# Units in m/s²: those that users may name, and all that headers may.
+# Units in m/s²: those that users may give, and all that headers may contain.
 UNITS = {name: ALL_UNITS[name].factor for name in ("g", "m/s2", "cm/s2", "gal", "mm/s2")}
 ACCELERATIONS = {name: each.factor for name, each in ALL_UNITS.items() if each.dimension == "acceleration"}
-EVEN = 1e-3  # times in files are rounded: so much of a step may they be off
+EVEN = 1e-3  # share of a step by which the rounded times of a file may be off
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
-# Fortran leaves the E out of exponents of three digits, and fills columns so that numbers touch. An exponent
+# Fortran omits the E in exponents of three digits, and fills columns so that numbers touch. An exponent
 # of three digits ends where a sign or a blank follows.
 _MANTISSA = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _EXPONENT = r"(?:[ED][+-]?(?:\d{3}(?=[\s+-]|$)|\d{1,2})|[+-]\d{3}(?![\d.]))"
@@ -44,18 +44,17 @@ class Samples:
     dt: float | None
     units: str | None
     metadata: dict[str, Any]
-    said: str | None = None  # the unit in the words of the file
-    says_dt: str = ""  # where the file says dt, and in what words; without dt, why there is none
-    says_units: str = ""  # where the file says the unit, its header by default
-    raw: str = ""  # what says that the samples are raw, such as line 3
+    said: str | None = None  # text of the unit in the file
+    says_dt: str = ""  # place and text of dt in the file; without dt, the reason why there is none
+    says_units: str = ""  # place of the unit in the file, its header by default
+    raw: str = ""  # place of the statement that the samples are raw, such as line 3
 
 
 class Format(NamedTuple):
     """A format of text files.
 
-    - `name`: in words; `recognises`: whether a file, of a path and these lines, is of it
-    - `read`: the samples of a channel, where there are several; raises where the file is wrong, or the format
-      is not read
+    - `name`: name for messages; `recognises`: whether a file, given its path and lines, has this format
+    - `read`: return the samples of a channel; raises if the file is wrong, or the format is not supported
     """
 
     name: str
@@ -118,7 +117,8 @@ def first_line(error: BaseException | str) -> str:
 
 
 def number(path: Path, line: int, word: str) -> float:
-    """A number of a file; Fortran's exponents (1D-3, 1.0-101) are known, Python's underscore is not."""
+    """Return a number of a file; Fortran's exponents (1D-3, 1.0-101) are accepted, Python's underscores are
+    not."""
     value = _value(word)
     if value is None:
         raise ValueError(f"{path}:{line}: {short(word)} is not a number{_cause(word)}")
@@ -155,6 +155,11 @@ def short(word: str) -> str:
 
 
 def interval(path: Path, line: int, word: str, name: str) -> float:
+    """Return a sampling interval of a file [s]. Raises `ValueError` unless it is > 0.
+
+    - `path`, `line`: place in the file, for messages; `word`: text of the number; `name`: name of the number,
+      for messages
+    """
     value = number(path, line, word)
     if not value > 0:
         raise ValueError(f"{path}:{line}: {name} must be > 0 s, got {value:g}")
@@ -162,12 +167,17 @@ def interval(path: Path, line: int, word: str, name: str) -> float:
 
 
 def unit(said: str | None) -> str | None:
-    """The unit that a header means, where it is one of ours."""
+    """Return the key of the unit that a header gives, if it is a known one."""
     found = unit_of(said)
     return found if found in ACCELERATIONS else None
 
 
 def counted(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
+    """Return values as an array. Raises `ValueError` unless their number is the `count` of the header.
+
+    - `path`, `line`: place of the count in the file; `name`: name of the count, for messages
+    - `count`: expected number; `values`: the values
+    """
     if len(values) != count:
         cause = "is it cut short?" if len(values) < count else "what are the others?"
         raise ValueError(f"{path}:{line}: {name} is {count}, but {len(values)} values follow: {cause}")
@@ -175,7 +185,8 @@ def counted(path: Path, line: int, name: str, count: int, values: list[float]) -
 
 
 def words(path: Path, lines: list[str], start: int) -> list[float]:
-    """All numbers from the line with the index `start` on, in columns that blanks separate or that touch."""
+    """Return all numbers from the line with index `start` on, in columns that are separated by blanks or that
+    touch."""
     found: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
@@ -186,8 +197,11 @@ def words(path: Path, lines: list[str], start: int) -> list[float]:
 
 
 def _apart(line: str) -> list[str] | None:
-    """The numbers of a line whose columns touch: by their signs and exponents, or else in columns of one
-    width, each with its point at the same place. None where neither holds."""
+    """Split a line whose columns touch: by signs and exponents, or else in columns of one width with aligned
+    points.
+
+    None if neither applies.
+    """
     line, at, found = line.rstrip(), 0, []
     while match := _TOUCHING.match(line, at):
         found.append(match[1])
@@ -202,8 +216,15 @@ def _apart(line: str) -> list[str] | None:
 
 
 def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str) -> np.ndarray:
-    """`count` numbers in columns of fixed width, which may touch one another, below the line that tells the
-    format."""
+    """Return numbers in columns of fixed width, which may touch.
+
+    - `path`, `lines`: of the file
+    - `start`: index of the first line with numbers, below the line that gives the format
+    - `count`: how many numbers to read
+    - `text`: contains the Fortran format, such as 8F10.4, which is the default
+
+    Raises `ValueError` for a wrong number of columns or values.
+    """
     found = _FORTRAN.search(text)
     per_line, width = (int(found[1]), int(found[2])) if found else (8, 10)
     if not (per_line and width):
@@ -222,11 +243,16 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
 
 
 def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> tuple[int, re.Match] | None:
+    """Return index and match of the first line that matches a pattern, or None.
+
+    - `pattern`: compiled pattern; `lines`: of the file; `start`, `end`: range of indices of the lines to
+      search
+    """
     return next(((k, match) for k in range(start, end) if (match := pattern.match(lines[k]))), None)
 
 
 def corners(band: re.Match | None) -> dict[str, float]:
-    """Corner frequencies of the filters [Hz], where both are numbers."""
+    """Return the corner frequencies of the filters [Hz], if both are numbers."""
     try:
         return {"high_pass_Hz": float(band[1]), "low_pass_Hz": float(band[2])} if band else {}
     except ValueError:

@@ -14,8 +14,8 @@ _COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([
 
 
 def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
-    """COSMOS format 1.20: per channel text, integer header, real header, comments, data, each with a line
-    that says so."""
+    """Read COSMOS format 1.20: per channel text, integer header, real header, comments and data, each with a
+    line that announces it."""
     sections = [(k, match) for k, line in enumerate(lines) if (match := _COSMOS.match(line))]
     ends = [k for k, _ in sections[1:]] + [len(lines)]
     first = sections[0][1]

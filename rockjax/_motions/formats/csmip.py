@@ -24,7 +24,7 @@ _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED
 
 
 def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
-    """Volume 2 of CSMIP: per channel 25 lines of text, integers, reals, then acceleration, velocity,
+    """Read volume 2 of CSMIP: per channel 25 lines of text, integers, reals, then acceleration, velocity,
     displacement."""
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]

@@ -11,11 +11,11 @@ from .base import Component, Format, Samples, alone, corners, counted, interval,
 _BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
 _KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # ITACA once had blanks in its keys
 _UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.CV\.ACC\.ASC$", re.I)
-_HEADER = 80  # lines among which the sampling interval is looked for
+_HEADER = 80  # lines in which the sampling interval is searched
 
 
 def _esm(path: Path, lines: list[str], component: Component) -> Samples:
-    """ESM, ITACA and AFAD (DYNA 1.2): 64 lines KEY: value, then one value a line."""
+    """Read ESM, ITACA and AFAD (DYNA 1.2): 64 lines KEY: value, then one value a line."""
     header: dict[str, tuple[int, str]] = {}
     end = 0
     for k, line in enumerate(lines):

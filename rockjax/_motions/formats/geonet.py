@@ -11,7 +11,7 @@ _START = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\s+(\S+)", re.I)
 _STEP = re.compile(r"DATA AT\s*([\d.]+)\s*S(?:EC)?\b", re.I)
 _FILTER = re.compile(r"BANDS ARE\s*[\d.]+-([\d.]+)\s*HZ AND\s*([\d.]+)-", re.I)
 _TEXTS, _INTEGERS, _REALS = 16, 4, 6  # lines of each header
-_COUNT = 33  # samples of acceleration, among the integers from 0
+_COUNT = 33  # index of the number of samples of acceleration among the integers
 
 
 def _is_geonet(path: Path, lines: list[str]) -> bool:
@@ -20,8 +20,8 @@ def _is_geonet(path: Path, lines: list[str]) -> bool:
 
 
 def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and displacement,
-    ten a line."""
+    """Read GeoNet: per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and
+    displacement, ten a line."""
     starts = [k for k, line in enumerate(lines) if _START.match(line)]
     match = _START.match(lines[0])
     assert match is not None

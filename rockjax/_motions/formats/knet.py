@@ -9,12 +9,13 @@ import numpy as np
 
 from .base import Component, Format, Samples, alone, counted, number, short, words
 
-_KNET_KEYS = 18  # columns of a key of the header
+_KNET_KEYS = 18  # width of a key of the header
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 
 def _knet(path: Path, lines: list[str], component: Component) -> Samples:
-    """K-NET and KiK-net: keys in 18 columns up to Memo., then counts, of which the scale factor makes gal."""
+    """Read K-NET and KiK-net: keys in 18 columns up to Memo., then counts, which the scale factor converts to
+    gal."""
     header: dict[str, tuple[int, str]] = {}
     for k, line in enumerate(lines):
         header[line[:_KNET_KEYS].strip()] = k + 1, line[_KNET_KEYS:].strip()

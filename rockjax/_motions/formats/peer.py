@@ -14,7 +14,7 @@ _OTHER = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
-_HEAD = 8  # lines among which NPTS and DT are looked for
+_HEAD = 8  # lines in which NPTS and DT are searched
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
@@ -28,7 +28,8 @@ def _count_and_step(line: str) -> tuple[str, str] | None:
 
 
 def _is_peer(path: Path, lines: list[str]) -> bool:
-    """By its suffix, or by a line with NPTS and DT that is no comment."""
+    """Return whether a file has PEER's format: by its suffix, or by a line with NPTS and DT that is no
+    comment."""
     return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_HEAD]))
 
 

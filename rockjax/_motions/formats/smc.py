@@ -13,13 +13,13 @@ _KINDS = re.compile(
     r"([0-6]) (UNKNOWN|UNCORRECTED ACCELEROGRAM|CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|.*SPECTRA.*)\s*$"
 )
 _TEXTS, _INTEGERS, _REALS = 11, 6, 10  # lines of each header
-_COMMENTS, _COUNT = 15, 16  # among the integers, from 0
-_RATE = 1  # among the reals
+_COMMENTS, _COUNT = 15, 16  # indices among the integers
+_RATE = 1  # index among the reals
 
 
 def _smc(path: Path, lines: list[str], component: Component) -> Samples:
-    """11 lines of text, 48 integers, 50 reals, comments, and values in cm/s² in eight columns that may
-    touch."""
+    """Read SMC: 11 lines of text, 48 integers, 50 reals, comments, and values in cm/s² in eight columns that
+    may touch."""
     kind = _KINDS.match(lines[0])
     if kind is None or kind[1] != "2":
         held = kind[2].strip().lower() if kind else "?"

@@ -17,17 +17,17 @@ from .base import EVEN, Component, Format, Samples, alone, choose, first_line, n
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing
-_COARSE = 0.25  # of a step: rounding of times that is not asked any further …
-_COARSEST = 2.0  # … and, of long records, that is accepted
+_COARSE = 0.25  # rounding of times, as a share of a step, that is accepted without further checks …
+_COARSEST = 2.0  # … and that is accepted for long records
 _MOST_HEADINGS = 3  # lines
 
 
 class _Table(NamedTuple):
     """A table of numbers.
 
-    - `rows`: shape (rows, columns); `numbers`: the line of each row; `cells`: the rows as they are written
-    - `headings`: of each column, where there are some; `line`: the line of the last of them
-    - `raw`: the line that says that the data are raw
+    - `rows`: shape (rows, columns); `numbers`: the line of each row; `cells`: text of the rows
+    - `headings`: of each column, if there are any; `line`: the line of the last of them
+    - `raw`: the line that states that the data are raw
     """
 
     rows: np.ndarray
@@ -49,7 +49,7 @@ def _array(path: Path) -> np.ndarray:
 
 
 def _cells(text: str) -> list[str]:
-    """The cells of a row of numbers; commas are decimal where something else separates."""
+    """Return the cells of a row of numbers; commas are decimal if another separator is used."""
     blanks = text.split()
     decimal = any(map(_DECIMAL_COMMA.fullmatch, blanks)) and not re.search(r",\s|\s,|\.", text)
     if ";" in text:
@@ -69,7 +69,7 @@ def _is_heading(cells: list[str]) -> bool:
 
 
 def _heading_cells(text: str, count: int) -> list[str] | None:
-    """A line of headings in `count` cells; None where it does not divide into them."""
+    """Return a line of headings in `count` cells; None if it does not divide into them."""
     text = text.strip().lstrip("#%!").strip()
     if count == 1:
         return [text]
@@ -95,7 +95,7 @@ def _heading_cells(text: str, count: int) -> list[str] | None:
 
 
 def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Heading]:
-    """The meaning of each column, of one line of headings or of several, such as names and units."""
+    """Return the meaning of each column, from one line of headings or several, such as names and units."""
     names = [""] * count
     for i, text in lines:
         cells = _heading_cells(text, count)
@@ -114,7 +114,8 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
 
 
 def _commented(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
-    """Headings in the comment above the numbers, as NumPy writes them; None where it is another comment."""
+    """Return headings in the comment above the numbers, as NumPy writes them; None if it is another
+    comment."""
     cells = _heading_cells(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
@@ -127,7 +128,7 @@ def _commented(path: Path, text: str, line: int, count: int) -> list[Heading] | 
 
 
 def _table(path: Path, lines: list[str]) -> _Table:
-    """The numbers of a table, with its headings."""
+    """Return the numbers of a table, with its headings."""
     rows: list[list[float]] = []
     numbers: list[int] = []
     written: list[list[str]] = []
@@ -143,7 +144,7 @@ def _table(path: Path, lines: list[str]) -> _Table:
             continue
         cells = _cells(text)
         while len(cells) > (len(rows[0]) if rows else 1) and not cells[-1]:
-            cells.pop()  # behind a separator at the end of the line
+            cells.pop()  # empty cell after a separator at the end of the line
         if not rows and _is_heading(cells):
             headings.append((i, line))
             says_raw = says_raw or (f"line {i}" if raw(text) else "")
@@ -174,7 +175,7 @@ def _table(path: Path, lines: list[str]) -> _Table:
 
 
 def _samples(path: Path, table: _Table, component: Component) -> Samples:
-    """The acceleration in a table, and its interval where it has times."""
+    """Return the acceleration in a table, and its interval if it has times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
     kinds = [each.kind for each in headings] if headings else _guessed(path, rows, component)
@@ -191,7 +192,7 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
             "call it time [s] if it holds times"
         )
     names = [_channel(headings[k].quantity) if headings else f"column {k + 1}" for k in chosen]
-    if headings and isinstance(component, str):  # by the whole heading too
+    if headings and isinstance(component, str):  # also by the full heading
         component = next((n for n, k in enumerate(chosen, 1) if component == headings[k].quantity), component)
     n = choose(path, list(enumerate(names, start=1)), component) if len(chosen) > 1 else 0
     own, metadata = chosen[n], {"format": "table"}
@@ -220,12 +221,13 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
 
 
 def _channel(quantity: str) -> str:
-    """The direction in a heading such as Acc N-S, or all of it."""
+    """Return the direction in a heading such as Acc N-S, or the full heading."""
     return re.sub(r"^acc[a-z]*[\s_.:-]+", "", quantity, flags=re.I).strip("() ") or quantity
 
 
 def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
-    """Kinds of the columns of a table without headings: acceleration, with times or a count before it."""
+    """Return the kinds of the columns of a table without headings: acceleration, preceded by times or a
+    count."""
     count = rows.shape[1]
     if count == 1:
         return ["acceleration"]
@@ -249,7 +251,7 @@ def _rises(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """One unit of the last digit of the times: of their decimals, or of their significant digits."""
+    """Return one unit of the last digit of the times: of their decimals, or of their significant digits."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
@@ -266,7 +268,8 @@ def _rounding(times: list[str], values: np.ndarray) -> float:
 
 
 def _interval(path: Path, table: _Table, factor: float, column: int) -> float | None:
-    """The interval of times that lie on a line as exactly as they are written [s]; `factor` is their unit."""
+    """Return the interval of times that are equally spaced within their rounding [s]; `factor` is their
+    unit."""
     values = table.rows[:, column]
     count = len(values)
     if count < 2:
@@ -300,8 +303,8 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
 
 def _simplest(values: np.ndarray, step: float, digit: float, factor: float) -> float:
-    """The step whose inverse has the fewest digits among those that explain rounded times about as well as
-    `step`, which is returned where none does."""
+    """Return the step whose inverse has the fewest digits among those that explain rounded times about as
+    well as `step`; `step` itself if none does."""
     k, rate = np.arange(len(values)), 1 / (factor * step)
     allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())
     candidates = (1 / (factor * round(rate, digits)) for digits in range(5) if round(rate, digits) > 0)

@@ -1,4 +1,4 @@
-"""Formats that are known and not read, so that a file of theirs is called what it is."""
+"""Formats that are recognised but not supported, so that the error can name them."""
 
 from __future__ import annotations
 

@@ -16,10 +16,10 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """A trace of whatever ObsPy reads; its units are for the user to know."""
+    """Read a trace with ObsPy; its units must be given by the user."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the plug-ins it looks up
+            warnings.simplefilter("ignore")  # from ObsPy's plug-ins
             import obspy
     except ImportError:
         raise ValueError(
@@ -29,7 +29,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
-    except Exception as error:  # of whatever kind its plug-ins raise
+    except Exception as error:  # plug-ins may raise anything
         cause = "it is of another format, or cut short" if "BytesIO" in str(error) else first_line(error)
         raise ValueError(f"{path}: ObsPy cannot read it: {cause}") from None
     if not traces:
@@ -59,7 +59,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
 
 
 def _joined(path: Path, pieces: list[Any]) -> Any:
-    """The pieces of a channel as one trace. Raises `ValueError` that names the first gap."""
+    """Return the pieces of a channel as one trace. Raises `ValueError` that names the first gap."""
     import obspy
 
     stream = obspy.Stream(pieces)
