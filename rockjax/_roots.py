@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 MOST = 64  # greatest number of divisions of a bracket
-FIRST = 0.02  # of a bracket: half the distance of the first two places beside the root of a straight line
+FIRST = 0.02  # half the distance of the first two places beside the root of a straight line [bracket]
 SAFE = 3.0  # places beside that root are this many times its last error away
 TRUSTED = 0.03  # brackets whose places would be farther from the root are divided evenly
 

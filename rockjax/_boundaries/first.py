@@ -26,11 +26,11 @@ DIPS = WIDTH // 2  # number of the lowest dips that are refined, on both sides �
 ZOOMS = 7  # … this many times, each to half of their width
 CLOSE = 1e-12  # relative width of a bracket that is narrow enough …
 NARROW = 12  # … or this many divisions of it, whichever comes first
-NEAR = np.logspace(-9, -1, WIDTH // 4)  # of a bracket: places beside the root of the straight line
+NEAR = np.logspace(-9, -1, WIDTH // 4)  # places beside the root of the straight line [bracket]
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROWING = range(5)
 
-# (scales, at the full accuracy?) → margins, NaN where there is no answer, and impacts
+# (scales, at the full accuracy?) → margins, NaN where a scene did not finish, and impacts
 Row = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -93,7 +93,7 @@ def _goes_on(state: _State, limit: Array) -> Array:
 
 
 def _steps(like: Array) -> Array:
-    """1 … WIDTH."""
+    """Return 1 … WIDTH."""
     return jnp.arange(1, WIDTH + 1, dtype=like.dtype)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from .first import DIPS
 
 SPACING = 0.95  # of the requested width, because the tolerance may move the ends of a window
-TRUST = 0.25  # of the reaches of two neighbours
+TRUST = 0.25  # share of the reaches of two neighbours by which they may be apart
 FARTHEST = 6  # greatest distance of neighbours, in spacings
 PARTS = 16  # parts into which an interval is divided at once
 ROUND = 2048  # scenes of a round, of all lines side by side …
@@ -114,7 +114,7 @@ def gaps(known: Known, spacing: float, top: float) -> np.ndarray:
     for part in known.below():
         y, answered = known.y[part], ~np.isnan(known.margin[part])
         seen = np.diff(y) <= _allowed(known, part, spacing) * (1 + 1e-9)
-        # A step may hide a window up to its length, a small one if the reaches of its ends cover it.
+        # A step that its reaches allow may hide a window of one spacing, any other one of its own length.
         hides = np.where(seen, np.minimum(np.diff(y), spacing), np.diff(y))
         at = np.flatnonzero(answered)
         through = np.flatnonzero(np.diff(at) > 1)

@@ -1,4 +1,4 @@
-"""Grouping of motions as components of one station."""
+"""Grouping of motions by station and event, as components of one ground motion."""
 
 from __future__ import annotations
 

@@ -186,8 +186,7 @@ def synthetic_motions(
 
 
 def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndarray:
-    """Return the samples of a pulse; the velocity error of linear interpolation is subtracted where it
-    acts."""
+    """Return the samples of a pulse, corrected within its duration so that it ends at rest."""
     A, f_p, gamma, nu = (float(x) for x in (pulse.A, pulse.f_p, pulse.gamma, pulse.nu))
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:

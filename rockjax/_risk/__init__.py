@@ -1,1 +1,1 @@
-"""From ground motions and hazard to the chance of overturning."""
+"""Probability and annual frequency of overturning, from ground motions and hazard."""

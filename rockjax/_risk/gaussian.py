@@ -167,7 +167,7 @@ class GaussianMotion(Module):
         return jnp.arange(self.n, dtype=float) * self.dt
 
     def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
-        """ü_g at the samples [m/s²], for u of shape (…, dimension)."""
+        """Return ü_g at the samples [m/s²], for u of shape (…, dimension)."""
         u = as_float(u)
         if u.ndim == 0 or u.shape[-1] != self.dimension:
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")

@@ -60,7 +60,7 @@ class Hazard(Module):
             )
 
     def __call__(self, x: Float[Array, "*m"]) -> Float[Array, "*m"]:
-        """λ(x) [1/year] at intensities x > 0."""
+        """Return λ(x) [1/year] at intensities x > 0."""
         return jnp.exp(log_rate_at(*self.logarithms, jnp.log(jnp.asarray(x, float))))
 
     @property

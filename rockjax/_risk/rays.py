@@ -33,7 +33,7 @@ MAX_SCENES = 10_000_000  # greatest number of scenes of the sample that rays are
 TRIALS = 12  # greatest number of trial factors on u
 TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and the share that passes it
 COARSE = Division(rounds=0)
-FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, but for
+FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, except
 SHARP = Division(rounds=3, parts=16)  # where G jumps
 HEAVIEST = 5.0  # weight, times the median
 JUMP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
@@ -91,7 +91,7 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
 
     - `limit`: limit state; it must survive at u = 0
     - `probability`: target probability of failure
-    - `count`: number of samples to draw rays from
+    - `count`: number of failing samples to draw rays through
     - `cov`: coefficient of variation of the sampled probability to reach
     - `seed`: of the random numbers
 

@@ -20,18 +20,18 @@ import numpy as np
 
 from .limit_state import AbstractLimitState
 
-FARTHEST = 9.0  # distance of a design point from the origin: Φ(−9) is 1e-19
+FARTHEST = 9.0  # greatest distance of a design point from the origin: Φ(−9) is 1e-19
 BEYOND = 4.0  # times √d, the typical |u|: how far a first direction is followed
 RAY = 24  # places on a full ray …
 AGAIN = 10  # … and on the part of a ray below a known distance
-NARROW = 3  # … then rounds of
-PARTS = 8  # divisions of the interval in which it first fails
+NARROW = 3  # rounds of narrowing the interval of the first failure …
+PARTS = 8  # … each dividing it into this many parts
 # Multiples of the last fraction of the way to the normal; a fixed point may lie past the normal.
 WAYS = np.array([1.5, 1.0, 0.5])
 SHORTEST = 1 / 64  # least fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
 STEPS = 40  # … or this many steps
-SAME = 0.99  # cosine of the angle between two design points that are one
+SAME = 0.99  # two design points are equal if the cosine of their angle is larger
 
 
 class Found(NamedTuple):

@@ -53,7 +53,7 @@ class Measure(NamedTuple):
 
 
 def pga(records: Records | RecordPairs) -> Measure:
-    """Peak ground acceleration of each record [m/s²]."""
+    """Return the peak ground acceleration of each record [m/s²]."""
     return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
 
 

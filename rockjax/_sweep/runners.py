@@ -17,7 +17,7 @@ from .study import SweepSpec
 
 
 class LocalRunner:
-    """Chunks one after the other, each on all cores or devices of this machine."""
+    """Runner that solves chunks one after the other, each on all cores or devices of this machine."""
 
     def __init__(self, devices: Devices):
         self.devices = devices
@@ -27,7 +27,15 @@ class LocalRunner:
         return pilot(study, None, self.devices)
 
     def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
-        """Solve the chunks `todo`; return the `KeyboardInterrupt` that stopped it, or None."""
+        """Solve chunks one after the other.
+
+        - `job`: inputs of the sweep
+        - `todo`: indices of the chunks, in order
+        - `bar`: progress to advance
+
+        Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
+        written.
+        """
         try:
             for k in map(int, todo):
                 job.solve(k, None, self.devices)
@@ -46,7 +54,8 @@ def _unwritten(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
 
 
 class DaskRunner:
-    """Chunks as tasks of a Dask cluster, each on one core of a worker or on its devices."""
+    """Runner that solves chunks as tasks of a Dask cluster, each on one core of a worker or on its
+    devices."""
 
     cores_of_chunk = 1
 
@@ -70,7 +79,15 @@ class DaskRunner:
         return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
 
     def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
-        """Solve the chunks `todo`; return the `KeyboardInterrupt` that stopped it, or None."""
+        """Solve chunks on the workers.
+
+        - `job`: inputs of the sweep
+        - `todo`: indices of the chunks, in order of priority
+        - `bar`: progress to advance
+
+        Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
+        written, and `RuntimeError` if workers fail.
+        """
         from distributed import as_completed
 
         call = uuid.uuid4().hex[:8]

@@ -25,6 +25,7 @@ class Picture:
     - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
     - `default`: whether it is drawn if no picture is requested by name
     - `needs`: variable that the dataset must have
+    - `moves`: whether it is an animation
     - `group`: group of the file that contains the data; the file must have it
     """
 

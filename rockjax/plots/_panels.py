@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-WIDE = 9.0  # width from which a title has one line [inches]
+WIDE = 9.0  # width above which a title has one line [inches]
 
 
 def grid_of_panels(

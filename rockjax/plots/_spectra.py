@@ -100,7 +100,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
             dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
             ratio = float(panel.eta_over_gamma)
             names = (mass_of(panels, ratio), period_of(panels, ratio, float(panel.T_s)))
-            # A fixed y, because Matplotlib's search for room above a secondary axis is slow.
+            # Matplotlib's search for room above the axes is slow, and needed only below a top axis.
             ax.set_title(", ".join(dict.fromkeys(names)), fontsize=10, y=None if i == 0 else 1.0)
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")

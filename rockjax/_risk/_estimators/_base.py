@@ -44,8 +44,8 @@ class Slopes(NamedTuple):
 
 
 class AbstractEstimator(abc.ABC):
-    """An estimator of P(G ≤ 0). Rounds go on until the coefficient of variation or the number of scenes is
-    reached."""
+    """An estimator of P(G ≤ 0). Rounds are added until the coefficient of variation or the number of scenes
+    is reached."""
 
     needs_design_points = True
     always_covers = False  # whether the interval has its nominal coverage even before convergence
@@ -104,7 +104,7 @@ class AbstractEstimator(abc.ABC):
 
 
 class AbstractMean(AbstractEstimator):
-    """Independent contributions y ≥ 0 with P = E[y]."""
+    """Base class for independent contributions y ≥ 0 with P = E[y]."""
 
     def __init__(self, limit, found, rng):
         super().__init__(limit, found, rng)

@@ -28,7 +28,7 @@ from ._base import AbstractMean
 
 ORIGIN = 0.1  # w_0
 BATCH = 4096
-FAR = 1.0  # weight of a failure far from every design point; near one it is about Φ(−β)
+FAR = 1.0  # a failure with a larger weight is far from every design point; near one it is about Φ(−β)
 SEARCHES = 4  # greatest number of new searches in a round
 TAIL = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
 TAIL_LEAST = 10

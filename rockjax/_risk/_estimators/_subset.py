@@ -25,7 +25,7 @@ SHARE = 0.05  # default share of the samples that pass to the next level
 RUNS = 6  # runs of a round, side by side
 SAMPLES = 1500  # default number of samples of a level in the first round
 FEWEST = 800  # least number of samples of a level in later rounds
-# Greatest growth of the samples from one round to the next: more rounds mean more runs to take the spread of.
+# Greatest growth of the samples from one round to the next; more rounds give a better estimate of the spread.
 GROWTH = 2
 NUMBERS = 5e7  # greatest number of array entries of the samples in memory at once
 LEVELS = 40  # greatest number of levels of a run
