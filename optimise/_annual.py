@@ -32,18 +32,17 @@ class AnnualFrequency(AbstractScaleTarget):
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, over PGA, PGV or Sa at a period, in SI units
-    - `suite`: two records or motions or more, or `FreshSamples` of records; each is scaled to every intensity
-      of the hazard's measure, which is that of the horizontal motion where there is a vertical one
-    - `max_intensity`: intensities up to this are looked at, by default to the last point of the hazard;
-      motions that none of them overturns are known to lie above it (censored) [as the hazard]
-    - `width`: in a verified design no window of overturning wider than this share of `max_intensity` is
-      missed [–]
+    - `suite`: two or more records or motions, or `FreshSamples` of records; each is scaled to every intensity
+      of the hazard's measure, which refers to the horizontal component
+    - `max_intensity`: highest intensity searched, by default the last point of the hazard; motions that do
+      not overturn the columns up to there count as censored [as the hazard]
+    - `width`: a verified design misses no overturning window wider than this share of `max_intensity` [–]
 
-    λ_f is that of [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
+    λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
     overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f); where fewer than
-    two motions overturn it is that of a podium that overturns at every intensity above `max_intensity`, with
+    two motions overturn, the podium is assumed to overturn at every intensity above `max_intensity`, with
     zero derivative. Raises `ValueError` for a hazard in other units or over another measure, and for a
-    `max_intensity` that is exceeded more often than `at_most`: no answer could follow from it.
+    `max_intensity` that is exceeded more often than `at_most`, with which the target could never hold.
     """
 
     at_most: Any
@@ -94,18 +93,21 @@ class AnnualFrequency(AbstractScaleTarget):
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
-        # Of unit intensity each: a factor on a motion is its intensity.
+        # Scaled to unit intensity, so that a factor on a motion is its intensity.
         members = several(owner, given, "suite").members
         unit = [motion.scaled(1 / size) for motion, size in zip(members, sizes, strict=True)]
         drawn = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
         self.suite = Suite.of(drawn, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
-        """Of the least overturning intensities [as the hazard]; NaN where fewer than two motions overturn."""
+        """Fit a lognormal distribution to the least overturning intensities [as the hazard].
+
+        Its numbers are NaN where fewer than two motions overturn.
+        """
         return self._fitted(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
-        """λ_f [1/year]; an upper limit where fewer than two motions overturn."""
+        """Mean annual frequency λ_f [1/year]; an upper limit where fewer than two motions overturn."""
         return self._frequency(self.least_scales(podium, options))
 
     def _fitted(self, found: Float[Array, " k"]) -> rj.Lognormal:

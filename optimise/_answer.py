@@ -1,5 +1,4 @@
-"""A design and the account of it: what every start came to, which is the best, its margins and shadow
-prices."""
+"""The result of a design: outcome of every start, the best one, its margins and shadow prices."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ from ._variables import Structure, Variables, as_podium, variables
 
 
 class Outcome(NamedTuple):
-    """Where one start ended: variables in user units, verified objective and worst margin, and how."""
+    """Outcome of one start: variables in user units, verified objective, worst margin and result."""
 
     variables: dict[str, float]
     objective: float
@@ -32,9 +31,12 @@ class Outcome(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """What a design cost: `evaluations` of a design with its derivatives, `scenes` simulated for them (the
-    search of an overturning acceleration counts as one), `iterations` of all starts, `seconds` with
-    compilation."""
+    """Cost of a design.
+
+    - `evaluations`: evaluations of a design with its derivatives
+    - `scenes`: scenes simulated for them; the search of an overturning acceleration counts as one
+    - `iterations`: of all starts; `seconds`: wall time, with compilation [s]
+    """
 
     evaluations: int
     scenes: int
@@ -43,19 +45,19 @@ class Effort(NamedTuple):
 
 
 class Design(Module):
-    """A design and the account of it.
+    """A design and how it was found.
 
-    - `podium`: the structure; `structure`: the same in the form it was given (`Podium` or `Dimensions`)
+    - `podium`: the structure; `structure`: the structure as `Podium` or `Dimensions`, as given
     - `variables`: name → value in user units; `objective`: its largest value at the design
     - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11, or in an independent sample;
       `margins`: target → margins there, NaN of a probability whose independent sample has not converged [–]
-    - `multipliers`: target → what the objective would fall by per unit of margin given away, that is per
-      relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN where not
-      satisfied
-    - `probabilities`: target → what an independent sample says, of targets on a probability of failure;
-      `standard_errors`: target → standard errors of the margins, where they are of an independent sample
-    - `overturned`: target or objective on peaks of the superstructure → scenes of its suite in which the
-      columns overturn, where there are any: its peaks there are until overturning
+    - `multipliers`: target → shadow price, the decrease of the objective per unit of margin given up, that
+      is per relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN if
+      the design is not satisfied
+    - `probabilities`: target on a probability of failure → the estimate of an independent sample;
+      `standard_errors`: target → standard errors of the margins that an independent sample estimates
+    - `overturned`: target or objective on peaks of the superstructure → number of scenes of its suite in
+      which the columns overturn, if any; their peaks are those until overturning
     - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
     - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
     """
@@ -95,7 +97,7 @@ class Design(Module):
 
 
 def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
-    """Headline, rows of the variables, rows of the targets; the first row of each is its heading."""
+    """Return the headline, the rows of variables and the rows of targets; first rows are headings."""
     state = "satisfied" if design.satisfied else "not satisfied"
     until = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
     result = NAMES[int(design.result._value)]
@@ -114,11 +116,12 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
 
 
 def check_design(owner: str, design) -> None:
+    """Raise `ValueError` unless `design` is a `Design`."""
     of_kind(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
 
 
 def table(design: Design) -> str:
-    """The design in lines: variables, targets with their worst margins and shadow prices, what it took."""
+    """Return the design as text: variables, targets with worst margins and shadow prices, and its cost."""
     check_design("table", design)
     headline, variables, targets = _account(design)
     lines = [f"Design: {headline}"]
@@ -129,7 +132,7 @@ def table(design: Design) -> str:
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
-    """Rows under their heading; nothing where there is only that."""
+    """Return aligned lines of a table, none if it has only its heading."""
     return [f"  {line}" for line in lines(rows)] if len(rows) > 1 else []
 
 
@@ -165,7 +168,7 @@ def _remarks(design: Design) -> list[str]:
 
 
 def _html(design: Design) -> str:
-    """The same as a table of a notebook."""
+    """Return the design as HTML for notebooks."""
     headline, *tables = _account(design)
     parts = [f"<p><b>Design</b>: {escape(headline)}</p>"]
     parts += [html(rows, heads="row") for rows in tables if len(rows) > 1]
@@ -174,18 +177,21 @@ def _html(design: Design) -> str:
 
 
 class Sampled(NamedTuple):
-    """What independent samples say at a design, by the places of targets: probabilities, or standard errors
-    of the margins (k,)."""
+    """Estimates of independent samples at a design, by the index of the target.
+
+    - `probabilities`: probabilities of failure; `errors`: standard errors of margins (k,) [–]
+    """
 
     probabilities: Mapping[int, rj.FailureProbability]
     errors: Mapping[int, np.ndarray] = {}
 
 
 class Found(NamedTuple):
-    """What a search leaves to tell of: where every start ended, what holds there in the accurate simulation,
-    how it went.
+    """Result of a search.
 
-    `sizes`: name of a target → number of its margins; `scale`: of the objective in descents
+    - `ends`: end of every start; `evaluations`: verified evaluations there
+    - `sizes`: name of a target → number of its margins; `scale`: unit of the objective in descents
+    - `history`: iterates of all starts; `effort`: cost of the search
     """
 
     ends: list[End]
@@ -203,7 +209,13 @@ def answer_of(
     found: Found,
     sampled: Callable[[np.ndarray], Sampled],
 ) -> Design:
-    """The best of the starts, and the account of all."""
+    """Return the best start as a design, with the outcomes of all.
+
+    - `given`: the structure as the user gave it; `varied`: its variables
+    - `objective`: what was minimised, None for the nearest design
+    - `found`: result of the search
+    - `sampled`: function of scaled variables (n,) that returns the estimates of independent samples there
+    """
     pairs = zip(found.ends, found.evaluations, strict=True)
     outcomes = tuple(_outcome(varied, end, there) for end, there in pairs)
     best = min(range(len(outcomes)), key=lambda k: _order(outcomes[k], bool(found.sizes)))
@@ -223,7 +235,7 @@ def answer_of(
     sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
     bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # From the user's own structure, whose plain numbers stay what they are.
+    # From the user's own structure, so that plain numbers are not turned into arrays.
     structure = variables(given, bounds).structure(end.x)
     return Design(
         podium=as_podium(structure),
@@ -252,7 +264,7 @@ def answer_of(
 
 
 def _outcome(varied: Variables, end: End, there: Evaluation) -> Outcome:
-    """Where a start ended; the accurate simulation has the last word."""
+    """Return the outcome of a start, decided by its verified evaluation."""
     finite = bool(np.isfinite(there.c).all() and np.isfinite(there.f).all())
     satisfied = finite and there.violation == 0
     code = end.result if finite else NOT_FINITE
@@ -267,7 +279,7 @@ def _outcome(varied: Variables, end: End, there: Evaluation) -> Outcome:
 
 
 def _order(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Satisfied before not, then by the objective or by the worst margin; what is not finite comes last."""
+    """Sort key of outcomes: satisfied ones by objective, others by worst margin, non-finite ones last."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

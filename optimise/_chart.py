@@ -1,4 +1,4 @@
-"""Design charts: which values of a design variable survive a pulse, over the period of the pulse."""
+"""Design charts: values of a design variable that survive a pulse, over the period of the pulse."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def _axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
-    """Periods and amplitudes as arrays; `ValueError` where they are none."""
+    """Return periods and amplitudes as arrays; raise `ValueError` if they are invalid."""
     periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
     if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
         raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
@@ -50,19 +50,19 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """The slimmest safe α (or any other design variable) against the period of a pulse of given amplitude
-    (host).
+    """Return the least safe α (or other design variable) over the period of a pulse (host).
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; what is not varied stays
     - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
     - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`:
       periods, shape (n,), > 0, ascending [s]
-    - `resolution`: places in the range of the variable that are tried first at every period
+    - `resolution`: points in the range of the variable that are tried first at every period, ≥ 4
+    - `options`: of the simulations; `progress`: `True` for a progress bar, or anything with `update(n)`
 
-    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value from which on every larger one up
-    to the upper bound survives (NaN where the upper bound overturns), and `boundaries` (further dim
+    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value above which all values up to
+    the upper bound survive (NaN where the upper bound overturns), and `boundaries` (further dim
     `boundary`, ascending, padded with NaN): every change between survival and overturning. Raises
-    `ValueError` for inputs that make no sense.
+    `ValueError` for invalid inputs.
     """
     import xarray
 
@@ -128,8 +128,10 @@ def design_chart(
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """The least safe value over the period of the pulse, one curve for each amplitude; other boundaries as
-    dots."""
+    """Plot the least safe value over the period of the pulse, a curve for each amplitude.
+
+    Dots are the other boundaries. Returns the axes.
+    """
     if "least_safe" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {shown(chart)}")
     import matplotlib.pyplot as plt

@@ -26,8 +26,11 @@ def design_command(
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions,
     OUTPUT-response.png.
 
-    `suffix` is the format of the pictures. Returns the design, the files, and what stopped the search, if
-    anything did: then the design is the best one until then.
+    - `problem`: the design problem; `output`: prefix of the files
+    - `quiet`: no progress bar; `suffix`: format of the pictures
+
+    Returns the design, the paths of the files, and the interruption of the search, None if there was none;
+    an interrupted search returns the best design so far.
     """
     import rockjax as rj
     from rockjax.internal import as_json, write_figure, write_whole
@@ -54,8 +57,10 @@ def design_command(
 
 
 def _decisive(problem: Problem, design: Design, motions: list) -> Any:
-    """The motion with the least margin of the targets on single responses; without such a target the one
-    that comes closest to overturning the design."""
+    """Return the motion with the least margin of the targets on responses.
+
+    Without such a target, return the motion that comes closest to overturning the design.
+    """
     from ._suite import Suite
     from ._targets import AbstractResponseTarget
 
@@ -70,7 +75,7 @@ def _decisive(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def account(design) -> dict[str, Any]:
-    """Everything about a design in numbers and words, for a JSON file."""
+    """Return a design as a dictionary for a JSON file."""
     from ._results import result_name
 
     podium = design.podium

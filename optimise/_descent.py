@@ -1,6 +1,6 @@
-"""What the parts of a search tell each other: what holds at a point, iterates, ends.
+"""Data that the parts of a search exchange: evaluations, iterates and ends.
 
-A descent is a coroutine: it yields points and is sent what holds there, so that many descents are evaluated
+A descent is a coroutine: it yields points and receives their evaluations, so that many descents are evaluated
 as one batch.
 """
 
@@ -17,7 +17,7 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 
 class Evaluation(NamedTuple):
     """Values f (k,), margins c (m,) and their Jacobians (k, n), (m, n) in scaled variables; the number of
-    overturned scenes of each target and, last, of the objective, whose peaks are until overturning."""
+    overturned scenes of each target and, last, of the objective."""
 
     f: Vector
     c: Vector
@@ -38,7 +38,12 @@ class Evaluation(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """`scale`: of the values; `shift`: margins aimed at; first `radius` of the trust region; when to stop."""
+    """Settings of a descent.
+
+    - `scale`: unit of the values; `shift`: margin aimed at [–]
+    - `radius`: first radius of the trust region, in scaled variables
+    - `tolerance`, `max_iterations`: stopping criteria
+    """
 
     scale: float
     shift: float
@@ -48,16 +53,16 @@ class Rules(NamedTuple):
 
     @property
     def feasible_enough(self) -> float:
-        """A violation of the margins aimed at that counts as none: the target itself still holds."""
+        """Accepted violation of the margins aimed at, with which the targets still hold [–]."""
         return 0.5 * self.shift
 
 
 class Iterate(NamedTuple):
     """One iteration of one start.
 
-    `x`: scaled variables before the step; `objective` and worst `margin` there; `residual`: of the optimality
-    conditions; `radius` of the trust region; `penalty` ν; `step`: largest entry of the step tried; whether it
-    was `accepted`.
+    - `x`: scaled variables before the step; `objective` and worst `margin` there
+    - `residual`: of the optimality conditions; `radius`: of the trust region; `penalty`: ν
+    - `step`: largest entry of the step tried; `accepted`: whether it was accepted
     """
 
     start: int
@@ -73,8 +78,11 @@ class Iterate(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a descent ended: the point, its multipliers (m,) in units of the scaled objective, a result code,
-    what holds there."""
+    """End of a descent.
+
+    - `x`: scaled variables (n,); `multipliers`: of the margins (m,), in units of the scaled objective
+    - `result`: code of `RESULTS`; `iterations`: their number; `there`: evaluation at `x`
+    """
 
     x: Vector
     multipliers: Vector
@@ -87,17 +95,17 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def prepared(raw: Evaluation, rules: Rules) -> Evaluation:
-    """An evaluation as descents look at it: values scaled, margins over those aimed at."""
+    """Return an evaluation for descents: values scaled, margins relative to those aimed at."""
     return Evaluation(raw.f / rules.scale, raw.c - rules.shift, raw.f_slope / rules.scale, raw.c_slope)
 
 
 def rank(there: Evaluation) -> tuple[float, float]:
-    """Less violation is better; where there is none, lower values."""
+    """Sort key of evaluations: by violation, then by value."""
     return (there.violation, float(np.max(there.f)))
 
 
 def scale_of(first: list[Evaluation]) -> float:
-    """So large are changes of the objective across the box, by its slopes at the starts."""
+    """Return the typical change of the objective across the box, from its slopes at the starts."""
     slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
     slopes = [slope for slope in slopes if slope > 0]
     if slopes:
@@ -106,7 +114,7 @@ def scale_of(first: list[Evaluation]) -> float:
 
 
 def at_rest(here: Evaluation, residual: float, rules: Rules) -> int:
-    """The result of a descent that no step improves."""
+    """Return the result code of a descent that no step improves."""
     if here.violation > rules.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * rules.tolerance else STALLED

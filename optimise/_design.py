@@ -1,4 +1,4 @@
-"""`design`: the structure that keeps its targets and minimises an objective."""
+"""`design`: size a structure that satisfies its targets and minimises an objective."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from ._variables import Structure, Variables, variables
 if TYPE_CHECKING:
     import optax
 
-REFINEMENTS = 3  # rounds that pull a design inside which only the accurate simulation finds outside
-SAMPLED_TOLERANCE = 1e-4  # finer ones mean nothing where a probability is sampled
-CORRECTIONS = 3  # of a search, by independent samples
-CHECKS = 4  # ends at which independent samples are taken in a round, and
-SAMPLED = 0.2  # so far outside an end may be by them, to be pulled inside
+REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
+SAMPLED_TOLERANCE = 1e-4  # smaller tolerances are below the scatter of sampled probabilities
+CORRECTIONS = 3  # restarts of a search after independent samples
+CHECKS = 4  # ends at which independent samples are taken in a round
+SAMPLED = 0.2  # largest violation of an independent sample that is corrected
 
 
 def design(
@@ -51,20 +51,20 @@ def design(
     max_iterations: int | None = None,
     progress: Any = False,
 ) -> Design:
-    """The structure that keeps all targets and minimises an objective (host).
+    """Find the structure that satisfies all targets and minimises an objective (host).
 
-    - `podium`: where to start from; what is not varied stays. An `optimise.Dimensions` lets masses vary
+    - `podium`: the first start; what is not varied stays. With an `optimise.Dimensions` masses can vary
     - `vary`: name → (lowest, highest) in user units. Parameters of a `Podium` (`alpha`, `tan_alpha`, `R`,
-      `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height`, of which one
-      keeps the other; of `Dimensions` its numbers. A positive range wider than a factor of 10 is scaled
+      `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height` (varying one
+      keeps the other); of `Dimensions` its numbers. A positive range wider than a factor of 10 is scaled
       logarithmically
-    - `minimise`: an objective, or a function podium → number or vector, of which the largest entry counts.
-      None looks for the nearest design that satisfies the targets
-    - `targets`: what must hold. Those on the same motions share their simulations
+    - `minimise`: an objective, or a function podium → number or vector, whose largest entry is minimised.
+      None finds the nearest design that satisfies the targets
+    - `targets`: targets to satisfy; targets on the same motions share their simulations
     - `method`: `"sqp"`, sequential quadratic programming. An `optax.GradientTransformation` such as
-      `optax.adam(0.02)`, or `"adam"` for just that, takes `max_iterations` steps on an augmented Lagrangian
-      in scaled variables first, and may have `FreshSamples` in the place of suites
-    - `starts`: so many starting points, side by side: `podium` and a Latin hypercube drawn by `seed`
+      `optax.adam(0.02)`, or `"adam"` for this one, first takes `max_iterations` steps on an augmented
+      Lagrangian in scaled variables; it accepts `FreshSamples` in place of suites
+    - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn by `seed`
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
     - `tolerance`: of the optimality conditions in scaled variables, and of margins; at least 1e-4 where a
       target is sampled [–]
@@ -72,9 +72,9 @@ def design(
       with `FreshSamples` 300
     - `progress`: `True` for a progress bar, or anything with `update(iterations)`
 
-    A design that cannot be satisfied is returned all the same, with `satisfied = False`, as the one whose
-    worst violation is least. Raises `ValueError` for inputs that make no sense. Ctrl-C raises
-    [`rockjax.Interrupted`][], whose `partial` is the best design seen until then, verified like any other.
+    Where no design satisfies the targets, the one with the least worst violation is returned, with
+    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
+    whose `partial` is the best design so far, verified like any other.
     """
     began = time.perf_counter()
     transformation = transformation_of(method)
@@ -103,7 +103,7 @@ def design(
         by_default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
         max_iterations = FRESH_ITERATIONS if fresh else by_default
     points = _points(varied, starts, seed)
-    # At most: the first evaluation, one an iteration, and those that verify.
+    # An upper bound: the first evaluation, one per iteration, and verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled, options, points, tolerance, bar)
         search: _Search | FreshSearch
@@ -121,7 +121,7 @@ def design(
 
 
 class _Search:
-    """All starts of a design: first evaluation, descents side by side, verification."""
+    """All starts of a design: first evaluation, simultaneous descents, verification."""
 
     def __init__(
         self,
@@ -139,7 +139,10 @@ class _Search:
         self.evaluations: list[Evaluation] = []
 
     def run(self) -> bool:
-        """Whether it was interrupted: then starts on their way end at the best that they have seen."""
+        """Run the search and return whether it was interrupted.
+
+        Unfinished starts of an interrupted search end at their best points so far.
+        """
         evaluate, starts = self.evaluate, range(len(self.points))
         try:
             first = evaluate(self.points)
@@ -169,15 +172,14 @@ class _Search:
         return False
 
     def verify(self) -> None:
-        """What holds at the ends in the accurate simulation; designs that stopped just outside there are
-        moved inside, by a step or two."""
+        """Verify the ends by accurate simulation; correct those with small violations by further steps."""
         tolerance = self.tolerance
         self.evaluations = self.checked()
         rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
         nearly = SAMPLED if self.evaluate.sampled.targets else 1e3 * tolerance
         for _ in range(REFINEMENTS):
             missing = {k: _missing(self.ended[k], e, nearly) for k, e in enumerate(self.evaluations)}
-            # Aim further inside by what is missing.
+            # Aim further inside by the violation.
             again = {
                 k: descend(self.ended[k].x, rules._replace(shift=tolerance + 2 * short), [], k)
                 for k, short in missing.items()
@@ -189,7 +191,7 @@ class _Search:
             self.evaluations = self.checked()
 
     def checked(self) -> list[Evaluation]:
-        """What holds at the ends, once there are independent samples at the best of them."""
+        """Return the evaluations at the ends, after taking independent samples at the best of them."""
         for _ in range(CHECKS):
             found = self.evaluate(self.places)
             if not self.evaluate.sampled.targets:
@@ -200,7 +202,7 @@ class _Search:
         return self.evaluate(self.places)
 
     def correct(self, rules: Rules) -> None:
-        """Go on from the ends where an independent sample says something else than the one gone by so far."""
+        """Continue from the ends while an independent sample differs from the one used by the search."""
         for _ in range(CORRECTIONS if self.evaluate.sampled.targets else 0):
             best = _best(self.evaluate(self.places))
             _, differs = self.evaluate.sampled.check(self.places[best])
@@ -215,13 +217,13 @@ class _Search:
             side_by_side(again, self.evaluate, places, first, self.ended)
 
     def so_far(self, k: int, rules: Rules) -> End:
-        """The best point that a start has seen; nobody knows its multipliers."""
+        """Best point of a start; its multipliers are unknown (NaN)."""
         x, there = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
         return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, prepared(there, rules))
 
     def sampled(self, x: np.ndarray) -> Sampled:
-        """What independent samples say at the end of a start."""
+        """Return the estimates of independent samples at the end of a start."""
         return self.evaluate.sampled.probabilities(x)
 
     @property
@@ -240,7 +242,7 @@ class _Search:
 def _check_fresh(
     transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
 ) -> None:
-    """Raises `ValueError` for what has no meaning where motions do not stay."""
+    """Raise `ValueError` for what cannot be combined with fresh samples."""
     right = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.averages]
     others = [t for t in targets if not any(t is other for other in right)]
     for item in (*others, objective, getattr(objective, "risk", None)):
@@ -279,7 +281,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
 
 
 def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:
-    """The given structure, and a Latin hypercube."""
+    """Return the starting points: the given structure and a Latin hypercube."""
     rng = np.random.default_rng(seed)
     n = len(varied.names)
     strata = (
@@ -294,7 +296,7 @@ def _best(found: list[Evaluation]) -> int:
 
 
 def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
-    """Name → number of margins, in order; a name that comes twice is numbered."""
+    """Return name → number of margins, in order; repeated names are numbered."""
     names: dict[str, int] = {}
     for target, size in zip(targets, sizes, strict=True):
         own = target.name or target.describe()
@@ -306,7 +308,7 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
 
 
 def _missing(end: End, found: Evaluation, nearly: float) -> float:
-    """What a design lacks that its own simulation called satisfied, 0 for all others."""
+    """Return the small violation of a design that its search found satisfied, 0 for all others."""
     if end.result in (INFEASIBLE, NOT_FINITE) or not found.finite or found.violation == 0:
         return 0.0
     return found.violation if found.violation <= nearly else 0.0

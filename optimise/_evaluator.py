@@ -1,5 +1,4 @@
-"""Evaluations of design points: objective and margins with their derivatives, a point of every start at
-once."""
+"""Evaluations of design points: objective and margins with derivatives, for all starts in a batch."""
 
 from __future__ import annotations
 
@@ -27,12 +26,15 @@ from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
 
 VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
-RESAMPLED = 200  # samples of a sample, for its standard error
+RESAMPLED = 200  # bootstrap samples, for standard errors
 
 
 class DesignProblem(Module):
-    """What is differentiated. All motions whose responses are read are one suite, each of them once; `uses`
-    says which part of it an item reads."""
+    """The function that is differentiated: values of the objective and margins of the targets.
+
+    All motions whose responses are read form one suite without repetitions; `uses` holds the part of it that
+    each item reads.
+    """
 
     variables: Variables
     objective: AbstractObjective | None
@@ -45,8 +47,10 @@ class DesignProblem(Module):
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Values of the objective, margins of every target, and the overturned scenes of all of them, 0 of
-        those that read no peaks of the superstructure."""
+        """Return values of the objective, margins of every target, and overturned scenes of each item.
+
+        The count is 0 for items that read no peaks of the superstructure.
+        """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
         overturned = jnp.zeros(len(self.uses), int)
@@ -100,14 +104,15 @@ def problem_of(
 
 
 def _passed(item: Any) -> Any:
-    """With numbers as arrays: those of Python would each be compiled in. What is 0 may not be there at
-    all."""
+    """Turn Python numbers into arrays, so that they are not compiled in.
+
+    Zeros stay: they may mean that a part is absent.
+    """
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
 def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """A function of the user's own is traced by itself: what it makes of a podium tells later processes
-    which one it is."""
+    """Trace user functions on their own: their jaxpr identifies them in the store of programs."""
 
     def named(part: Any) -> Any:
         if not isinstance(part, OfPodium) or isinstance(part.function, TracedFunction):
@@ -115,7 +120,7 @@ def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractOb
         like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
         try:
             return OfPodium(TracedFunction(part.function, like))
-        except Exception:  # whatever is wrong with it is said where it is evaluated
+        except Exception:  # its error is reported where it is evaluated
             return part
 
     return jax.tree.map(named, objective, is_leaf=lambda part: isinstance(part, OfPodium))
@@ -123,7 +128,7 @@ def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractOb
 
 @functools.partial(KeptProgram, arrays_only=True, words="the design with its derivatives")
 def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
-    """Jacobians of (values, margins of every target), and what a problem says, of all points."""
+    """Return the Jacobians of (values, margins of every target) and the answers, at all points."""
 
     def at(x):
         def twice(x):
@@ -146,39 +151,42 @@ def _of_samples(target: AbstractScaleTarget, found: Float[Array, "samples k"]):
 
 
 class Estimate(NamedTuple):
-    """What an independent sample says: margins of a target (k,), and their standard errors."""
+    """Estimate of an independent sample: margins of a target (k,) and their standard errors (k,) [–]."""
 
     margins: np.ndarray
     errors: np.ndarray
 
 
 def source_of(item: Any) -> FreshSamples | None:
-    """Where the motions of a target come from, if they do not stay."""
+    """Return the fresh samples of a target, None if its motions are fixed."""
     suite = getattr(item, "suite", None)
     return suite.source if isinstance(suite, Suite) else None
 
 
 def _with(target: Any, records: rj.Records) -> Any:
-    """A target with a batch of fresh samples."""
+    """Return a target with a batch of fresh samples."""
     return eqx.tree_at(lambda t: t.suite, target, target.suite.drawn(records))
 
 
 def verified(options: rj.Options) -> rj.Options:
-    """Of the simulations that have the last word."""
+    """Return the options of the simulations that verify a design."""
     return options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
 
 
 def traced(options: rj.Options) -> rj.Options:
-    """Options whose numbers are not compiled in."""
+    """Return options with numbers as arrays, so that they are not compiled in."""
     return jax.tree.map(as_float, options)
 
 
 class Evaluator:
-    """Evaluates a point of every start at once, so that one compilation serves; remembers the best, counts
-    what it does.
+    """Evaluates one point of every start in a batch, with one program; keeps the best and counts the cost.
 
-    Better is what violates margins less, so far `inside`, and of two that satisfy them what has the lower
-    objective.
+    A point is better if it violates the margins less, aimed `inside`; among satisfied points, if its
+    objective is lower.
+
+    - `problem`: values and margins; `sampled`: targets on probabilities of failure
+    - `options`: of the simulations; `points`: starting points (starts, n), in scaled variables
+    - `inside`: margin aimed at [–]; `bar`: progress bar
     """
 
     def __init__(
@@ -205,8 +213,11 @@ class Evaluator:
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
-        """Evaluations at points (width, n), of which `count` are asked for. Accurate ones are of simulations
-        with the last word, and of targets as certain as they are meant, where their motions stay."""
+        """Return the evaluations at points (width, n).
+
+        `count` is the number of points that count as evaluated, by default all. Accurate evaluations use the
+        tolerances of verification and the full resolution of the targets.
+        """
         options = verified(self.options) if self.accurate else self.options
         problem = self.certain if self.accurate else self.problem
         if self.sources:  # new motions
@@ -233,8 +244,7 @@ class Evaluator:
         return found
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, Estimate]:
-        """What the k-th independent sample says at a point (n,) of targets with fresh samples, by their
-        places."""
+        """Return the estimates of the k-th independent sample at a point (n,), by the index of the target."""
         podium = self.certain.variables.podium(x)
         return {place: self._estimate(place, podium, k) for place in self.sources}
 
@@ -253,7 +263,7 @@ class Evaluator:
         return Estimate(margins[0], margins.std(axis=0))
 
     def _with_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
-        """Margins and slopes of all targets in their order, from those of the traced ones."""
+        """Insert the margins and slopes of sampled targets among those of the traced ones."""
         rows = [self.sampled.at(x) for x in points]
         margins, slopes = list(margins), list(slopes)
         for k in self.sampled.targets:
@@ -262,7 +272,7 @@ class Evaluator:
         return margins, slopes
 
     def verifies(self) -> None:
-        """From now on accurately."""
+        """Switch to accurate evaluations."""
         self.accurate = True
         self.sampled.verifies()
 
@@ -282,8 +292,12 @@ def side_by_side(
     first: list[Evaluation],
     ends: dict[int, End],
 ) -> None:
-    """Drive descents side by side, whose first points are evaluated already; an end is put down as soon as it
-    is there."""
+    """Advance all descents together until each has ended.
+
+    - `descents`: start → descent; `evaluate`: evaluates a point of every start
+    - `points`: first points (starts, n); `first`: their evaluations
+    - `ends`: receives the end of each descent
+    """
     points = np.array(points)
 
     def goes_on(k: int, evaluation: Evaluation | None) -> bool:

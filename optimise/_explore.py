@@ -1,8 +1,6 @@
-"""A study by hand: sliders for the numbers of a structure and a ground motion, and the response to them at
-once.
+"""Interactive study: sliders for the numbers of a structure and a ground motion, and the response to them.
 
-All numbers go through one compiled function, so that a slider costs a few milliseconds of simulation and a
-picture.
+All numbers go through one compiled function, so that moving a slider compiles nothing.
 """
 
 from __future__ import annotations
@@ -44,19 +42,19 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*PEAKS, "margin")
 POINTS = 1001  # of the curves
-SHOWN = 12.0  # of the time after the motion, over 1/p
+SHOWN = 12.0  # time drawn after the motion, in units of 1/p
 _WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
 SHARP = 2  # pixels for each of the screen's points, as many screens have
-PLACES = 500  # of a slider, about
-FINER = 3  # times ten, at most, so that the value at the start is among the places
+PLACES = 500  # approximate number of positions of a slider
+FINER = 3  # the step is refined up to 10^FINER times, so that the first value is a position
 
 
 class Explorer:
     """Sliders on a structure and a ground motion, and the response to them.
 
-    - `widget`: what a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units, as it was given until its slider is moved; `structure`, `podium`,
-      `excitation`, `peak`: those of these values
+    - `widget`: the widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
+    - `values`: name → value in user units, exactly the given one until its slider is moved; `structure`,
+      `podium`, `excitation`, `peak`: for these values
     - `picture`: the picture, as PNG with two pixels for each of the screen's points
     """
 
@@ -138,18 +136,17 @@ def explore(
     *,
     options: rj.Options = rj.Options(),
 ) -> Explorer:
-    """Sliders for a notebook, and the response to them at once; needs ipywidgets, of the extra `notebook`.
+    """Return sliders for a notebook with the response to them; needs ipywidgets (extra `notebook`).
 
-    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. What is not
-      varied stays
+    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion; numbers that are
+      not varied stay
     - `vary`: name → (lowest, highest) in user units: names of the structure as in [`optimise.design`][], and
       fields of the motion, such as `a_p`, `T_p` of a pulse or the `scale` of a record. A name that both have
       is the structure's
     - `options`: of the simulations; their `outputs` and `throw` are set as needed
 
-    The picture has the response at first in grey beside the present one. The first one compiles for some
-    seconds; then a slider is answered in some hundredths of a second, and nothing is compiled again. Raises
-    `ValueError` for names that are not there, and for ranges that are none or do not hold the present value.
+    The picture has the first response in grey beside the present one. Only the first picture compiles. Raises
+    `ValueError` for unknown names, and for ranges that are invalid or do not contain the present value.
     """
     if not isinstance(structure, Structure):
         raise ValueError(
@@ -191,12 +188,12 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """A rotation past α has no margin."""
+    """Return the outputs: the margin only where rotations end at α."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
 def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]) -> list[str]:
-    """Those of the names that are single numbers of the motion, and none of the structure."""
+    """Return the names of single numbers of the motion that are not names of the structure."""
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     own = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
     fields = [name for name, y in numbers.items() if eqx.is_inexact_array(y) and y.ndim == 0]
@@ -204,7 +201,7 @@ def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple
 
 
 class _Study(Module):
-    """What the sliders move."""
+    """A structure and a motion with the names of their varied numbers."""
 
     structure: Structure
     excitation: rj.AbstractExcitation
@@ -217,7 +214,7 @@ class _Study(Module):
         return structure, dataclasses.replace(self.excitation, **motion)
 
     def now(self, name: str) -> tuple[float, str]:
-        """The present value of a number, and its unit."""
+        """Return the present value of a number and its unit."""
         if name in _moved(self.structure, self.excitation, self.names):
             return float(getattr(self.excitation, name)), written(of_motion(name).unit)
         value: Any = value_of(self.structure, name)
@@ -251,7 +248,7 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
 
 
 def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """What moves over the beam: one mass, the roof of a building, or the first of several modes."""
+    """Return the deformation [m] of one mass, the roof of a building, or the first of several modes."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -259,15 +256,14 @@ def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Fl
 
 
 def _of_sway(podium: rj.Podium) -> str:
-    """What `_sway` is called."""
+    """Return the label of `_sway`."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return "roof\n[mm]"
     return "mode 1\n[mm]" if isinstance(podium.superstructure, rj.Modes) else "deformation\n[mm]"
 
 
 class _Grid(NamedTuple):
-    """Where a slider can stand: a browser takes every value to the nearest of these places, that at the start
-    too."""
+    """Positions of a slider: a browser rounds every value to the nearest of these, also the first one."""
 
     low: float
     high: float
@@ -275,7 +271,7 @@ class _Grid(NamedTuple):
 
     @classmethod
     def around(cls, low: float, high: float, value: float) -> _Grid:
-        """Some hundred places with round steps; finer ones where `value` would not be among them."""
+        """Return a grid of some hundred positions with round steps, refined until it holds `value`."""
         rough = (high - low) / PLACES
         power = 10.0 ** math.floor(math.log10(rough))
         step = power * next(part for part in (1, 2, 5, 10) if part * power >= 0.999 * rough)
@@ -287,8 +283,7 @@ class _Grid(NamedTuple):
         return abs(place - round(place)) < 1e-6
 
     def read(self, shown: float, given: float) -> float:
-        """What a slider that shows a number means: what was given, where that was only taken to its nearest
-        place."""
+        """Return the value of a slider: the given one, if the browser has only rounded that."""
         if not self.holds(shown):
             return shown
         shown = float(f"{shown:.12g}")  # browsers find their places by floating-point arithmetic
@@ -312,7 +307,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """One figure, whose curves are moved."""
+    """One figure whose curves are updated."""
 
     def __init__(self, first: _Answer, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -329,7 +324,7 @@ class _Drawing:
         if not podium.vibrates:
             del rows[1]
         with plt.style.context(STYLE):
-            # Laid out by hand: solving for the layout takes longer than the drawing.
+            # A fixed layout: the layout engine takes longer than the drawing.
             self.figure = Figure(figsize=(_WIDTH, _HEIGHT * len(rows)), dpi=_DPI)
             FigureCanvasAgg(self.figure)
             axes = self.figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
@@ -369,7 +364,7 @@ _ROWS = {
 
 
 def _account(first: rj.Peak, now: rj.Peak) -> str:
-    """A table of the peaks at first and now."""
+    """Return a table of the first and the present peaks."""
 
     def number(peak: rj.Peak, field: str, factor: float) -> str:
         return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # of modes or stories the largest

@@ -1,5 +1,7 @@
-"""Targets on a probability under random ground motions, which is sampled: they are evaluated outside of
-traced code, one structure at a time."""
+"""Targets on a probability of failure under random ground motions.
+
+The probability is sampled: it is evaluated outside jit, one structure at a time.
+"""
 
 from __future__ import annotations
 
@@ -29,26 +31,26 @@ from rockjax.internal import (
 from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFE = 1.645  # standard errors of ln P by which a search stays inside: 95 % of independent samples agree
+SAFE = 1.645  # standard errors of ln P kept as a margin, so that 95 % of independent samples agree
 MAX_SCENES = 10_000_000  # of an independent sample
-CLOSE = 1e-3  # relative change of numbers of a structure that a check need not be repeated for
+CLOSE = 1e-3  # relative change of a structure below which a check is reused
 
 
 class FailureProbability(AbstractTarget):
     """A random ground motion makes the structure fail with a probability of at most `at_most`.
 
     - `at_most`: 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: what is failure, as for [`rockjax.failure_probability`][]
-    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: directions in which the
-      surface of failure is followed, ≥ 8; `seed`: the same gives the same
+    - `limit`: limit state of failure, as for [`rockjax.failure_probability`][]
+    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: number of directions
+      in which the failure surface is followed, ≥ 8; `seed`: of the random numbers
     - `name`: in reports
 
-    The margin is ln k, with k the factor on u (on the motions, where they have no pulse) with which the
-    probability is `at_most`. While searching, k comes from rays through failing samples of the first
-    structure, the same ones for all, with derivatives by the implicit function theorem; it stays inside by
-    what two samples may differ. An answer is verified by subset simulation from another seed: its margin is
-    that of the second sample, which is in `Design.probabilities`. Where that has not converged in 10 million
-    scenes, the margin is NaN, and the design is `unverified` and not satisfied.
+    The margin is ln k. k is the factor on u (on the motions, if they have no pulse) at which the probability
+    equals `at_most`. During the search k comes from rays through failing samples of the first structure,
+    with derivatives by the implicit function theorem; all structures use the same rays, and a safety margin
+    covers the scatter between two samples. A design is verified by subset simulation from another seed: this
+    second sample gives its margin and is in `Design.probabilities`. Where it has not converged in 10 million
+    scenes, the margin is NaN and the design is `unverified` and not satisfied.
     """
 
     at_most: float = eqx.field(static=True)
@@ -81,13 +83,13 @@ class FailureProbability(AbstractTarget):
         self.motion, self.limit, self.rays, self.seed, self.name = motion, limit, rays, seed, name
 
     def probability(self, podium: rj.Podium, seed: int = 0) -> rj.FailureProbability:
-        """The probability of failure of a structure, by subset simulation (host)."""
+        """Estimate the probability of failure of a structure by subset simulation (host)."""
         return rj.failure_probability(
             podium, self.motion, limit=self.limit, cov=self.cov, seed=seed, max_scenes=MAX_SCENES
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Of a structure by a sample of its own (host)."""
+        """Return the margin of a structure from a sample of its own (host)."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
                 "FailureProbability is sampled: it has no margins in traced code; see optimise.design"
@@ -99,15 +101,14 @@ class FailureProbability(AbstractTarget):
 
 
 class Margin(NamedTuple):
-    """A margin and its derivatives by the logarithms of numbers of a structure, by name."""
+    """A margin and its derivatives with respect to the logarithms of numbers of a structure, by name."""
 
     margin: float
     slopes: Mapping[str, float]
 
 
 class _Check(NamedTuple):
-    """An independent sample at a structure: what it says, and by how much the rays are off there, as far as
-    is known."""
+    """An independent sample at a structure: its estimate, and its ratio to the estimate of the rays."""
 
     numbers: np.ndarray
     found: rj.FailureProbability
@@ -115,9 +116,9 @@ class _Check(NamedTuple):
 
 
 class Sampled:
-    """A target with the rays that a design goes by (host).
+    """A target with the rays that a search uses (host).
 
-    `scenes` counts what it simulates.
+    `scenes` counts the scenes simulated.
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
@@ -136,37 +137,36 @@ class Sampled:
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
 
     def at(self, podium: rj.Podium, names: tuple[str, ...]) -> Margin:
-        """The margin of a structure."""
+        """Return the margin of a structure, with slopes for `names`."""
         limit = self._limit(podium)
         cut = factor_of(limit, self.rays, self._wanted(podium), names, self.factor)
-        self.factor = min(max(cut.factor, 0.1), 10.0)  # where the next search begins
+        self.factor = min(max(cut.factor, 0.1), 10.0)  # the start of the next root search
         self.scenes += limit.scenes
         return Margin(math.log(cut.factor), dict(zip(names, cut.sensitivities.tolist(), strict=True)))
 
     def _wanted(self, podium: rj.Podium) -> float:
-        """The probability that is asked of the rays."""
+        """Return the probability at which the rays are cut."""
         inside = 0.0 if self.verified else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-inside), 0.9)
 
     @property
     def spread(self) -> float:
-        """What two samples of ln P may differ by."""
+        """Largest difference of ln P expected between two samples."""
         return SAFE * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """What the nearest independent sample says over what the rays say, 1 where there is none."""
+        """Return the ratio of the nearest independent estimate to that of the rays, 1 without any."""
         if not self.checks:
             return 1.0
         return min(self.checks, key=lambda check: _apart(check.numbers, _numbers(podium))).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure: the change that it makes to ln P; None where there is
-        one already."""
+        """Take an independent sample at a structure and return the change of ln P; None if it has one."""
         if self.checked(podium) is not None:
             return None
         before = self._ratio(podium)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # the design says it
+            warnings.simplefilter("ignore", RuntimeWarning)  # the design reports it
             found = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
         self.scenes += found.scenes
         ratio = before
@@ -178,7 +178,7 @@ class Sampled:
         return math.log(ratio / before)
 
     def checked(self, podium: rj.Podium) -> rj.FailureProbability | None:
-        """What an independent sample at this structure says, None where there is none."""
+        """Return the estimate of the independent sample at this structure, None if there is none."""
         near = [c for c in self.checks if _apart(c.numbers, _numbers(podium)) <= CLOSE]
         return near[-1].found if near else None
 
@@ -188,5 +188,5 @@ def _numbers(podium: rj.Podium) -> np.ndarray:
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:
-    """The largest relative difference of numbers."""
+    """Return the largest relative difference of numbers."""
     return float(np.max(np.abs(a - b) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-12)))

@@ -1,4 +1,4 @@
-"""`fit`: the numbers of a podium from a measured rotation, by least squares through the simulator."""
+"""`fit`: identify numbers of a podium from a measured rotation by least squares."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from rockjax.internal import AnyMotion, Module, as_excitation, as_float, of_kind
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, variables
 
-WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong motion fitted one after the other
-STRONG = 0.1  # of the largest rotation
-EDGE = 1e-3  # starts keep this distance from the bounds, where the transform is flat
+WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong rotation, fitted one after the other
+STRONG = 0.1  # rotation is strong above this part of its peak
+EDGE = 1e-3  # distance of starts from the bounds, where the transform is flat
 STEPS = 40  # of the solver in each window
-WALK = 16  # random numbers tried, for every start, on the first window
+WALK = 16  # random points tried for every start, on the first window
 
 
 class Fit(Module):
-    """A fitted podium and how well it is known.
+    """A fitted podium with its standard errors.
 
-    - `podium`: the structure; `structure`: the same in the form it was given
+    - `podium`: the structure; `structure`: the structure as `Podium` or `Dimensions`, as given
     - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
-      residuals (inf where the history says nothing of it, and at a bound no more than a hint)
+      residuals (inf where the history does not determine it; only indicative at a bound)
     - `covariance`: of the variables, in user units, in their order
     - `rms`: root mean square of the residual [rad]; `residuals`: measured minus fitted θ at the times [rad]
-    - `starts`: rms of every start [rad]; `best`: which of them this is; `converged`: whether its solver said
-      so
-    - `seconds`: wall time, with compilation
+    - `starts`: rms of every start [rad]; `best`: index of this one; `converged`: whether its solver
+      converged
+    - `seconds`: wall time, with compilation [s]
     """
 
     podium: rj.Podium
@@ -64,7 +64,7 @@ class Fit(Module):
 
 
 def _measured(times, theta) -> tuple[np.ndarray, np.ndarray]:
-    """Times and rotations as arrays; `ValueError` where they are no measurement."""
+    """Return times and rotations as arrays; raise `ValueError` if they are invalid."""
     times, theta = (
         np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
     )
@@ -90,18 +90,19 @@ def fit(
     options: rj.Options = rj.Options(rtol=1e-9, atol=1e-11, history=1024, throw=False),
     tolerance: float = 1e-8,
 ) -> Fit:
-    """The numbers `vary` of a podium with which its rotation comes closest to a measured θ(t) (host).
+    """Fit numbers of a podium to a measured rotation θ(t) by least squares (host).
 
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
     - `times`: of the measurement, ascending, n ≥ 2 [s]; `theta`: measured rotation there [rad]
     - `initial`: the state at the start of the excitation's support
-    - `starts`: so many starting points, drawn by `seed`
-    - `options`: of the simulations; `history` bounds the steps that a history may have
-    - `tolerance`: of the least squares, relative
+    - `excitation`: the ground motion of the measurement
+    - `starts`: number of starting points, ≥ 1, drawn by `seed`
+    - `options`: of the simulations; `history` limits the steps of a history
+    - `tolerance`: of the least squares, relative, > 0 [–]
 
-    Rotations that have lost their phase say little of where to go, so windows are fitted one after the other,
-    the first with the first impacts only. Levenberg–Marquardt in variables that the bounds cannot be left in.
-    Raises `ValueError` for inputs that make no sense.
+    A rotation out of phase with the measurement gives a poor search direction. Growing windows are therefore
+    fitted in sequence, the first with the first impacts only. The method is Levenberg–Marquardt in variables
+    transformed so that they stay within the bounds. Raises `ValueError` for invalid inputs.
     """
     began = time.perf_counter()
     varied = variables(podium, vary, "fit")
@@ -121,7 +122,7 @@ def fit(
     scene = _Scene(
         varied, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
     )
-    # In units of the signal, so that tolerances mean the same for all.
+    # In units of the signal, so that tolerances are relative.
     unit = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
     n = len(varied.names)
@@ -130,7 +131,7 @@ def fit(
     drawn[0] = first
     spans = [_window(times, theta, part) for part in WINDOWS]
     tried = np.asarray(_costs(scene, jnp.asarray(drawn), jnp.asarray(spans[0]), unit))
-    # Of each start's own draws the best on the first window; the given structure has a start to itself.
+    # Each start begins at the best of its draws on the first window, the first start at the given structure.
     chosen = [k * WALK + int(np.argmin(tried[k * WALK : (k + 1) * WALK])) for k in range(starts)]
     z = _open(jnp.clip(jnp.asarray(drawn[chosen]).at[0].set(first), EDGE, 1 - EDGE))
     done = None
@@ -174,7 +175,7 @@ class _Scene(Module):
     options: rj.Options
 
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Measured minus simulated rotation [rad]; after a fall the columns lie at α."""
+        """Return measured minus simulated rotation (n,) [rad]; after overturning the columns stay at α."""
         podium = self.variables.podium(x)
         response = rj.simulate(
             podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options
@@ -188,13 +189,13 @@ class _Scene(Module):
 
 
 def _window(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:
-    """1 for the times up to a part of the strong rotation, 0 after; the whole history for the whole part."""
+    """Return weights: 1 up to a part of the strong rotation, 0 after; all 1 for part = 1."""
     strong = times[np.abs(theta) >= STRONG * np.max(np.abs(theta))]
     return (times <= (strong[0] + part * (strong[-1] - strong[0]) if part < 1 else np.inf)).astype(float)
 
 
 def _box(z):
-    """From all numbers to (0, 1)."""
+    """Map real numbers to [0, 1]."""
     return 0.5 * (1 + jnp.sin(z))
 
 
@@ -239,7 +240,7 @@ def _assessed(scene: _Scene, points):
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """s²(JᵀJ)⁻¹; infinite where the Jacobian has a direction that changes nothing."""
+    """Return the covariance s²(JᵀJ)⁻¹; infinite where the Jacobian is rank-deficient."""
     count, n = slope.shape
     variance = float(residuals @ residuals) / max(count - n, 1)
     information = slope.T @ slope

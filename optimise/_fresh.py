@@ -12,20 +12,21 @@ import numpy as np
 import rockjax as rj
 from rockjax.internal import AnyMotions, records_of, several, shown, whole
 
-STEP, SAMPLE = 1, 2  # what numbers are drawn for: batches of a search, and samples that take no part in it
+STEP, SAMPLE = 1, 2  # streams of random numbers: batches of a search, and independent samples
 
 
 class FreshSamples:
-    """Ground motions in place of a suite, drawn anew in every step of a search by a gradient transformation:
-    of a random motion, or of more records than one batch should hold.
+    """Ground motions drawn anew in every step of a search by a gradient transformation.
+
+    They replace a suite. They are drawn from a random motion, or from more records than fit into one batch.
 
     - `motions`: a [`rockjax.GaussianMotion`][], or two records or more, drawn with replacement
-    - `batch`: motions of a step, ≥ 2
-    - `verify`: motions of an independent sample by which a design is verified, a multiple of `batch`
-    - `seed`: the same gives the same
+    - `batch`: number of motions of a step, ≥ 2
+    - `verify`: number of motions of the independent sample that verifies a design, a multiple of `batch`
+    - `seed`: of the random numbers, ≥ 0
 
     For targets on a distribution of capacities: `optimise.AnnualFrequency` (records) and
-    `optimise.MedianCapacity`. Raises `ValueError` for what are no motions or numbers.
+    `optimise.MedianCapacity`. Raises `ValueError` for invalid motions or numbers.
     """
 
     def __init__(
@@ -55,21 +56,21 @@ class FreshSamples:
         self.motions = rj.Records.of(self.members)
 
     def records(self, owner: str) -> tuple[Any, ...]:
-        """What is drawn from. Raises `ValueError` where that is no list."""
+        """Return the records that are drawn from. Raises `ValueError` for a random motion."""
         if not self.members:
             raise ValueError(f"{owner}: suite must be FreshSamples of records, got {self!r}")
         return self.members
 
     def of_records(self, members: Sequence[Any]) -> Self:
-        """The same draws of other records."""
+        """Return fresh samples with the same draws from other records."""
         return type(self)(list(members), self.batch, verify=self.verify, seed=self.seed)
 
     def draw(self, k: int) -> rj.Records:
-        """The batch of step k."""
+        """Return the batch of step k."""
         return self._drawn(STEP, k)
 
     def sample(self, k: int) -> list[rj.Records]:
-        """The k-th independent sample, in batches."""
+        """Return the k-th independent sample, in batches."""
         return [self._drawn(SAMPLE, k, part) for part in range(self.verify // self.batch)]
 
     def _drawn(self, *purpose: int) -> rj.Records:

@@ -1,12 +1,12 @@
-"""Steps of a gradient transformation of Optax on an augmented Lagrangian, all starts side by side.
+"""Steps of an Optax gradient transformation on an augmented Lagrangian, all starts in a batch.
 
 With the largest value f, margins c and multipliers μ, the transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/2ρ_j,   with ρ_j = ρ over a running mean of |∇c_j|²,
 
-so that steep margins count for no more than flat ones. μ_j follows max(0, μ_j − ρ_j c_j) by a tenth a step.
-Steps shrink with 1/√t and are projected on the bounds. No two values are compared: they may be of different
-motions.
+so that steep and flat margins have equal weight. In each step μ_j moves by a tenth of the way to
+max(0, μ_j − ρ_j c_j). Steps shrink with 1/√t and are projected onto the bounds. Values of different steps are
+never compared, because their motions may differ.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 MAX_ITERATIONS = 100
 RHO, FOLLOW = 10.0, 0.1
-STEADY = 8  # the steps shrink from this part of a search on
-LONGEST = 0.25  # step in scaled variables
-FLAT = 1e-2  # margins with slopes below are not made steeper
+STEADY = 8  # the steps shrink after 1/STEADY of a search
+LONGEST = 0.25  # longest step in scaled variables
+FLAT = 1e-2  # margins with smaller slopes are not scaled up further
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
@@ -64,10 +64,14 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
 
 
 class GradientSteps:
-    """Starts that take their steps side by side, with the same motions.
+    """Gradient steps of all starts in a batch, with common motions.
 
-    Arrays have the starts (s,) in front, margins (s, m), scaled variables (s, n). `aim` are the margins that
-    are asked for; `tails` what was seen in the second half of the steps.
+    Arrays have the starts (s,) in front: margins (s, m), scaled variables (s, n). `aim` holds the margins
+    aimed at, `tails` the evaluations of the second half of the steps.
+
+    - `transformation`: of Optax; `evaluate`: evaluates a point of every start
+    - `points`: starting points (s, n); `first`: their evaluations
+    - `tolerance`: first margin aimed at [–]; `history`: receives the iterates
     """
 
     def __init__(
@@ -95,7 +99,7 @@ class GradientSteps:
         self.tails: list[list[tuple[Vector, Evaluation]]] = [[] for _ in first]
 
     def walk(self, steps: int, moving: np.ndarray) -> None:
-        """Take so many steps with some of the starts, (s,); where an answer is not finite a start waits."""
+        """Take `steps` steps with the starts `moving` (s,); steps with non-finite answers are skipped."""
         memory = self.init(jnp.asarray(self.x))
         for k in np.flatnonzero(moving):
             self.tails[k] = []

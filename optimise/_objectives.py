@@ -1,4 +1,4 @@
-"""What a design minimises: the largest of one or many values."""
+"""Objectives of a design: the largest of one or many values is minimised."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ._targets import AbstractResponses, check_limit, of_building, overturning_o
 
 
 class AbstractObjective(Module):
-    """Base class of objectives: the largest entry of `values` is minimised. To write one, give what is
-    abstract here."""
+    """Base class of objectives: the largest entry of `values` is minimised. Subclasses implement
+    the abstract methods."""
 
     @abc.abstractmethod
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Values at a podium; traceable and differentiable."""
+        """Return the values (k,) at a podium; traceable and differentiable."""
 
     @abc.abstractmethod
     def describe(self) -> str:
-        """The objective in words."""
+        """Return the objective in words."""
 
     def while_searching(self) -> Self:
-        """What is cheaper while the design is searched, and close enough there."""
+        """Return a cheaper objective that is accurate enough for the search."""
         return self
 
     @property
@@ -40,7 +40,7 @@ class AbstractObjective(Module):
 
 
 class AbstractWorst(AbstractObjective, AbstractResponses):
-    """The worst of the responses to a suite."""
+    """Base class of objectives on the worst response to a suite."""
 
     suite: Suite
 
@@ -69,10 +69,11 @@ class WorstRotation(AbstractWorst):
 
 
 class AbstractWorstPeak(AbstractWorst):
-    """The largest of a peak of the superstructure, where it has several of all of them.
+    """Base class of objectives on the largest peak of a superstructure, over all modes, stories or floors.
 
-    Where the columns overturn, the peak until then is too small: it counts (1 − M) times, by the overturning
-    margin M < 0. Only a target such as [`optimise.NoOverturning`][] keeps such designs out.
+    Where the columns overturn, the peak until then underestimates the response: it is multiplied by (1 − M),
+    with the overturning margin M < 0. Only a target such as [`optimise.NoOverturning`][] excludes such
+    designs.
     """
 
     words: ClassVar[str]
@@ -105,7 +106,7 @@ class WorstDeformation(AbstractWorstPeak):
 class WorstDrift(AbstractWorstPeak):
     """The largest drift of any story of a building under a motion or a list of them [m].
 
-    Raises `ValueError` where it is evaluated for a podium without stories.
+    Raises `ValueError` for a podium without stories, when evaluated.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
@@ -116,7 +117,7 @@ class WorstFloorAcceleration(AbstractWorstPeak):
     """The largest absolute horizontal acceleration of any floor of a building under a motion or a list of
     them [m/s²].
 
-    Raises `ValueError` where it is evaluated for a podium without stories.
+    Raises `ValueError` for a podium without stories, when evaluated.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
@@ -124,7 +125,7 @@ class WorstFloorAcceleration(AbstractWorstPeak):
 
 
 class OfPodium(AbstractObjective):
-    """A function of the podium: podium → number, or vector of which the largest entry counts."""
+    """A function of the podium: podium → number, or vector whose largest entry counts."""
 
     function: Callable[[rj.Podium], Any] = eqx.field(static=True)
 
@@ -142,13 +143,14 @@ class OfPodium(AbstractObjective):
 
 
 class ExpectedLoss(AbstractObjective):
-    """What the columns cost, and what is lost in a year when they overturn: function(podium) + loss · λ_f.
+    """Annual cost of the columns plus expected annual loss by overturning: function(podium) + loss · λ_f.
 
-    - `function`: of the podium, a number in the currency of the loss: the cost of building it, a year
-    - `loss`: in one overturning, > 0 [in that currency]
-    - `risk`: how often they overturn, λ_f [1/year]; its `at_most` is not looked at. It may be a target too.
+    - `function`: podium → annual cost of building it, in the currency of the loss
+    - `loss`: of one overturning, > 0 [currency]
+    - `risk`: gives the annual frequency of overturning λ_f [1/year]; its `at_most` is ignored. It may also be
+      a target.
 
-    Raises `ValueError` for arguments that make no sense.
+    Raises `ValueError` for invalid arguments.
     """
 
     cost: OfPodium

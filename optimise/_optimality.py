@@ -1,5 +1,4 @@
-"""Whether a point is optimal, and at which shadow prices: linear models there, and the step that unit
-curvature would take."""
+"""Optimality of a point and its multipliers, from linear models and the step of unit curvature."""
 
 from __future__ import annotations
 
@@ -10,16 +9,16 @@ import numpy as np
 from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
-NEAR = 1e-3  # models from so close tell of a kink here
+NEAR = 1e-3  # distance within which models of other points describe a kink here
 Seen = list[tuple[Vector, Evaluation]]
 
 
 class Optimality(NamedTuple):
-    """`multipliers` of the margins (m,); `residual` of the optimality conditions; the `violation` it would
-    leave.
+    """Multipliers of the margins and residual of the optimality conditions.
 
-    The residual is the step that unit curvature would take, as of a projected gradient: 0 just where the
-    merit is stationary in its bounds.
+    - `multipliers`: of the margins (m,); `violation`: modelled violation after the step [–]
+    - `residual`: length of the step of unit curvature, as for a projected gradient; 0 exactly where the merit
+      is stationary within the bounds
     """
 
     multipliers: Vector
@@ -28,8 +27,7 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, here: Evaluation, seen: Seen) -> Model:
-    """Linear models at x, and those of points seen elsewhere, lifted so that they do not contradict the
-    values at x."""
+    """Return linear models at x and those of other points, lifted to be consistent with the values at x."""
     k, m = len(here.f), len(here.c)
     f, f_slope, c, c_slope = [here.f], [here.f_slope], [here.c], [here.c_slope]
     for y, there in seen:
@@ -49,24 +47,27 @@ def linear_models(x: Vector, here: Evaluation, seen: Seen) -> Model:
 
 
 def nearby(x: Vector, seen: Seen) -> Seen:
-    """What was seen so close to x that a kink between belongs to x."""
+    """Return the evaluated points within `NEAR` of x, whose models describe kinks at x."""
     return [(y, there) for y, there in seen if np.max(np.abs(y - x)) <= NEAR]
 
 
 def optimality(
     x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float, tolerance: float
 ) -> Optimality:
-    """Of the merit with these weights: as if it were smooth at x; where it is not, with what was seen near
-    by."""
+    """Return the optimality of the merit at x, first as if it were smooth, then with models of near points.
+
+    - `x`: scaled variables (n,); `here`: evaluation there; `near`: evaluated points near x
+    - `weight`: of the values; `penalty`: ν of the largest violation
+    - `tolerance`: residual above which the near points are used
+    """
     found = _optimality(x, here, [], weight, penalty)
-    if found.residual > tolerance and near:  # smooth it is not, but perhaps at a kink
+    if found.residual > tolerance and near:  # not stationary if smooth; perhaps at a kink
         found = _optimality(x, here, near, weight, penalty)
     return found
 
 
 def unit_step(x: Vector, here: Evaluation, near: Seen) -> Vector:
-    """The step (n,) that unit curvature would take inside the bounds; minus a projected gradient where all is
-    smooth."""
+    """Return the step (n,) of unit curvature within the bounds: minus the projected gradient if smooth."""
     step = solve(linear_models(x, here, near), np.eye(len(x)), 1.0, 1.0, -x, 1 - x)
     return np.clip(x - here.f_slope[0], 0.0, 1.0) - x if step is None else step.d
 

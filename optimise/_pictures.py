@@ -1,4 +1,4 @@
-"""Pictures of a design. Nothing is shown or saved here."""
+"""Pictures of a design, neither shown nor saved."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MARKERS = "osD^vP"  # of starts in the picture of the convergence
-MOST_STARTS = 8  # in its legend
+MARKERS = "osD^vP"  # of the starts
+MOST_STARTS = 8  # in the legend
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Objective over iterations, a line for every start, filled marks where the targets held; the chosen
-    start is black."""
+    """Plot the objective over iterations, a line for every start, and return the axes.
+
+    Filled marks satisfy the targets; the chosen start is black.
+    """
     check_design("convergence", design)
     import matplotlib.pyplot as plt
     from matplotlib.lines import Line2D
@@ -67,7 +69,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
 
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
-    """Rotation of the structure before and after under one motion, each over its own α, and the motion."""
+    """Plot the rotation over α before and after the design under one motion, and the motion."""
     check_design("before_after", design)
     of_kind("before_after", "before", before, rj.Podium, "a rockjax.Podium")
     excitation = as_excitation("before_after", excitation)

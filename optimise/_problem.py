@@ -1,4 +1,4 @@
-"""Design problems in TOML files: the tables that a design has besides structure, motions and options."""
+"""Design problems in TOML files: their tables besides structure, motions and options."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class GaussianKeys(models.Keys):
     envelope: EnvelopeKeys | None = key(None, "Envelope of the motion.")
 
 
-# Keys of targets: what they hold, and their meaning.
+# Keys of targets: type and meaning.
 TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "limit": (Positive, "Largest peak: |θ|/α, V/(m_t g) [–], deformation or drift [m], acceleration [m/s²]."),
     "at_least": (Positive, "Least factor on the motions [–]; of pulses [m/s²], or with ratio a_p/(g tan α)."),
@@ -147,7 +147,7 @@ class Quantity(models.Keys):
 
 
 class LossKeys(models.Keys):
-    """Cost and what overturning loses."""
+    """Cost of the podium and loss by overturning."""
 
     quantity: Literal["expected-loss"]
     cost: Annotated[dict[str, Positive], Field(min_length=1)] = key(..., "Cost for each unit of parameters.")
@@ -186,7 +186,7 @@ SETTINGS = ("starts", "seed", "tolerance", "max_iterations")
 
 
 class Problem(NamedTuple):
-    """What a file asks for: the arguments of [`optimise.design`][], and the sets of motions by name."""
+    """Problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name."""
 
     podium: Structure
     vary: dict[str, tuple[float, float]]
@@ -197,8 +197,7 @@ class Problem(NamedTuple):
     motions: dict[str, list[rj.AbstractExcitation]]
 
     def design(self, **changes) -> Design:
-        """The design; `changes` are further arguments of [`optimise.design`][] or replace those of the
-        file."""
+        """Solve the problem; `changes` add to the arguments of [`optimise.design`][] or replace them."""
         settings: dict[str, Any] = {"options": self.options} | self.settings | changes
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
@@ -207,8 +206,7 @@ class Problem(NamedTuple):
 
 
 def _described(asked: Problem) -> str:
-    """What a file asks for in lines: variables where they start, targets with their scenes, sets of
-    motions."""
+    """Return a problem as text: variables at the start, targets with their scenes, sets of motions."""
     wanted = asked.minimise
     if wanted is None:
         least = "the nearest design"
@@ -232,7 +230,7 @@ def _described(asked: Problem) -> str:
 
 
 def load(path: str | Path) -> Problem:
-    """The design problem in a TOML file.
+    """Read the design problem of a TOML file.
 
     Raises `ValueError` that names the file, the key and the cause.
     """
@@ -243,12 +241,12 @@ def load(path: str | Path) -> Problem:
 def problem_of(
     table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
 ) -> Problem:
-    """The design problem in the table of a file; `options` as for the reader of rockjax."""
+    """Return the design problem of the table of a file; `options` as in `rockjax.internal.Reader`."""
     return _Reader(path, options).problem(table)
 
 
 class _Number:
-    """One parameter of a podium, named in reports."""
+    """Function that returns one parameter of a podium, with its name."""
 
     def __init__(self, name: str):
         self.__name__ = name
@@ -258,7 +256,7 @@ class _Number:
 
 
 class _Cost:
-    """So much for each unit of some parameters of a podium."""
+    """Cost of a podium: a rate for each unit of some parameters."""
 
     __name__ = "cost"
 
@@ -270,7 +268,7 @@ class _Cost:
 
 
 class _Reader(Reader):
-    """Reads what a design needs besides."""
+    """Reads the tables of a design."""
 
     def problem(self, table: dict[str, Any]) -> Problem:
         """Return the problem of a table. Raises `ValueError` that names the file, the key and the cause."""
@@ -321,7 +319,11 @@ class _Reader(Reader):
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(self, entry: Any, at: str, motions: Mapping[str, Any], podium: rj.Podium) -> AbstractTarget:
-        """Return a target: needed keys are the first arguments of its class, in their order."""
+        """Return a target; its required keys are the first arguments of its class, in order.
+
+        - `entry`: table of the target; `at`: its key, for errors
+        - `motions`: sets of motions by name; `podium`: the structure at the start
+        """
         with self.at(at):
             given: dict[str, Any] = entry.given("kind")
             if "motions" in given:

@@ -22,8 +22,7 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 class Model(NamedTuple):
     """Linear models: values f (k,) and margins c (m,) at d = 0, their Jacobians (k, n) and (m, n).
 
-    Rows may be more than the problem has entries: `value_of` and `margin_of` say which entry a row belongs
-    to.
+    An entry may have several rows: `value_of` and `margin_of` hold the entry of each row.
     """
 
     f: Vector
@@ -34,17 +33,16 @@ class Model(NamedTuple):
     margin_of: Vector
 
     def value(self, d: Vector) -> float:
-        """The largest modelled value."""
+        """Return the largest modelled value."""
         return float(np.max(self.f + self.f_slope @ d))
 
     def violation(self, d: Vector) -> float:
-        """The largest modelled violation, 0 where there is none."""
+        """Return the largest modelled violation, 0 without any."""
         return float(max(0.0, np.max(-(self.c + self.c_slope @ d), initial=0.0)))
 
 
 class Step(NamedTuple):
-    """A solved subproblem: the step d, its modelled violation, the multipliers of value rows (sum w) and
-    margin rows."""
+    """A solved subproblem: step d, modelled violation, multipliers of value rows (sum w) and margin rows."""
 
     d: Vector
     violation: float
@@ -59,7 +57,12 @@ _SOLVED = ("Solved", "AlmostSolved")
 def solve(
     model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector
 ) -> Step | None:
-    """The subproblem's solution; None where the solver found none (numbers beyond its reach)."""
+    """Solve the subproblem; return None where the solver fails.
+
+    - `model`: linear models of values and margins; `curvature`: B (n, n)
+    - `weight`: w of the values; `penalty`: ν of the largest violation
+    - `lower`, `upper`: bounds of the step d (n,)
+    """
     n, k, m = len(lower), len(model.f), len(model.c)
     top = np.max(model.f)
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")
@@ -88,7 +91,7 @@ def solve(
     ):
         return None
     d = np.asarray(answer.x[:n])
-    # An interior point is never quite at a bound.
+    # An interior-point solution is never exactly at a bound.
     d = np.where(d - lower < ON_BOUND, lower, np.where(upper - d < ON_BOUND, upper, d))
     multipliers = np.maximum(np.asarray(answer.z), 0.0)
     return Step(d, model.violation(d), multipliers[:k], multipliers[k : k + m])

@@ -1,4 +1,4 @@
-"""How a design ended."""
+"""Results of a design."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import equinox as eqx
 
 
 class RESULTS(eqx.Enumeration):
-    """How a design ended."""
+    """Named results of a design."""
 
     converged = "The optimality conditions hold, and all targets are satisfied."
     stalled = (
@@ -38,9 +38,10 @@ CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVER
 
 
 def named(code: int) -> RESULTS:
+    """Return the result of a code."""
     return getattr(RESULTS, NAMES[code])
 
 
 def result_name(result: RESULTS) -> str:
-    """The name of a result."""
+    """Return the name of a result."""
     return NAMES[int(result._value)]

@@ -1,4 +1,4 @@
-"""The sampled targets of a design: their margins at a point, by the numbers of its podium."""
+"""Sampled targets of a design: their margins and slopes at a point."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ._quadratic import Vector
 from ._targets import AbstractTarget
 from ._variables import Variables
 
-SMALLEST = 1e-9  # in place of a number that is zero, which has no logarithm
+SMALLEST = 1e-9  # replaces zeros, which have no logarithm
 
 
 class Row(NamedTuple):
-    """A margin and its derivatives (n,) by the scaled variables."""
+    """A margin and its derivatives (n,) with respect to the scaled variables."""
 
     margin: float
     slope: Vector
 
 
 class _Numbers:
-    """The numbers of the podium at scaled variables x, and how they move with x."""
+    """The numbers of the podium at scaled variables x, and their derivatives."""
 
     def __init__(self, variables: Variables):
         self.variables = variables
@@ -43,7 +43,7 @@ class _Numbers:
         self._at = jax.jit(lambda x: (numbers(x), jax.jacfwd(numbers)(x)))
 
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
-        """The podium, and d ln y/dx (n,) of every number y that moves."""
+        """Return the podium, and d ln y/dx (n,) of every number y that depends on x."""
         y, slope = (np.asarray(part) for part in self._at(jnp.asarray(x)))
         moves = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
@@ -55,7 +55,7 @@ class _Numbers:
 
 
 class SampledTargets:
-    """Those of the targets of a design that are sampled, by their places among all (host)."""
+    """The sampled targets of a design, by their index among all targets (host)."""
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
         self.targets = {k: t for k, t in enumerate(targets) if isinstance(t, FailureProbability)}
@@ -69,13 +69,13 @@ class SampledTargets:
         return sum(sampled.scenes for sampled in self._sampled.values())
 
     def verifies(self) -> None:
-        """From now on by the independent samples."""
+        """Switch to the margins of the independent samples."""
         for sampled in self._sampled.values():
             sampled.verified = True
         self._known.clear()
 
     def at(self, x: Vector) -> Mapping[int, Row]:
-        """The margins at scaled variables (n,)."""
+        """Return the margins and slopes at scaled variables (n,)."""
         if self._numbers is None:
             return {}
         key = np.asarray(x, float).tobytes()
@@ -88,7 +88,7 @@ class SampledTargets:
         return self._known[key]
 
     def _all(self) -> dict[int, Sampled]:
-        """All of them, with rays through failing samples of the first structure."""
+        """Return the sampled targets, with rays through failing samples of the first structure."""
         for k, target in self.targets.items():
             if k not in self._sampled:
                 assert self._first is not None
@@ -101,8 +101,11 @@ class SampledTargets:
         return Row(found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), still))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
-        """Take independent samples at a point: whether there are new ones, and whether one differs from what
-        was expected by more than two samples may."""
+        """Take independent samples at a point.
+
+        Returns whether any sample is new, and whether one differs from the expected value by more than the
+        scatter of two samples.
+        """
         if self._numbers is None:
             return False, False
         podium, _ = self._numbers(x)
@@ -115,7 +118,7 @@ class SampledTargets:
         return new
 
     def probabilities(self, x: Vector) -> SampledAnswer:
-        """What independent samples at a point say."""
+        """Return the estimates of independent samples at a point."""
         if self._numbers is None:
             return SampledAnswer({})
         podium, _ = self._numbers(x)

@@ -1,12 +1,12 @@
 """Sequential quadratic programming with an exact penalty, a trust region and cuts from the steps that failed.
 
 The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν,
-and where no point satisfies all margins it leads to the one that violates least.
+and where no point satisfies all margins it leads to the one with the least violation.
 
-Responses have kinks (a later peak overtakes an earlier one) and jumps (one impact more before a fall). A
-rejected trial leaves its linear models as cuts: if the function is the worst of several branches, the cut is
-the branch that took over. Cuts are lifted to where they do not contradict the present point and dropped once
-they are far from it. Every rejected step shrinks the region, so at a jump the descent stalls and says so.
+Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning). A
+rejected trial adds its linear models as cuts: if the function is the maximum of several branches, the cut is
+the branch that took over. Cuts are lifted to be consistent with the present point, and dropped once they are
+far from it. Every rejected step shrinks the region, so at a jump the descent ends with the result `stalled`.
 """
 
 from __future__ import annotations
@@ -25,16 +25,18 @@ MAX_ITERATIONS = 60
 ACCEPT, GOOD = 1e-3, 0.75  # parts of the predicted decrease
 LARGEST_PENALTY = 1e6
 CUTS = 12  # trials remembered
-LOOKS, REACHES = 4, (0.02, 0.06, 0.2, 0.5)  # how often and how far a descent looks around at its end
-NOISE = 1e-11  # of the merit: decreases below are rounding
+LOOKS, REACHES = 4, (0.02, 0.06, 0.2, 0.5)  # number and distances of the searches along the axes at an end
+NOISE = 1e-11  # relative decreases of the merit below this are rounding
 
 
 def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int = 0) -> Descent:
-    """Minimise from x in [0, 1]ⁿ; yields points, is sent `Evaluation`s there.
+    """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
 
-    `history` gets the iterates of the start, numbered from `first`. Responses have ripples, and what
-    satisfies the targets may be in several pieces: a descent looks around at its end, and goes on from a
-    better point if it sees one.
+    - `x`: first point (n,), in scaled variables; `rules`: scale, margins aimed at, stopping criteria
+    - `history`: receives the iterates; `start`: their start; `first`: number of the first one
+
+    Returns the `End`. Responses have ripples and the feasible set may be disconnected: a descent therefore
+    searches along the axes at its end, and continues from a better point if it finds one.
     """
     end = yield from _descend(x, rules, history, start, first)
     for _ in range(LOOKS):
@@ -69,7 +71,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
 
 
 def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
-    """A better point some way off along an axis, None if there is none."""
+    """Search along the axes for a better point; return None if there is none."""
     best, found = rank(end.there), None
     for reach in REACHES:
         for k in range(len(end.x)):
@@ -87,7 +89,7 @@ def _look_around(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector
 
 
 class _Merit(NamedTuple):
-    """What a step is judged by: the merit, `curvature` of the Lagrangian, `radius` of the region."""
+    """Weights of the merit, with `curvature` of the Lagrangian and `radius` of the trust region."""
 
     curvature: np.ndarray
     radius: float
@@ -96,7 +98,7 @@ class _Merit(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A point tried, what holds there, and its decrease of the merit over the one predicted."""
+    """A trial point, its evaluation, and actual over predicted decrease of the merit."""
 
     x: Vector
     there: Evaluation
@@ -104,8 +106,7 @@ class _Trial(NamedTuple):
 
 
 class _Search:
-    """Where one descent is, and what it remembers. Its parts return a result code where they end it, None
-    otherwise."""
+    """State of one descent. Its methods return a result code if they end it, None otherwise."""
 
     def __init__(
         self, x: Vector, here: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int
@@ -129,7 +130,7 @@ class _Search:
         )
 
     def linearise(self) -> None:
-        """Models around x, and how far it is from optimal."""
+        """Build the models around x and evaluate its optimality."""
         x, here, merit = self.x, self.here, self.merit
         self.cuts = [
             (y, there) for y, there in self.cuts[-CUTS:] if np.max(np.abs(y - x)) <= 10 * merit.radius
@@ -142,16 +143,16 @@ class _Search:
 
     @property
     def stationary(self) -> bool:
-        # Where margins are steep, a short step may still mend a violation.
+        # Where margins are steep, a short step may still remove a violation.
         corrects = self.violated and self.left <= 0.5 * self.here.violation
         return self.residual <= self.rules.tolerance and not corrects
 
     def raise_penalty(self) -> int | None:
-        """At a stationary point: its result, or another merit to go on with."""
+        """Return the result of a stationary point, or change the merit and return None."""
         merit = self.merit
         if not self.violated:
             self.record(0.0, False)
-            if merit.weight == 0.0:  # came from infeasible ground, and the objective has a say again
+            if merit.weight == 0.0:  # feasible again: restore the weight of the objective
                 self.merit = merit._replace(weight=1.0)
                 return None
             return CONVERGED
@@ -166,7 +167,7 @@ class _Search:
         return None
 
     def advance(self) -> Generator[Vector, Evaluation, int | None]:
-        """A step inside the region, tried and judged."""
+        """Try a step inside the region and accept or reject it."""
         if self.merit.weight == 0.0 and not self.violated:
             self.merit = self.merit._replace(weight=1.0, penalty=10.0)
         step, penalty = _steered(self.model, self.here, self.merit, *self.region)
@@ -194,14 +195,14 @@ class _Search:
         return None
 
     def without_a_decrease(self) -> int | None:
-        if len(self.near) < len(self.cuts):  # held back by what was seen far away, which need not reach here
+        if len(self.near) < len(self.cuts):  # held back by cuts from far away, which need not apply here
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near
             return None
         return at_rest(self.here, self.residual, self.rules)
 
     def prediction(self, step: Step) -> tuple[float, float]:
-        """The decrease of the merit that the models promise, and what of it is rounding."""
+        """Return the predicted decrease of the merit and its rounding."""
         merit, d = self.merit, step.d
         now = self.here.merit(merit.weight, merit.penalty)
         bend = 0.5 * float(d @ merit.curvature @ d)
@@ -215,7 +216,7 @@ class _Search:
         return (self.here.merit(*weights) - there.merit(*weights) + slack) / (predicted + slack)
 
     def tried(self, step: Step, predicted: float, slack: float) -> Generator[Vector, Evaluation, _Trial]:
-        """The step, or where the margins bend away from their models by too much, a corrected one."""
+        """Try a step; if it violates the margins by more than modelled, try a second-order correction."""
         d = step.d
         x = np.clip(self.x + d, 0.0, 1.0)
         there = prepared((yield x), self.rules)
@@ -223,7 +224,7 @@ class _Search:
         too_far = there.violation > step.violation + self.rules.feasible_enough
         if not (there.finite and trial.ratio < ACCEPT and too_far):
             return trial
-        # Second-order correction: the margins bend away from their linear models by about what was found.
+        # Second-order correction: the models are shifted by the error found at the trial point.
         bent = self.model._replace(c=self.model.c.copy())
         bent.c[: len(there.c)] = there.c - self.here.c_slope @ d
         merit = self.merit
@@ -265,8 +266,7 @@ class _Search:
 def _steered(
     model: Model, here: Evaluation, merit: _Merit, lower: Vector, upper: Vector
 ) -> tuple[Step | None, float]:
-    """A step, and a penalty large enough that it gets a fair share of what feasibility can be had inside the
-    region."""
+    """Return a step and a penalty, raised until the step attains a fair share of the possible feasibility."""
     penalty = merit.penalty
     step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)
     if step is None or merit.weight == 0.0 or step.violation <= 1e-10:
@@ -289,8 +289,7 @@ def _lagrangian_slope(at: Evaluation, step: Step, here: Evaluation) -> Vector:
 
 
 def _updated(B: np.ndarray, s: Vector, y: Vector, fresh: bool) -> tuple[np.ndarray, bool]:
-    """Powell's damped BFGS update, which stays positive definite; kinks are kept from spoiling it by
-    bounds."""
+    """Return Powell's damped BFGS update, positive definite, with bounded eigenvalues against kinks."""
     if fresh and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))
     Bs = B @ s

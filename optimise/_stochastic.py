@@ -1,8 +1,9 @@
-"""Searches by motions that are drawn anew in every step.
+"""Searches with motions drawn anew in every step.
 
-A start ends at the mean of the second half of its gradient steps (Polyak and Ruppert). That is off by the
-bias of small batches. An independent sample at the mean says by how much: it is added to what margins aim at,
-with what two samples may differ, and a shorter search goes on from there. A new sample follows each.
+A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
+bias this mean. An independent sample at the mean measures the bias: the bias and the scatter between two
+samples are added to the margins aimed at, and a shorter search continues from the mean. A new independent
+sample follows each search.
 """
 
 from __future__ import annotations
@@ -27,11 +28,16 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300
 CORRECTIONS, PART = 3, 4  # further searches, each of this part of the steps
 SAFE = 1.645 * np.sqrt(2)  # standard errors: 95 % of second samples agree
-EXACT = 1e4  # penalty of violations when multipliers are told
+EXACT = 1e4  # penalty of violations in the computation of multipliers
 
 
 class FreshSearch:
-    """All starts of a design by fresh samples."""
+    """All starts of a design with fresh samples.
+
+    - `transformation`: of Optax; `evaluate`: evaluates a point of every start
+    - `points`: starting points (starts, n), in scaled variables
+    - `tolerance`: first margin aimed at [–]; `max_iterations`: steps of the first search
+    """
 
     def __init__(
         self,
@@ -49,7 +55,10 @@ class FreshSearch:
         self.stopped = False
 
     def run(self) -> bool:
-        """Whether it was interrupted: then starts end at the mean of the last steps so far."""
+        """Run the search and return whether it was interrupted.
+
+        Starts of an interrupted search end at the mean of their last steps so far.
+        """
         try:
             first = self.evaluate(self.x)
         except KeyboardInterrupt:
@@ -81,8 +90,7 @@ class FreshSearch:
         self.steps.x = self.x
 
     def verify(self) -> None:
-        """What holds at the means: by accurate simulations of motions that stay, by a new independent sample
-        of the others."""
+        """Evaluate the means: accurately for fixed motions, by a new independent sample for fresh ones."""
         self.evaluate.accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.accurate = False
@@ -93,7 +101,7 @@ class FreshSearch:
 
     @property
     def ends(self) -> np.ndarray:
-        """Where the margins of each target end, beginning with 0."""
+        """Index after the last margin of each target, beginning with 0."""
         return np.cumsum([0, *self.evaluate.sizes])
 
     def _with(self, there: Evaluation, estimates: dict[int, Estimate]) -> Evaluation:
@@ -103,7 +111,7 @@ class FreshSearch:
         return there._replace(c=c)
 
     def errors(self, k: int) -> Vector:
-        """Standard errors of the margins of a start: of the sample, and of where its mean is."""
+        """Return the standard errors of the margins of a start, from the sample and from its mean."""
         ends = self.ends
         found = np.zeros(ends[-1])
         for place, estimate in self.estimates[k].items():
@@ -114,7 +122,7 @@ class FreshSearch:
         return np.where(found > 0, np.hypot(found, wandering), 0.0)
 
     def corrected(self, first: bool) -> np.ndarray:
-        """Aim where an independent sample says that it holds: which starts have to go on for it, (s,)."""
+        """Shift the margins aimed at by the independent sample; return the starts that continue (s,)."""
         again, steps = np.zeros(len(self.x), bool), self.steps
         for k, there in enumerate(self.evaluations):
             if steps.dead[k] or not there.finite:
@@ -131,7 +139,7 @@ class FreshSearch:
         return len(self.steps.history)
 
     def end(self, k: int) -> End:
-        """Where a start ended, with multipliers by the mean slopes of its last steps."""
+        """Return the end of a start, with multipliers from the mean slopes of its last steps."""
         there, steps, tail = self.evaluations[k], self.steps, self.steps.tails[k]
         count = sum(row.start == k for row in steps.history)
         if steps.dead[k] or not tail:
@@ -151,6 +159,6 @@ class FreshSearch:
         return Found(ends, self.evaluations, sizes, self.steps.scale, self.steps.history, effort)
 
     def sampled(self, x: Vector) -> Sampled:
-        """What the last independent sample says at the end of a start."""
+        """Return the standard errors of the last independent sample at the end of a start."""
         k = int(np.argmin(np.abs(self.x - x).max(axis=1)))
         return Sampled({}, {place: found.errors for place, found in self.estimates[k].items()})

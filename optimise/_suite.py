@@ -20,19 +20,17 @@ Margins = Float[Array, " k"]
 
 
 class Suite(Module):
-    """Ground motions of any kinds, in groups that one compiled loop serves: records of any lengths, motions
-    of one kind."""
+    """Ground motions of any kinds, in groups with one compiled loop each: records, or motions of one kind."""
 
     groups: tuple[rj.AbstractExcitation, ...]
-    order: tuple[int, ...] = eqx.field(static=True)  # where each motion is among the stacked ones
-    source: FreshSamples | None = eqx.field(static=True, default=None)  # of motions that do not stay
+    order: tuple[int, ...] = eqx.field(static=True)  # index of each motion among the stacked ones
+    source: FreshSamples | None = eqx.field(static=True, default=None)  # of motions drawn anew
 
     @classmethod
     def of(
         cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
     ) -> Suite:
-        """The suite of some motions. Raises `ValueError` for an empty set and for members that are no ground
-        motions."""
+        """Return a suite. Raises `ValueError` for an empty set and for members that are no ground motions."""
         if isinstance(excitations, FreshSamples):
             return cls((excitations.draw(0),), tuple(range(excitations.batch)), excitations)
         motions = several(owner, excitations, name).members
@@ -50,7 +48,7 @@ class Suite(Module):
         return len(self.order)
 
     def and_also(self, other: Suite) -> Suite:
-        """The motions of both, those of the same kind in one group."""
+        """Return the motions of both suites, grouped by kind."""
         groups, members = list(self.groups), [list(part) for part in self._members()]
         for group, places in zip(other.groups, other._members(), strict=True):
             k = next((k for k, known in enumerate(groups) if _alike(known, group)), len(groups))
@@ -65,20 +63,19 @@ class Suite(Module):
         return Suite(tuple(groups), _order(members))
 
     def _members(self) -> list[list[int]]:
-        """The motions in each group, by their numbers."""
+        """Return the numbers of the motions in each group."""
         given = sorted(range(len(self)), key=self.order.__getitem__)
         ends = np.cumsum([_size(group) for group in self.groups])
         return [given[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
 
     def each(self, function) -> Any:
-        """`function(motion)` of every motion, its outputs stacked in the order in which the motions were
-        given."""
+        """Return `function(motion)` of every motion, stacked in the order of the motions."""
         parts = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
         return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
 
     def motion(self, k: int) -> rj.AbstractExcitation:
-        """The k-th motion in the order in which they were given."""
+        """Return the k-th motion."""
         number = next(j for j, members in enumerate(self._members()) if k in members)
         group, place = self.groups[number], self._members()[number].index(k)
         if isinstance(group, rj.Records):
@@ -86,17 +83,21 @@ class Suite(Module):
         return jax.tree.map(lambda y: y[place], group)
 
     def scaled(self, factor) -> Suite:
-        """All motions times a factor."""
+        """Return all motions times a factor."""
         return eqx.tree_at(
             lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups)
         )
 
     def drawn(self, records: rj.Records) -> Suite:
-        """With a batch of fresh samples in the place of the one that is here."""
+        """Return the suite with another batch of fresh samples."""
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[str, ...]) -> rj.Peak:
-        """The peak responses to all motions; NaN where a scene ended without an answer."""
+        """Return the peak responses to all motions; NaN where a scene did not finish.
+
+        - `podium`: the structure; `options`: of the simulations
+        - `outputs`: names of the requested outputs, as in `rockjax.Options`
+        """
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.each(lambda motion: rj.peak_response(podium, motion, options=options))
         answered = has_answer(peaks)
@@ -108,20 +109,20 @@ class Suite(Module):
         return dataclasses.replace(peaks, **{name: known(y) for name, y in fields.items() if y is not None})
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
-        """Overturning margins of all motions on all cores (host, without derivatives)."""
+        """Return the overturning margins of all motions, on all cores (host, without derivatives)."""
         options = options.replace(outputs=("margin",), throw=False)
         parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
         return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
 
 
 def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
-    """Return whether scenes came to rest, to their end or to a fall."""
+    """Return whether scenes settled, reached their end or overturned."""
     ends = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
     return ends | peaks.overturned
 
 
 def _order(members: list[list[int]]) -> tuple[int, ...]:
-    """Where each motion is among the stacked ones, from the numbers of those in each group."""
+    """Return the index of each motion among the stacked ones, from the numbers in each group."""
     placed = [k for places in members for k in places]
     return tuple(placed.index(k) for k in range(len(placed)))
 
@@ -134,7 +135,7 @@ def _stacked(motions: list[Any]) -> rj.AbstractExcitation:
 
 
 def _axes(group: rj.AbstractExcitation) -> Any:
-    """What differs between the motions of a group: of records in a table only which one and its scale."""
+    """Return the vmap axes of a group; of records in a table only the row and its scale vary."""
     if not isinstance(group, rj.Records):
         return 0
     none = jax.tree.map(lambda _: None, group)
@@ -146,7 +147,7 @@ def _size(group: rj.AbstractExcitation) -> int:
 
 
 def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
-    """Whether two groups can be one; tables of records stay apart."""
+    """Return whether two groups can be merged; tables of records cannot."""
     if isinstance(a, rj.Records) or jax.tree.structure(a) != jax.tree.structure(b):
         return False
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
@@ -154,7 +155,7 @@ def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
 
 
 def same(a: Suite, b: Suite) -> bool:
-    """Whether two suites hold the same motions."""
+    """Return whether two suites hold the same motions."""
     if a.order != b.order or jax.tree.structure(a) != jax.tree.structure(b):
         return False
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)

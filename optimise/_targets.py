@@ -1,6 +1,6 @@
-"""What a design must keep: targets with margins, ≥ 0 where they hold.
+"""Targets of a design, with margins that are ≥ 0 where the target holds.
 
-A margin is dimensionless and differentiable, and near 0 it is the relative distance to the limit.
+A margin is dimensionless and differentiable; near 0 it is the relative distance to the limit.
 """
 
 from __future__ import annotations
@@ -23,25 +23,24 @@ from ._suite import Margins, Suite
 Name = str | None
 Searched = TypeVar("Searched", bound="AbstractTarget")
 
-WIDTH_WHILE_SEARCHING = 1e-3  # of the range of scales: ten times the speed, and the end is verified
+WIDTH_WHILE_SEARCHING = 1e-3  # of the range of scales: ten times faster, and designs are verified
 
 
 class AbstractTarget(Module):
-    """Base class of targets. To write one, give what is abstract here."""
+    """Base class of targets. Subclasses implement the abstract methods."""
 
     name: eqx.AbstractVar[Name]
 
     @abc.abstractmethod
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Margins of the target at a podium, ≥ 0 where it holds [–]; traceable and differentiable."""
+        """Return the margins (k,) at a podium, ≥ 0 where the target holds [–]; traceable, differentiable."""
 
     @abc.abstractmethod
     def describe(self) -> str:
-        """The target in words; also its name where none is given."""
+        """Return the target in words; also its default name."""
 
     def while_searching(self) -> Self:
-        """What is good enough until a design is verified; with numbers of the same kinds, so that one program
-        serves."""
+        """Return a cheaper target for the search, of the same pytree structure."""
         return self
 
     @property
@@ -51,7 +50,7 @@ class AbstractTarget(Module):
 
 
 class AbstractResponses(Module):
-    """What is read off the peak responses to a suite. Those that share a suite share the simulations."""
+    """Base class of items that read peak responses; items with one suite share the simulations."""
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[tuple[str, ...]]  # of `rockjax.Options`
@@ -59,7 +58,7 @@ class AbstractResponses(Module):
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        """What is wanted, from the responses with these `outputs`."""
+        """Return the values or margins (k,), from the responses with these `outputs`."""
 
 
 class AbstractResponseTarget(AbstractTarget, AbstractResponses):
@@ -74,12 +73,16 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
-    """Peak rotation over α where the columns survive; where they fall it goes on growing, by the overturning
-    margin."""
+    """Return the peak rotation over α; beyond overturning it increases with the negative margin [–]."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
 def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
+    """Raise `ValueError` unless all numbers are finite, > 0 and < `below`.
+
+    - `owner`, `name`: class and argument, for the error
+    - `value`: number or array; `below`: exclusive upper limit
+    """
     number = concrete(value)
     if number is None or not np.all(np.isfinite(number) & (number > 0) & (number < below)):
         accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
@@ -91,8 +94,8 @@ class PeakRotation(AbstractResponseTarget):
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: in reports
 
-    The margin is (limit − s)/limit. s is max|θ|/α, and goes on above 1 by the overturning margin where a
-    column falls. Raises `ValueError` for other limits: what may overturn is asked of
+    The margin is (limit − s)/limit. s is max|θ|/α; where the columns overturn it increases beyond 1 with the
+    negative overturning margin. Raises `ValueError` for other limits; for overturning use
     [`optimise.NoOverturning`][].
     """
 
@@ -113,11 +116,10 @@ class PeakRotation(AbstractResponseTarget):
 
 
 class AbstractPeakLimit(AbstractResponseTarget):
-    """A peak of the superstructure stays at most `limit` under every motion; where it has several, of modes,
-    stories or floors, each of them, with a margin of its own: (limit − peak)/limit.
+    """Base class of targets on a peak of the superstructure, at most `limit` under every motion.
 
-    Where the columns overturn, the peak until then says nothing: the margin is then at most the overturning
-    margin, which is negative.
+    Every mode, story or floor has a margin of its own, (limit − peak)/limit. Where the columns overturn, the
+    peak until then is no measure: the margin is then at most the overturning margin, which is negative.
     """
 
     limit: Any
@@ -141,7 +143,7 @@ class AbstractPeakLimit(AbstractResponseTarget):
 
 
 def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
-    """The first output that is wanted, of all motions and of all modes, stories or floors in a row."""
+    """Return the first of the requested outputs, of all motions and all modes, stories or floors, (k,)."""
     output = wanted.outputs[0]
     values = getattr(peaks, output)
     if values is None:
@@ -153,8 +155,7 @@ def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]
 
 
 def overturning_of(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Whether the scene of each of `count` values, as of `of_building`, overturned; and how far beyond the
-    boundary, the negative of its margin."""
+    """Return whether the scene of each of `count` values of `of_building` overturned, and its −margin [–]."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     each = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return each(peaks.overturned), each(depth)
@@ -185,7 +186,7 @@ class PeakDrift(AbstractPeakLimit):
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
 
-    Raises `ValueError` where it is evaluated for a podium without stories.
+    Raises `ValueError` for a podium without stories, when evaluated.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
@@ -197,7 +198,7 @@ class PeakFloorAcceleration(AbstractPeakLimit):
 
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: in reports
 
-    Raises `ValueError` where it is evaluated for a podium without stories.
+    Raises `ValueError` for a podium without stories, when evaluated.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
@@ -228,14 +229,13 @@ class OverturningAcceleration(AbstractTarget):
     """Pulses need at least the amplitude `at_least` to overturn the columns.
 
     - `at_least`: in m/s², or with `ratio=True` in multiples of g tan α, > 0
-    - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: its period, or many at once [s]
-    - `max_acceleration_ratio`: amplitudes up to so many g tan α are looked at [–]; where none of them
-      overturns, the margin is that of the last one, with zero derivative
-    - `width`: in a verified design no window of overturning wider than this share of them is missed below
-      a_ov [–]
+    - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
+    - `max_acceleration_ratio`: largest amplitude searched, over g tan α [–]; if no amplitude up to there
+      overturns, the margin is that of the largest, with zero derivative
+    - `width`: a verified design misses no overturning window below a_ov wider than this share of the range
+      [–]
 
-    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits that the range does not
-    hold.
+    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits outside the range.
     """
 
     at_least: Any
@@ -308,16 +308,16 @@ class OverturningAcceleration(AbstractTarget):
 
 
 def _coarser(target: Searched) -> Searched:
-    """Certain to wider windows only."""
+    """Return the target with coarser resolution of overturning windows."""
     return eqx.tree_at(
         lambda t: t.width, target, replace_fn=lambda width: jnp.maximum(width, WIDTH_WHILE_SEARCHING)
     )
 
 
 class AbstractScaleTarget(AbstractTarget):
-    """A target on the least factors by which the motions of a suite overturn the columns.
+    """Base class of targets on the least factors at which the motions of a suite overturn the columns.
 
-    `averages`: whether it is of a distribution of them, so that the motions may be `FreshSamples`.
+    `averages`: whether it refers to a distribution of the factors and so accepts `FreshSamples`.
     """
 
     max_scale: eqx.AbstractVar[Any]
@@ -327,7 +327,7 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def of_scales(self, found: Float[Array, " k"]) -> Margins:
-        """The margins, from the least factors; inf where no factor up to `max_scale` overturns."""
+        """Return the margins from the least factors (k,), inf where no factor up to `max_scale` overturns."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         return self.of_scales(self.least_scales(podium, options))
@@ -336,7 +336,7 @@ class AbstractScaleTarget(AbstractTarget):
         return _coarser(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Of every motion; inf where no factor up to `max_scale` overturns."""
+        """Return the least overturning factor of every motion (k,), inf where none up to `max_scale` does."""
 
         def least(motion):
             return rj.overturning_scale(
@@ -351,7 +351,7 @@ class AbstractScaleTarget(AbstractTarget):
 
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
-    """`at_least`, and `max_scale` or what it is by default."""
+    """Return `at_least`, and `max_scale` or its default."""
     check_limit(owner, "width", width, below=0.1)
     check_limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else max_scale
@@ -365,13 +365,11 @@ class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
-    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; where none of them
-      overturns, the margin is that of the last one, with zero derivative
-    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed
-      [–]
+    - `max_scale`: largest factor searched, by default 3 times `at_least` [–]; if no factor up to there
+      overturns, the margin is that of the largest, with zero derivative
+    - `width`: a verified design misses no overturning window wider than this share of `max_scale` [–]
 
-    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits that the range does not
-    hold.
+    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits outside the range.
     """
 
     at_least: Any
@@ -396,14 +394,13 @@ class MedianCapacity(AbstractScaleTarget):
     """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: factors up to this are looked at, by default 3 times `at_least` [–]; motions that none of
-      them overturns are known to lie above it (censored)
-    - `width`: in a verified design no window of overturning wider than this share of `max_scale` is missed
-      [–]
+    - `max_scale`: largest factor searched, by default 3 times `at_least` [–]; motions that do not overturn
+      the columns up to there count as censored
+    - `width`: a verified design misses no overturning window wider than this share of `max_scale` [–]
 
     The median is that of the lognormal distribution fitted by maximum likelihood, as in
     [`rockjax.fragility`][]. The margin is median/at_least − 1; where fewer than two motions overturn it is
-    that of `max_scale`, with zero derivative. Raises `ValueError` for limits that the range does not hold.
+    that of `max_scale`, with zero derivative. Raises `ValueError` for limits outside the range.
     """
 
     at_least: Any
@@ -429,14 +426,15 @@ class MedianCapacity(AbstractScaleTarget):
 
 
 class OverturningProbability(AbstractResponseTarget):
-    """At most the share `at_most` of a suite overturns the columns, at an intensity.
+    """At a given intensity at most the share `at_most` of a suite overturns the columns.
 
     - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all of them [–]
     - `smoothing`: bandwidth h of the smoothed probability P = mean Φ(−M/h) over the overturning margins M [–]
 
-    A share jumps by 1/n and has no derivative, P has one. The margin is the `at_most`-quantile m of the
-    smoothed margins, mean Φ((m − M)/h) = at_most: it has the sign of at_most − P, but goes on where P is flat
-    at 0 or 1. A smoothed probability is biased by the motions within h of overturning; `exact` counts.
+    The share of n motions changes in jumps of 1/n and has no useful derivative; P is smooth. The margin is
+    the `at_most`-quantile m of the smoothed margins, mean Φ((m − M)/h) = at_most. It has the sign of
+    at_most − P and varies also where P is flat at 0 or 1. Motions within h of overturning bias P; `exact`
+    counts.
     """
 
     at_most: Any
@@ -456,11 +454,11 @@ class OverturningProbability(AbstractResponseTarget):
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
 
     def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """P = mean Φ(−M/h) at a podium (host) [–]."""
+        """Return P = mean Φ(−M/h) at a podium (host) [–]."""
         return float(jnp.mean(norm.cdf(-self.suite.margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """The share of the suite that overturns a podium (host) [–]."""
+        """Return the share of the suite that overturns a podium (host) [–]."""
         return float(np.mean(self.suite.margins(podium, options) < 0))
 
     def describe(self) -> str:
@@ -468,7 +466,7 @@ class OverturningProbability(AbstractResponseTarget):
 
 
 def _smoothed_quantile(values: Margins, share, width) -> Float[Array, ""]:
-    """Where mean Φ((m − values)/width) = share; derivatives by the implicit function theorem."""
+    """Solve mean Φ((m − values)/width) = share for m; differentiable by the implicit function theorem."""
     constant = jax.lax.stop_gradient(values)
 
     def halve(_, bracket):

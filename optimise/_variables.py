@@ -1,4 +1,4 @@
-"""What may vary: fields of a podium or dimensions of a drawing, and their box scaled to [0, 1]."""
+"""Design variables: fields of a podium or dimensions of a drawing, scaled to [0, 1]."""
 
 from __future__ import annotations
 
@@ -42,13 +42,12 @@ def _row(values: Any, name: str) -> Any:
 
 
 class Dimensions(Module):
-    """A podium as it stands on a drawing: the arguments of `rockjax.Podium.from_dimensions`, so that masses
-    can vary.
+    """A podium by the dimensions and masses of a drawing, the arguments of `rockjax.Podium.from_dimensions`.
 
     - `width`, `height`: full column width 2B and height 2H [m]
     - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
       number N
-    - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` is a rigid one
+    - `period`, `damping`: T_s [s] and ζ [–] of the superstructure; a top mass with `period=None` is rigid
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
     - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
     - `damper_coefficient`: C of the damper of each column [N(s/m)^ν]; `damper_exponent`: its ν [–]
@@ -57,10 +56,10 @@ class Dimensions(Module):
     - `story_masses`: of the floors of a building [kg]; `story_stiffnesses`: of its stories [N/m]
     - `modes`: number of modes of the building that are kept; None keeps all
 
-    A building is as in `rockjax.Podium.from_dimensions`; what varies of it is `story_mass_1`,
+    A building is as in `rockjax.Podium.from_dimensions`; its variables are `story_mass_1`,
     `story_stiffness_2` …, numbered from the bottom.
 
-    Raises `ValueError` for numbers that are no podium.
+    Raises `ValueError` for numbers that do not define a podium.
     """
 
     width: Any
@@ -93,13 +92,13 @@ class Dimensions(Module):
         self.podium()
 
     def podium(self) -> rj.Podium:
-        """The podium of these dimensions."""
+        """Return the podium of these dimensions."""
         return rj.Podium.from_dimensions(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         )
 
     def replace(self, **changes) -> Dimensions:
-        """A variant with some fields changed, as `dataclasses.replace`."""
+        """Return a variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
@@ -113,14 +112,14 @@ Structure = rj.Podium | Dimensions
 
 
 def as_podium(structure: Structure) -> rj.Podium:
-    """The podium of a structure in either form."""
+    """Return the podium of a structure in either form."""
     with _not_typed():
         return structure if isinstance(structure, rj.Podium) else structure.podium()
 
 
 @contextlib.contextmanager
 def _not_typed() -> Iterator[None]:
-    """Without doubts about units, which are for numbers that a user has typed."""
+    """Suppress warnings about units, which apply only to numbers that a user has typed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
         yield
@@ -129,7 +128,7 @@ def _not_typed() -> Iterator[None]:
 class Variables(Module):
     """The varied numbers of a structure, x in [0, 1]ⁿ in the order of `names`.
 
-    - `base`: the structure that the others are kept from; `lower`, `upper`: bounds in user units
+    - `base`: the structure with the numbers that stay; `lower`, `upper`: bounds in user units
     - `logarithmic`: whether a variable is scaled by its logarithm
     """
 
@@ -145,17 +144,17 @@ class Variables(Module):
         return tuple(written(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
-        """User units from scaled variables; the ends of the range are met exactly."""
+        """Return user units from scaled variables; the bounds are met exactly."""
         log, numpy = np.asarray(self.logarithmic), array_module(self, x)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         low, high = (numpy.log(numpy.where(log, bound, 1.0)) for bound in (lower, upper))
         values = numpy.where(log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
-        # To rounding it is inside already; a clip would halve the derivative at a bound.
+        # Inside but for rounding; a clip would halve the derivative at a bound.
         inside = numpy.clip(values, lower, upper)
         return inside if numpy is np else values + jax.lax.stop_gradient(inside - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Scaled variables from user units, clipped into the box."""
+        """Return scaled variables from user units, clipped to the bounds."""
         log, numpy = np.asarray(self.logarithmic), array_module(self, values)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         values = numpy.clip(values, lower, upper)
@@ -164,25 +163,25 @@ class Variables(Module):
         return numpy.where(log, value - low, values - lower) / width
 
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
-        """The structure at scaled variables, in the user's form."""
+        """Return the structure at scaled variables, in the user's form."""
         values = self.values(x)
         return replaced(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:
-        """The podium at scaled variables."""
+        """Return the podium at scaled variables."""
         return as_podium(self.structure(x))
 
     def start(self) -> Float[Array, " n"]:
-        """The base structure in scaled variables, clipped into the box."""
+        """Return the base structure in scaled variables, clipped to the bounds."""
         values = [as_float(value_of(self.base, name)) for name in self.names]
         return self.scaled(array_module(values).stack(values))
 
 
 def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
-    """The variables of `vary`, checked.
+    """Return the variables of `vary`.
 
-    Raises `ValueError` for names that are not there or contradict each other, and for bounds that are no
-    range or no podium.
+    Raises `ValueError` for unknown or conflicting names, and for bounds that are no range or do not define a
+    podium. Errors name `owner`.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
@@ -231,8 +230,10 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Python numbers would each be compiled in. A top mass of exactly 0 says that there is no superstructure:
-    it stays."""
+    """Turn Python numbers into arrays, so that they are not compiled in.
+
+    Zeros stay, because a top mass of exactly 0 means no superstructure.
+    """
     if isinstance(base, rj.Podium):
         return base
     stays = lambda y: isinstance(y, str) or array_module(y).all(y == 0)
@@ -287,7 +288,7 @@ def _no_factor(owner: str, law) -> str:
 
 
 def parameter(base: Structure, name: str) -> Parameter:
-    """What a name of a variable is. Raises `KeyError` for a name that is none."""
+    """Return the parameter of a variable name. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
         row, number = _in_row(name)
         return DIMENSIONS[name] if row is None else numbered(row, number)
@@ -298,15 +299,14 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _in_row(name: str) -> tuple[Parameter | None, int]:
-    """The row of a drawing that a number belongs to, and which of it, counted from 1; None for one that is in
-    none."""
+    """Return the row of dimensions that a name belongs to, and its number in it from 1; None for others."""
     row, _, number = name.rpartition("_")
     known = row in ROWS_OF_DIMENSIONS and number.isdecimal()
     return (ROWS_OF_DIMENSIONS[row], int(number)) if known else (None, 0)
 
 
 def value_of(base: Structure, name: str):
-    """The number that a variable is."""
+    """Return the value of a variable."""
     if not isinstance(base, Dimensions):
         return internal.read(base, name)
     row, number = _in_row(name)
@@ -314,7 +314,7 @@ def value_of(base: Structure, name: str):
 
 
 def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
-    """A variant with other numbers."""
+    """Return a variant with other values of variables."""
     if not isinstance(base, Dimensions):
         return internal.varied(base, values)
     changes: dict[str, Any] = {}

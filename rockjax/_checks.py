@@ -1,7 +1,7 @@
 """Argument checks that run before anything is traced.
 
-Every check looks at concrete numbers only: under `jax.jit`, `jax.vmap` or `jax.grad` the value is a tracer,
-nothing can be said about it, and the scene reports through its `result` instead.
+Checks apply to concrete numbers only. Under `jax.jit`, `jax.vmap` or `jax.grad` the value is a tracer and
+cannot be checked; the scene reports through its `result` instead.
 """
 
 import functools
@@ -16,8 +16,7 @@ from jaxtyping import Array
 
 
 def float_type() -> np.dtype:
-    """The default floating-point type: float64 unless the user switched it off. `jnp.result_type(float)` says
-    the same, and takes .02 ms."""
+    """Return the default floating-point type, as `jnp.result_type(float)`: float64 unless switched off."""
     return _FLOAT64 if jax.config.jax_enable_x64 else _FLOAT32  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -25,10 +24,10 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 
 
 def as_float(x, what: str = "it") -> Array:
-    """`x` as an array of the default floating-point type (float64 unless the user switched it off).
+    """Return `x` as an array of the default floating-point type (float64 unless switched off).
 
-    A single number becomes a read-only array of NumPy: JAX starts its threads with its first array, and a
-    process that has them cannot be forked. Raises `ValueError` that begins with `what` for anything but
+    A single number becomes a read-only NumPy array: JAX starts its threads with its first array, and a
+    process with these threads cannot be forked. Raises `ValueError` that begins with `what` for anything but
     numbers, and for gaps.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
@@ -52,8 +51,7 @@ def as_float(x, what: str = "it") -> Array:
 
 
 def known_or_traced(x, what: str = "it") -> Any:
-    """`as_float`, of NumPy where the value is known: of JAX every operation on its own is a program to
-    compile."""
+    """Return `as_float(x)` as a NumPy array unless `x` is traced: outside jit every jnp call compiles."""
     x = as_float(x, what)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
@@ -61,7 +59,7 @@ def known_or_traced(x, what: str = "it") -> Any:
 def as_array(x) -> Array:
     """Return `x` as an array of JAX, a copy unless it is one.
 
-    Unlike `jnp.array` this compiles nothing: a program for each shape in each process, 10 ms each.
+    Unlike `jnp.array`, which compiles a program for each shape in each process, this compiles nothing.
     """
     if isinstance(x, jax.Array):
         return x
@@ -85,8 +83,8 @@ def refuse_gaps(what: str, x) -> None:
 
 
 _CURE = "cut the gap out or fill it"
-# Sizes of what digitisers and libraries write in the place of missing samples: 999, 999.9, 9999 …, the ends
-# of whole numbers and of float32, and fill values of SMC and netCDF.
+# Values that digitisers and libraries write for missing samples: 999, 999.9, 9999 …, the limits of integers
+# and of float32, and fill values of SMC and netCDF.
 _SENTINELS = (
     *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
     *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
@@ -94,9 +92,11 @@ _SENTINELS = (
 
 
 def refuse_sentinels(what: str, samples: np.ndarray) -> None:
-    """Raise a `ValueError` that names the gap where samples hold a value that stands for missing ones, such
-    as -999 or 999999: at least three times as large as all others, or in runs of at least three that begin or
-    end with a jump."""
+    """Raise a `ValueError` that names the gap if samples hold a value for missing ones, such as -999.
+
+    Such a value is at least three times as large as all others, or occurs in runs of at least three that
+    begin or end with a jump.
+    """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
         return
@@ -113,8 +113,10 @@ def refuse_sentinels(what: str, samples: np.ndarray) -> None:
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
-    """Raise a `ValueError` that names the first sample, and its gap, that is not finite or stands for a
-    missing one; of a batch the samples are along its last axis."""
+    """Raise a `ValueError` that names the first sample that is missing or not finite, and its gap.
+
+    In a batch the samples are along the last axis.
+    """
     wrong = ~np.isfinite(samples)
     if wrong.any():
         where = tuple(np.argwhere(wrong)[0])
@@ -129,7 +131,7 @@ def require_finite_samples(owner: str, samples: np.ndarray) -> None:
 
 
 def _first_run(at: np.ndarray) -> str:
-    """The first run of true values, in words."""
+    """Return the first run of true values in words."""
     first = int(at.argmax())
     rest = at[first:]
     last = first + (int(np.argmin(rest)) if not rest.all() else rest.size) - 1
@@ -145,13 +147,12 @@ def _holds_text(x) -> bool:
 
 
 def as_number(what: str) -> Callable[..., Array]:
-    """The converter of a field of numbers, called `what` in errors."""
+    """Return a converter for a field of numbers, called `what` in errors."""
     return functools.partial(as_float, what=what)
 
 
 def check_dtype(owner: str, name: str, tree) -> None:
-    """Raise a `ValueError` where a tree holds numbers made under another setting of jax_enable_x64 than holds
-    here."""
+    """Raise a `ValueError` if a tree holds numbers made under another setting of jax_enable_x64."""
     expected = float_type()
     for leaf in jax.tree.leaves(tree):
         if (
@@ -168,7 +169,7 @@ def check_dtype(owner: str, name: str, tree) -> None:
 
 
 def concrete(x) -> np.ndarray | None:
-    """The value of `x` as NumPy, or None while it is being traced (or is a placeholder in a pytree)."""
+    """Return the value of `x` as NumPy, or None if it is traced (or a placeholder in a pytree)."""
     if isinstance(x, Tracer):
         return None
     try:
@@ -178,19 +179,22 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """NumPy where all values are known, else `jax.numpy`: of JAX every operation on its own is a program to
-    compile."""
+    """Return NumPy if all values are known, else `jax.numpy`: outside jit every jnp call compiles."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 
 def product(a, b) -> Any:
-    """a·b, by NumPy where both are known."""
+    """Return a·b, by NumPy if both are known."""
     return array_module(a, b).multiply(a, b)
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise a `ValueError` that names argument, value and what is accepted, unless every number in `x` is
-    `ok`."""
+    """Raise a `ValueError` that names argument and value unless every number in `x` is finite and `ok`.
+
+    - `owner`, `name`: class or function and argument, for the error
+    - `x`: number or array; traced values pass
+    - `ok`: array → array of booleans; `accepted`: the accepted values in words
+    """
     if isinstance(x, str | bytes):
         raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
     value = concrete(x)
@@ -205,7 +209,11 @@ def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], ac
 
 
 def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
-    """One number, on the host. Raises a `ValueError` as [`require`][] does."""
+    """Return one finite number that is `ok`, on the host; else raise a `ValueError` as [`require`][] does.
+
+    - `owner`, `name`: class or function and argument, for the error
+    - `value`: the number; `ok`: number → boolean; `accepted`: the accepted values in words
+    """
     try:
         number = float("nan") if isinstance(value, str | bytes) else float(value)
     except (TypeError, ValueError):
@@ -216,36 +224,43 @@ def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: 
 
 
 def whole(owner: str, name: str, value, least: int) -> int:
-    """A whole number. Raises a `ValueError` that names argument, value and what is accepted."""
+    """Return a whole number ≥ `least`; else raise a `ValueError` that names argument and value.
+
+    - `owner`, `name`: class or function and argument, for the error
+    - `value`: the number; `least`: smallest accepted number
+    """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
         raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {name} = {shown(value)}")
     return int(value)
 
 
 def texts(owner: str, name: str, values) -> tuple[str, ...]:
-    """Several texts, of which one alone is none."""
+    """Return a list of texts as a tuple. Raises a `ValueError` for anything else, also for a single text."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(f"{owner}: {name} must be a list of texts, got {shown(values)}")
     return tuple(values)
 
 
 def positive(owner: str, **arguments) -> None:
+    """Require that all numbers are finite and > 0."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v > 0, "finite and > 0")
 
 
 def not_negative(owner: str, **arguments) -> None:
+    """Require that all numbers are finite and ≥ 0."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v >= 0, "finite and >= 0")
 
 
 def finite(owner: str, **arguments) -> None:
+    """Require that all numbers are finite."""
     for name, x in arguments.items():
         require(owner, name, x, np.isfinite, "finite")
 
 
 def shown(value) -> str:
-    """A value in an error: its type where its own words are long."""
+    """Return the text of a value for an error, or its type if the text is long."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     text = repr(value)
@@ -253,6 +268,10 @@ def shown(value) -> str:
 
 
 def of_kind(owner: str, name: str, value, kind: Any, wanted: str) -> None:
-    """Raise a `ValueError` that names argument, value and what is wanted, unless `value` is of that kind."""
+    """Raise a `ValueError` that names argument and value unless `value` is an instance of `kind`.
+
+    - `owner`, `name`: class or function and argument, for the error
+    - `value`: the value; `kind`: accepted type or union; `wanted`: the accepted type in words
+    """
     if not isinstance(value, kind):
         raise ValueError(f"{owner}: {name} must be {wanted}, got {shown(value)}")

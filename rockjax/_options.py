@@ -15,7 +15,7 @@ from ._text.cards import card
 if TYPE_CHECKING:
     import diffrax
 
-# Classes of Diffrax, which takes long to import: the flat engine keeps the numbers of the explicit ones.
+# Names of Diffrax classes, because Diffrax is slow to import; the flat engine has its own tableaus.
 METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
 EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 OF_STORIES = ("peak_drift", "peak_floor_acceleration")  # of buildings only
@@ -34,24 +34,24 @@ class Options(Module):
 
     - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for
       θ̇, 2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
-    - `method`: `"dopri8"` (the least work nearly everywhere; rigid podiums without restrainers, whose
-      accelerations do not depend on velocities, take the Nyström method RKN8(6)9FM of the same order),
+    - `method`: `"dopri8"` (usually the fastest; rigid podiums without restrainers, whose accelerations do not
+      depend on velocities, use the Nyström method RKN8(6)9FM of the same order),
       `"tsit5"`, `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit Runge–Kutta method with an error
       estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
     - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for
       cross-checks
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, a convention; the angle may not exceed
-      π/2, with the output `"margin"` not [`rockjax.Podium.stability_angle`][]
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, by convention. The angle must not exceed
+      π/2, or [`rockjax.Podium.stability_angle`][] with the output `"margin"`
     - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By
       default `rtol`
-    - `max_steps`: bound on trial steps of a scene
-    - `outputs`: which of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"peak_drift"` and
-      `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"` are wanted. The scene
-      ends as soon as none of these can change; what is not wanted is not computed (NaN), so impacts are
-      counted to their end only if `"impacts"` is wanted or the columns overturn. `"errors"` estimates the
-      errors of the peaks, by a second solution
-    - `history`: steps a history can hold under `jit`; outside it grows by itself
-    - `throw`: raise when a scene ends without an answer (out of steps, not finite), where values are concrete
+    - `max_steps`: largest number of trial steps of a scene
+    - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
+      `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`. The scene ends as
+      soon as none of the requested outputs can change; other outputs are not computed (NaN). Impacts are
+      counted completely only if `"impacts"` is requested or the columns overturn. `"errors"` estimates the
+      errors of the peaks by a second solution
+    - `history`: steps that a history can hold under `jit`; outside jit it grows automatically
+    - `throw`: raise an error if a scene does not finish (out of steps, not finite) and values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
     """
@@ -66,8 +66,8 @@ class Options(Module):
     outputs: tuple[str, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    # The longest step over what the motion allows. Below 1 in the second solution, by which errors are
-    # estimated: `_engine/scene.py` lands closer and lets columns rest later in it.
+    # Factor on the longest step that the motion allows. It is below 1 in the second solution, which estimates
+    # errors: there `_engine/scene.py` also lands closer and lets columns rest later.
     _stride: float = 1.0
 
     def __check_init__(self):
@@ -112,16 +112,16 @@ class Options(Module):
 
     @property
     def solver(self) -> diffrax.AbstractSolver:
-        """The Diffrax solver that `method` names."""
+        """Diffrax solver of `method`."""
         return solver_of(self.method)
 
     def replace(self, **changes) -> Options:
-        """A variant with some fields changed, as `dataclasses.replace`."""
+        """Return a variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
 
 def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """The Diffrax solver that a method names. Raises `ValueError` where there is none."""
+    """Return the Diffrax solver of a method. Raises `ValueError` for unknown names."""
     import diffrax
 
     if isinstance(method, diffrax.AbstractSolver):

@@ -39,7 +39,7 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-# Codes inside the loop, where a scene that goes on has none.
+# Codes inside the loop; a scene that continues has none of the results.
 RUNNING = -1
 (
     SETTLED,
@@ -60,7 +60,7 @@ NAMES = (
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
-    """The results of codes from the loop: members are numbered in the order of their definition."""
+    """Return the results of codes from the loop, the index of each member in its definition."""
     return jax.tree.unflatten(_RESULT, [code])
 
 
@@ -68,14 +68,15 @@ _RESULT = jax.tree.structure(RESULTS.settled)
 
 
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
-    """The codes of one result or of a batch of them."""
+    """Return the codes of one result or of a batch of them."""
     return result._value
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a batch: what had been solved until then is `partial`, None where nothing had.
+    """Ctrl-C during a computation.
 
-    It has the form of the answer; the other scenes have the result `interrupted` and NaN for numbers.
+    - `partial`: the answer so far, None if there is none. It has the form of the complete answer; unsolved
+      scenes have the result `interrupted` and NaN for numbers.
     """
 
     def __init__(self, message: str, partial: Any):
@@ -87,9 +88,9 @@ class State(Module):
     """State of the structure: rotation, its rate, displacement of the top mass relative to the ground, its
     rate.
 
-    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two mean nothing (0) without an
-    elastic superstructure. Of several modes they are u_i and u̇_i along the last axis; one number is that of
-    all modes, as where all floors move by it.
+    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two are unused (0) without an
+    elastic superstructure. With several modes they are u_i and u̇_i along the last axis; a single number
+    applies to all modes, as if all floors moved by it.
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
@@ -98,7 +99,7 @@ class State(Module):
     u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t_dot"), default=0.0)
 
 
-# Of NumPy: an array of JAX would start its backend as soon as the package is imported.
+# NumPy arrays: a JAX array would start the backend on import.
 REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 
@@ -112,14 +113,15 @@ class Stats(Module):
 
 
 class Errors(Module):
-    """Estimated errors of a scene's answers, and whether they leave its class or its peak open.
+    """Estimated errors of the answers of a scene, and whether its outcome is undecided.
 
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–]: estimated absolute errors of these
-      answers; inf where a scene has none, NaN where it was not asked for
-    - `peak_drift` [m], `peak_floor_acceleration` [m/s²]: likewise, of buildings; None without stories
-    - `undecided`: ten times the estimate would make the columns overturn, or keep them from it; or the
-      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, in
-      when they do, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of it
+      answers; inf for scenes without an answer, NaN for outputs that were not requested
+    - `peak_drift` [m], `peak_floor_acceleration` [m/s²]: estimated absolute errors of buildings; None without
+      stories
+    - `undecided`: an error of ten times the estimate would change whether the columns overturn; or the
+      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, in the
+      time of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of it
     """
 
     peak_rotation: Float[Array, "*batch"]

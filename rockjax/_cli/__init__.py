@@ -1,4 +1,4 @@
-"""The command line. Nothing heavy is imported before a command needs it: help comes at once."""
+"""The command line. Slow imports wait until a command needs them, so that help is immediate."""
 
 from ._app import app, main
 from ._cache import cache

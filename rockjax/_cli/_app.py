@@ -1,4 +1,4 @@
-"""The application, and how it ends: 0 fine, 1 without the wanted answer, 2 wrong input, 130 interrupted."""
+"""The application and its exit status: 0 fine, 1 without an answer, 2 wrong input, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ._terminal import terminal
 
 
 class _Commands(typer.core.TyperGroup):
-    """Keeps the command line as it was given, for the files that it makes."""
+    """Records the command line for the attributes of output files."""
 
     def parse_args(self, ctx, args):
         COMMAND.set(shlex.join(["rockjax", *args]))
@@ -48,7 +48,7 @@ def about(
     A structure and its ground motion are given by options, by a problem file (TOML), or by a file and
     options, which then override the file. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 fine; 1 some scenes ended without an answer, no design satisfies the targets, no curve
+    Exit status: 0 fine; 1 some scenes did not finish, no design satisfies the targets, no curve
     fits, or a file could not be written; 2 wrong input; 130 interrupted.
     """
     del version

@@ -18,11 +18,10 @@ def cache(
         bool, option("--clear", panel=OUTPUT, help="Take away all programs that are kept.")
     ] = False,
 ) -> None:
-    """The compiled programs that are kept between processes: where, how many, how large. --clear takes them
-    away.
+    """List or remove the compiled programs that are kept between processes: folder, number and size.
 
     A program serves all scenes of its kind, whatever their numbers. ROCKJAX_CACHE_DIR names another folder,
-    ROCKJAX_CACHE_SIZE how large it may grow, in MiB, and ROCKJAX_CACHE=off keeps none.
+    ROCKJAX_CACHE_SIZE its largest size in MiB, and ROCKJAX_CACHE=off keeps none.
 
     \b
     Examples:

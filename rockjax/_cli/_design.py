@@ -16,8 +16,8 @@ def design(given: Given, report: Report, output: Output = "rockjax-design") -> N
     minimise.
 
     Prints variables, targets with their margins and shadow prices; writes OUTPUT.json, OUTPUT-convergence.png
-    and, before and after, OUTPUT-response.png. Options of the structure override the file. Ends with 1 where
-    no design satisfies the targets. Ctrl-C keeps the best design so far.
+    and, before and after, OUTPUT-response.png. Options of the structure override the file. The exit
+    status is 1 if no design satisfies the targets. Ctrl-C keeps the best design so far.
 
     \b
     Examples:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import rockjax as rj
     from rockjax._motions.motion import Motions
 
-HIGHEST = 6.0  # PGA over g tan α: up to there the suite is scaled, where nothing else is said
+HIGHEST = 6.0  # default of the highest level: median PGA over g tan α
 FILES = ("units", "dt", "component", "pattern", "paired")
 
 
@@ -51,8 +51,7 @@ def fragility(
     Every record is scaled to all levels, and the least intensity that overturns is found for each
     (incremental dynamic analysis); a lognormal curve is fitted, with confidence intervals. Prints median,
     dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C keeps nothing; it takes a minute the first time, then
-    less.
+    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C keeps nothing. The first run also compiles.
 
     \b
     Examples:
@@ -87,7 +86,7 @@ def fragility(
         f"{len(found)} records of up to "
         f"{max(map(len, found))} samples × {x.size} levels, and their boundaries"
     )
-    with report.progress(None, "scenes") as bar:  # how many there will be shows only on the way
+    with report.progress(None, "scenes") as bar:  # the total is not known in advance
         analysis = rj.incremental_dynamic_analysis(
             podium,
             found,
@@ -102,6 +101,7 @@ def fragility(
 
 
 def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.Fragility) -> None:
+    """Fit the curve, report it and write the files."""
     import numpy as np
 
     from rockjax._text.tables import units
@@ -124,7 +124,7 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.F
     }
     curve = _curve(report, analysis, how)
     if curve is None:
-        # The analysis has cost something, and says where to go on.
+        # Keep the analysis: it is expensive and shows what to change.
         report.write(to.data(), analysis)
         report.draw(to.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
@@ -157,7 +157,7 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.F
 
 
 def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> xarray.Dataset | None:
-    """The curve with its intervals; without them, or nothing, where the records do not say more."""
+    """Return the curve with intervals, without them if they cannot be computed, or None if no curve fits."""
     import rockjax as rj
 
     try:
@@ -173,7 +173,7 @@ def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> x
 
 
 def _suite(given: Given, synthetic: int | None, paths: list[Path]) -> Motions:
-    """Return the records that are meant: files, synthetic ones, or a set of the problem file."""
+    """Return the chosen records: files, synthetic ones, or a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:

@@ -1,5 +1,4 @@
-"""What a problem file and options ask for together: options are laid over the tables of the file, which the
-models then check."""
+"""Problem files with options: options override the tables of the file, then the models check them."""
 
 from __future__ import annotations
 
@@ -26,9 +25,9 @@ _EITHER = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if 
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """Return the problem file that is meant: one of the user's, or one that comes with rockjax.
+    """Return the path of the problem file: the user's, or an example of rockjax.
 
-    Raises `ValueError` for both.
+    Raises `ValueError` if both are given.
     """
     if example is None:
         return problem
@@ -38,10 +37,11 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
 
 
 class Given:
-    """A problem file, or none, with options over it.
+    """A problem file, if any, with options that override it.
 
-    - `command`: its table of the file is `settings`
-    - `values`: options by the keys they stand for, `explicit`: those on the command line, with their flags
+    - `command`: name of the command; its table is `settings`
+    - `path`: the problem file, or None
+    - `values`: options by key; `explicit`: key → (flag, value) of those on the command line
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Given:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        for name in ("file", "vertical"):  # beside the problem file are only those that it names
+        for name in ("file", "vertical"):  # paths in a problem file are relative to it, these are not
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
@@ -67,11 +67,11 @@ class Given:
         self.settings: Any = getattr(self.problem, command, None)
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the options of these keys that stand on the command line."""
+        """Return the options of these keys that the command line sets."""
         return {name: self.values[name] for name in names if name in self.flags}
 
     def _merged(self, options: Iterable[str]) -> dict[str, Any]:
-        """Return the tables of the file with the options over them."""
+        """Return the tables of the file, overridden by the options."""
         merged = dict(self.table)
         if self.command in models.Problem.model_fields:
             own = merged.get(self.command, {})
@@ -86,7 +86,7 @@ class Given:
         return {name: value for name, value in merged.items() if value is not None}
 
     def _options(self, given: Any) -> Any:
-        """Return the options: those on the command line, else of the file, else what the command takes."""
+        """Return each option from the command line, else from the file, else the default of the command."""
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
@@ -99,7 +99,7 @@ class Given:
         return {name: value for name, value in merged.items() if value is not None}
 
     def _structure(self, table: Any) -> Any:
-        """Return the table of the structure, options over it."""
+        """Return the table of the structure, overridden by the options."""
         panels = self.command in ("spectrum", "overturning")  # these set what stands on the columns
         explicit = self.chosen(name for name in _STRUCTURE if not (panels and name in ("T_s", "zeta")))
         if table is None and not any(name in explicit for name in _SIDES):
@@ -116,7 +116,7 @@ class Given:
         return merged
 
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the table of a structure by ratios with values over it."""
+        """Return the table of a structure by ratios, overridden by values."""
         merged = self._either(table, {name: y for name, y in values.items() if name not in _TOP})
         top = merged.pop("superstructure", {})
         changes = {name: values[name] for name in _TOP if name in values}
@@ -135,7 +135,7 @@ class Given:
         return merged | ({"superstructure": top} if top else {})
 
     def _either(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return an entry with values over it. Of two keys that say the same, the explicit one stays."""
+        """Return an entry, overridden by values. Of two alternative keys the explicit one stays."""
         merged = {**entry, **values}
         for pair in _EITHER.items():
             given = [name for name in pair if name in self.flags]
@@ -146,7 +146,7 @@ class Given:
         return merged
 
     def _motions(self, merged: Any) -> Any:
-        """Return the sets of motions with the options over the entries of the chosen one."""
+        """Return the sets of motions; options override the entries of the chosen set."""
         explicit, sets, own = self.chosen(_MOTION), merged.get("motions", {}), merged[self.command]
         if "file" in explicit:
             merged[self.command] = {**own, "motion": "record", "number": 1}
@@ -164,11 +164,11 @@ class Given:
 
     @property
     def changes_motion(self) -> bool:
-        """Whether options change or choose a motion of a set."""
+        """True if options change or choose a motion of a set."""
         return bool(self.chosen((*_MOTION, "number")))
 
     def options(self, **changes: Any) -> rj.Options:
-        """Return the options; `changes` are what file and command line need not give."""
+        """Return the options; `changes` are defaults where file and command line give none."""
         return self.reader.options(self.problem.options, **changes)
 
     def podium(self) -> rj.Podium:
@@ -213,7 +213,7 @@ class Given:
         return PanelsOf([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def set_name(self, name: str | None, key: str = "motion") -> str:
-        """Return the name of the set of motions that is meant."""
+        """Return the name of the chosen set of motions."""
         sets = self.problem.motions
         if name is None and len(sets) > 1:
             which = f"{key} is missing: which of {', '.join(sets)}?"
@@ -221,7 +221,7 @@ class Given:
         return self.reader.named(sets, name, f"{self.command}.{key}")
 
     def motion(self, podium: rj.Podium) -> Any:
-        """Return the one motion that is meant, a record with its name and source."""
+        """Return the chosen motion, a record with its name and source."""
         name, number = self.set_name(self.settings.motion), self.settings.number
         found = self.reader.members(self.problem.motions, name, podium)
         holds = f"holds {len(found)} motions"
@@ -255,14 +255,14 @@ def records_of(reader: Any, paths: list[Path], how: Mapping[str, Any]) -> Motion
 
 
 def _alike_stories(structure: Any) -> int | None:
-    """Return the number of stories of a structure where they are alike."""
+    """Return the number of equal stories of a structure, None without."""
     return getattr(structure, "stories", None) or getattr(
         getattr(structure, "superstructure", None), "stories", None
     )
 
 
 def _longest(top: AbstractSuperstructure | None) -> tuple[float, float | None]:
-    """Return the longest period of a superstructure, 0 where it is rigid, and the damping of that mode."""
+    """Return the longest period of a superstructure [s], 0 if rigid, and the damping ratio of that mode."""
     import numpy as np
 
     found = None if top is None else top.oscillators

@@ -1,4 +1,4 @@
-"""The commands around ground motion files: `rockjax motions` and `rockjax synthetic`."""
+"""Commands for ground motion files: `rockjax motions` and `rockjax synthetic`."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def motions(
 ) -> None:
     """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
-    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc where OUTPUT is given.
-    Of a problem file it lists all sets of motions: the number of each motion, its name, source, sampling
+    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc if OUTPUT is given.
+    For a problem file it lists all sets of motions: the number of each motion, its name, source, sampling
     interval, duration and PGA.
 
     \b
@@ -128,7 +128,7 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
 
 
 def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) -> None:
-    """Say a table of motions, with the names of its columns."""
+    """Print a table of motions with headings."""
     from rockjax._text.tables import lines
 
     for line in lines(
@@ -139,7 +139,7 @@ def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) ->
 
 
 def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
-    """What a list says of a motion."""
+    """Return the row of a motion: name, source, sampling interval, duration and PGA."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
     from rockjax._structures import STANDARD_GRAVITY
@@ -168,7 +168,7 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
 
 
 def _largest(pulse: AbstractExcitation) -> float:
-    """PGA of a pulse [m/s²]."""
+    """Return the PGA of a pulse [m/s²]."""
     strength = pulse.strength()
     assert strength is not None
     return float(strength)
@@ -196,7 +196,7 @@ def synthetic(
         "rockjax-synthetic"
     ),
 ) -> None:
-    """Synthetic ground motions: filtered noise under an envelope, and a velocity pulse where wanted.
+    """Synthetic ground motions: filtered noise under an envelope, optionally with a velocity pulse.
 
     Writes OUTPUT/synthetic-0001.AT2 … and OUTPUT/suite.csv, the table of them with all parameters.
 

@@ -1,4 +1,4 @@
-"""Options of the command line: those of problem files, made from their models, and a few that have no key."""
+"""Options of the command line: those made from the models of problem files, and a few without a key."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ PULSE = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **more: Any) -> Any:
-    """An option; brackets in its help are units, not markup."""
+    """Return an option; brackets in its help are units, not markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **more)
 
 
 def argument(help: str, **more: Any) -> Any:
-    """An argument."""
+    """Return an argument; brackets in its help are units, not markup."""
     return typer.Argument(help=help.replace("[", r"\["), **more)
 
 
 Output = Annotated[
-    str,  # a slash at its end says something
+    str,  # text, because a trailing slash matters
     option(
         "--output",
         "-o",
@@ -72,16 +72,16 @@ Json = Annotated[
 
 
 class Option(NamedTuple):
-    """An option as the command line takes it, and what its text means."""
+    """An option of the command line, and the conversion of its text."""
 
     annotation: Any
     default: Any
     flag: str
-    value: Callable[[str, Any], Any]  # of the flag and what was typed
+    value: Callable[[str, Any], Any]  # (flag, typed text) → value
 
 
 def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[str, Option]:
-    """Return those keys of a table that are options, all or these, with what is taken without them."""
+    """Return the options of a table, all or those of `names`, with their defaults."""
     found = {}
     for name, field in model.model_fields.items():
         how = field.json_schema_extra
@@ -106,12 +106,12 @@ def structure_options(**defaults: Any) -> dict[str, Option]:
 
 
 def accuracy(**defaults: Any) -> dict[str, Option]:
-    """Return options of the accuracy with these defaults."""
+    """Return options of accuracy with these defaults."""
     return options_of(models.Options, *defaults, **defaults)
 
 
 def _typed(kind: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return what the command line takes for a type of a key, what its text means, and more of its option."""
+    """Return the command-line type of a key, the conversion of its text, and arguments of its option."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return _typed(arguments[0])

@@ -1,5 +1,4 @@
-"""Where files go: `--output` is a prefix, a folder or a name with a format, looked at before anything is
-computed."""
+"""Output files: `--output` is a prefix, a folder or a name with a format, checked before computing."""
 
 from __future__ import annotations
 
@@ -10,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
-DATA = (".nc", ".json")  # those that the commands write; a name that ends so names the prefix
-# What one might expect here and what is not written: a name that ends so is hardly a prefix.
+DATA = (".nc", ".json")  # formats of data that commands write; these suffixes are removed from the prefix
+# Formats that are not written: a name with such a suffix is an error rather than a prefix.
 OTHERS = (
     ".csv",
     ".txt",
@@ -41,17 +40,17 @@ class Outputs(NamedTuple):
         return Path(f"{self.prefix}{'-' if name else ''}{name}{self.format}")
 
     def check(self, pictures: Iterable[str] = (), suffix: str = ".nc") -> Outputs:
-        """These outputs, if their files can be written. Raises `OSError` that says why not."""
+        """Return these outputs. Raises `OSError` with the cause if a file cannot be written."""
         for path in (self.data(suffix), *map(self.picture, pictures)):
             require_writable(path)
         return self
 
 
 def outputs(text: str, name: str) -> Outputs:
-    """What `--output` means: an existing folder, or one that ends in a slash, is to hold files called `name`.
+    """Return the outputs of `--output`; in a folder their prefix is `name`.
 
-    The suffix of a picture is the format of all pictures. Raises `ValueError` for suffixes that are not
-    written.
+    A folder exists or ends in a slash. The suffix of a picture is the format of all pictures. Raises
+    `ValueError` for unsupported suffixes.
     """
     output = Path(os.path.expanduser(text))
     if output.is_dir() or text.endswith(("/", os.sep)):
@@ -69,7 +68,7 @@ def outputs(text: str, name: str) -> Outputs:
 
 
 def store_place(output: Path) -> Path:
-    """The zarr store that `--output` means. Raises `ValueError` and `OSError` where there can be none."""
+    """Return the zarr store of `--output`. Raises `ValueError` or `OSError` if it cannot be one."""
     output = Path(os.path.expanduser(output))
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
@@ -83,8 +82,7 @@ def store_place(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError`, as writing would, where a file cannot be written: looked at by making one and taking
-    it away."""
+    """Raise `OSError` if a file cannot be written, tested with a temporary file beside it."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

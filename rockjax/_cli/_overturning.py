@@ -18,8 +18,8 @@ def overturning(
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
     With no options: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc,
-    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the podiums that are
-    done in OUTPUT.partial.nc; --resume goes on with the others.
+    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the finished
+    podiums in OUTPUT.partial.nc; --resume continues with the others.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Many podiums: their datasets put together, and what is said of them."""
+"""Panels of many podiums: combined datasets and their summary."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def pulse_of(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) → motion of a pulse's name."""
+    """Return the function (a_p, T_p) → motion of a pulse by name."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._excitations.pulses import PULSES
 
@@ -20,12 +20,16 @@ def pulse_of(name: str, vertical_ratio: float | None) -> Any:
 
 
 def joined(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
-    """The datasets of panels put together, with the dims `eta_over_gamma` and `T_s`."""
+    """Return the datasets of panels combined, with the dims `eta_over_gamma` and `T_s`.
+
+    - `datasets`: of the panels, η/γ outermost
+    - `ratios`: mass ratios η/γ [–]; `periods`: T_s, 0 for rigid [s]; `zeta`: damping ratio [–]
+    """
     import numpy as np
     import xarray
 
     each = iter(datasets)
-    # Where one has more boundaries than another.
+    # Panels may differ in the number of boundaries.
     join = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
@@ -58,7 +62,12 @@ def least(
     where: str,
     digits: str,
 ) -> None:
-    """Say the least overturning acceleration of each panel."""
+    """Report the least overturning acceleration of each panel.
+
+    - `report`: receives the lines; `lowest`: least a_p/(g tan α) over `eta_over_gamma` and `T_s`
+    - `ratios`: mass ratios η/γ [–]; `periods`: T_s [s]
+    - `where`: words after the name of the quantity; `digits`: format of the numbers
+    """
     values = lowest.transpose("eta_over_gamma", "T_s").values
     for ratio, row in zip(ratios, values, strict=True):
         line = ", ".join(f"T_s = {T:g} s: {value:{digits}}" for T, value in zip(periods, row, strict=True))

@@ -35,7 +35,7 @@ def plot(
         ),
     ] = "",
 ) -> None:
-    """Draw a file again: spectra, overturning spectra, responses, fragilities, design charts.
+    """Draw the pictures of a file: spectra, overturning spectra, responses, fragilities, design charts.
 
     Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning, sensitivity; of an overturning
     spectrum: boundaries, sensitivity; of a fragility: fragility, ida; of a response: response,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def share_in_no_mode(podium: rj.Podium) -> float:
-    """Return which part of the mass of several modes or of a building moves with the beam [–]."""
+    """Return the share of the superstructure's mass that is in no mode and moves with the beam [–]."""
     top = podium.superstructure
     if top is None or not top.rows:
         return 0.0
@@ -36,7 +36,7 @@ def response(given: Given, report: Report, output: Output = "rockjax-response") 
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
-    animation of it.
+    animation.
 
     \b
     Examples:
@@ -76,7 +76,7 @@ def response(given: Given, report: Report, output: Output = "rockjax-response") 
 
 
 def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
-    """What was simulated, in lines: the record, the law of the impact, masses that are known."""
+    """Yield lines on the inputs: the record, the impact law and known masses."""
     g = attrs["g_m_s2"]
     for part in ("", "vertical_"):
         about = {

@@ -17,9 +17,9 @@ from ._run import Report, command
 def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
     """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
-    Prints frequency, return period, probability in a given time, and how the frequency moves with the
-    structure where the fragility knows it. Writes OUTPUT.nc (hazard, fragility and what each intensity
-    contributes) and OUTPUT-risk.png.
+    Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
+    fragility has them. Writes OUTPUT.nc (hazard, fragility and the contribution of each intensity) and
+    OUTPUT-risk.png.
 
     \b
     Examples:
@@ -67,7 +67,7 @@ def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
 
 
 def _path(given: Given, name: str) -> Path:
-    """A file that a problem file names is beside it."""
+    """Return the path of a file: as given, or else beside the problem file."""
     return Path(name) if given.path is None or Path(name).exists() else given.path.parent / name
 
 

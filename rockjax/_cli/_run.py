@@ -1,4 +1,4 @@
-"""How commands run: options over a problem file, warnings, what is reported where, the exit status."""
+"""Execution of commands: options and problem files, warnings, reports, the exit status."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")  # of a structure by d
 
 
 class Report:
-    """What a command says: a summary on stdout or, with --json, one object; progress and remarks on
-    stderr."""
+    """Output of a command: a summary or one JSON object on stdout, progress and remarks on stderr."""
 
     def __init__(self, quiet: bool = False, verbose: bool = False, json: bool = False):
         self.quiet, self.verbose, self.json = quiet, verbose, json
@@ -37,22 +36,22 @@ class Report:
         self.status = 0
 
     def say(self, line: str) -> None:
-        """A line of the summary."""
+        """Print a line of the summary."""
         if not (self.quiet or self.json):
             typer.echo(line)
 
     def note(self, line: str) -> None:
-        """A remark for those who want to know more."""
+        """Print a remark under --verbose."""
         if self.verbose:
             typer.echo(line, err=True)
 
     def error(self, line: str, status: int = NO_ANSWER) -> None:
-        """Why the wanted answer is not there, or not all of it."""
+        """Report why the answer is missing or incomplete, and set the exit status."""
         typer.echo(f"rockjax: {line}", err=True)
         self.status = status
 
     def progress(self, total: int | None, unit: str) -> Any:
-        """A bar with the time left, on stderr."""
+        """Return a progress bar with the time left, on stderr."""
         from rockjax._progress import bar
 
         return bar(total, unit, not self.quiet, unit_scale=True)
@@ -78,7 +77,7 @@ class Report:
         self.written.append(path)
 
     def close(self) -> None:
-        """The end of the summary."""
+        """Print the end of the summary."""
         seconds = time.perf_counter() - self.began
         for path in self.written:
             self.say(f"wrote {path}")
@@ -95,10 +94,10 @@ class Report:
 
 
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
-    """Make a command of a function: the options of the groups are laid over a problem file.
+    """Return a decorator that makes a command of a function, with the options of the groups.
 
-    The function takes `report`, options of its own, and where it wants `given` (file and options) or `reader`
-    (of the options alone). With `jax`, compiled programs are kept between runs.
+    The function takes `report`, options of its own, and optionally `given` (problem file and options) or
+    `reader` (options alone). With `jax`, compiled programs are kept between runs.
     """
     options = {name: one for group in groups for name, one in group.items()}
 
@@ -157,7 +156,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
 
 
 def _take_problem(values: dict[str, Any]) -> Path | None:
-    """Return the problem file, where need be from among the inputs of a command, which keep the others."""
+    """Return the problem file; if it is among the inputs of a command, remove it from them."""
     if "inputs" not in values:
         return values["problem"]
     inputs = values["inputs"] or []
@@ -169,7 +168,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
 
 
 def _finish(report: Report, call: Callable[[], None]) -> None:
-    """Run a command with its warnings as lines, and end it."""
+    """Run a command, print its warnings as lines, and exit with its status."""
     from rockjax._plausibility import PlausibilityWarning
 
     with warnings.catch_warnings():
@@ -189,7 +188,7 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
 
 
 def flowing(function: Callable[..., None]) -> str:
-    """The docstring of a command without the line breaks of its source, which help would keep."""
+    """Return the docstring of a command without line breaks inside paragraphs, which help would keep."""
     paragraphs = (inspect.getdoc(function) or "").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 
@@ -205,14 +204,14 @@ def _speak(message, category, filename, lineno, file=None, line=None) -> None:
 
 
 def prepare(report: Report) -> None:
-    """Compiled programs are kept between runs."""
+    """Configure the caches of compiled programs, and logging."""
     import jax
 
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # What is traced anew in every run; this process is our own. Of another version nothing is taken: what
-        # comes from here cannot be kept as a program.
+        # For programs that are traced in every run; the process belongs to the command line. Each version has
+        # its own folder: programs that come from this cache cannot be stored.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report.quiet:
@@ -229,7 +228,7 @@ def _programs() -> str:
 
 
 def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:
-    """Keep what is there, and say how to go on."""
+    """Save the finished datasets, and report how to resume."""
     from rockjax._cli import partial
 
     if any(data is not None for data in datasets):

@@ -22,10 +22,10 @@ def spectrum(
     """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of
     overturning.
 
-    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are narrowed down between
-    points of the grid; `rockjax overturning` also finds what lies between two points that end alike. Writes
-    OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities, OUTPUT-sensitivity.png.
-    Ctrl-C keeps the scenes that are solved in OUTPUT.partial.nc; --resume solves the others.
+    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are refined between
+    points of the grid; `rockjax overturning` also finds those between two points with the same outcome.
+    Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities, OUTPUT-sensitivity.png.
+    Ctrl-C keeps the solved scenes in OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:

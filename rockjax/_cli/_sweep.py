@@ -70,8 +70,8 @@ def sweep(
     """Peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
 
     The axes are numbers of the structure and of the motion; a set of several motions is an axis of its own.
-    Writes a zarr store that xarray opens. However a sweep was stopped, the same command goes on where it was:
-    what is in the store is verified and left.
+    Writes a zarr store that xarray opens. However a sweep was stopped, the same command continues it:
+    chunks in the store are verified and kept.
 
     \b
     Examples:
@@ -127,7 +127,7 @@ def sweep(
 
 
 def _axes(given: Given, texts: list[str]) -> dict[str, Any]:
-    """Return the axes of the file, those of the command line over them."""
+    """Return the axes of the file, overridden by those of the command line."""
     import numpy as np
 
     typed = {}
@@ -146,7 +146,7 @@ def _axes(given: Given, texts: list[str]) -> dict[str, Any]:
 
 
 def _parsed(text: str) -> Any:
-    """An axis on the command line as it is in a file."""
+    """Return an axis of the command line in the form of a problem file."""
     form = f"expected numbers separated by commas, low:high:points or low:high:points:log, got {text!r}"
     try:
         if ":" not in text:
@@ -161,7 +161,7 @@ def _parsed(text: str) -> Any:
 
 
 def _excitation(given: Given, podium: rj.Podium) -> Any:
-    """Return one motion; or a whole set of them, where a file has one and no option chooses among it."""
+    """Return one motion, or a set of them if the file has one and no option chooses a motion."""
     from rockjax._problem.reading import as_excitation, has_pulses
 
     sets, name = given.problem.motions, given.settings.motion
@@ -177,7 +177,7 @@ def _excitation(given: Given, podium: rj.Podium) -> Any:
 
 @contextlib.contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """The cluster that is wanted, None for this process."""
+    """Yield the client of the requested cluster, None for this process."""
     if workers is None and scheduler is None:
         yield None
         return

@@ -1,5 +1,4 @@
-"""Standard output and standard error: pipes that are closed, full disks, encodings without Greek letters,
-colours."""
+"""Standard output and error: closed pipes, full disks, encodings without Greek letters, colours."""
 
 from __future__ import annotations
 
@@ -11,10 +10,10 @@ from typing import Any
 
 
 class _Stream:
-    """A standard stream whose failures never end a command: what follows a failure is dropped.
+    """A standard stream whose failures never end a command: text after a failure is dropped.
 
-    `failure` is the `OSError` of the first write that failed, such as a full disk; a pipe that is closed at
-    its other end, as by `| head -1`, is no failure.
+    `failure` is the `OSError` of the first write that failed, such as a full disk; a pipe closed at its
+    other end, as by `| head -1`, is no failure.
     """
 
     def __init__(self, stream: Any):
@@ -52,8 +51,7 @@ class _Stream:
 def terminal() -> Iterator[None]:
     """Guard stdout and stderr while a command runs; NO_COLOR leaves text without any codes.
 
-    Raises `SystemExit` with status 1 where stdout could not be written, such as on a full disk, once the
-    command has written its files.
+    Raises `SystemExit` with status 1 after the command if stdout could not be written, as on a full disk.
     """
     if os.environ.get("NO_COLOR"):
         _plain()
@@ -75,7 +73,7 @@ def terminal() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open the null device in place of standard streams that the parent process closed.
 
-    Otherwise a file that is written next would get their number, and what libraries print would go into it.
+    Otherwise the next file opened would get their number, and text printed by libraries would go into it.
     """
     for number in range(3):
         try:
@@ -88,7 +86,7 @@ def _open_closed_streams() -> None:
 
 
 def _plain() -> None:
-    """No bold and no dim text either, which rich leaves in."""
+    """Switch off bold and dim text too, which rich keeps under NO_COLOR."""
     with contextlib.suppress(ImportError):
         from typer import rich_utils
 

@@ -1,5 +1,4 @@
-"""What an interrupted run leaves behind, and what the next one takes up: one netCDF file with a group for
-each podium."""
+"""Partial results of an interrupted run: one netCDF file with a group for each podium."""
 
 from __future__ import annotations
 
@@ -16,12 +15,12 @@ if TYPE_CHECKING:
 
 
 def path_of(output: str | Path) -> Path:
-    """Where the run that writes OUTPUT.nc keeps what it had when it was interrupted."""
+    """Return the path of the partial results of the run that writes OUTPUT.nc."""
     return Path(f"{output}.partial.nc")
 
 
 def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
-    """Keep datasets, some of them None, whole or not at all."""
+    """Save datasets, some of them None, atomically, and return the path."""
     import xarray
 
     def write(name: str) -> None:
@@ -36,9 +35,9 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
-    """The datasets that were kept, None where there was none yet.
+    """Load the saved datasets, None for those that were not finished.
 
-    Raises `ValueError` where there is no such file, or it belongs to another run.
+    Raises `ValueError` if there is no such file, or it belongs to another run.
     """
     import netCDF4
     import xarray
@@ -62,7 +61,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
 
 
 def _as_written(data: xarray.Dataset) -> xarray.Dataset:
-    """With attributes as they were before netCDF made NumPy's scalars of them."""
+    """Convert attributes back from the NumPy scalars of netCDF to Python numbers."""
     data.attrs = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in data.attrs.items()
     }

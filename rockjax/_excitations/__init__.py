@@ -1,1 +1,1 @@
-"""Ground motions that are formulas, and what all ground motions have in common."""
+"""Analytical ground motions, and the base classes of all ground motions."""

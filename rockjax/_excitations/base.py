@@ -1,9 +1,9 @@
 """Excitations: callables t ↦ ü_g with support and breakpoints.
 
-An excitation is cut at its breakpoints into smooth pieces; the engine never steps across one and asks
-`piece(i)` for the smooth formula of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)`
-answers what the engine wants to know about the future: when |ü_g| next exceeds the threshold, and how much
-can still come.
+Breakpoints divide an excitation into smooth pieces. The engine never steps across a breakpoint and evaluates
+the smooth formula `piece(i)` of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)`
+bounds the rest of the motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral can
+still be.
 """
 
 from __future__ import annotations
@@ -24,38 +24,38 @@ from rockjax._programs.program import nans_allowed
 from rockjax._text.cards import card, readable
 from rockjax._types import Index, Number, Value
 
-SAMPLES = 4097  # of a motion of which only its formula is known, to find where it is lowest
+SAMPLES = 4097  # of a motion given by a formula, to find its minimum
 
 
 class Shaking(NamedTuple):
-    """Ground acceleration where the ground also moves vertically [m/s²]; without that it is a number."""
+    """Ground acceleration with a vertical component [m/s²]; without one it is a number."""
 
     horizontal: Value
     vertical: Value  # upwards
 
 
 class AbstractLookahead(Module):
-    """Bounds of the rest of an excitation; everything here is a constant for derivatives."""
+    """Bounds of the rest of an excitation, all of them constants for derivatives."""
 
     @abc.abstractmethod
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """First time ≥ t at which |ü_g| exceeds the threshold, inf where it never does [s]."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold, inf if it never does [s]."""
 
     @abc.abstractmethod
     def impulse(self, t: Value, piece: Index) -> Value:
-        """An upper bound of ∫|ü_g| dt from t on [m/s]."""
+        """Return an upper bound of ∫|ü_g| dt from t on [m/s]."""
 
     @abc.abstractmethod
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
-        """An upper bound of |ü_g| from t on, given |ü_g(t)| = `now` [m/s²]."""
+        """Return an upper bound of |ü_g| from t on, given |ü_g(t)| = `now` [m/s²]."""
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value) -> Value:
-        """When |ü_g| is largest between two times [s], with a threshold; `end` may be inf."""
+        """Return when |ü_g| is largest between two times [s]; needs a threshold. `end` may be inf."""
 
 
 class AbstractExcitation(Module):
-    """Base class of ground motions ü_g(t) [m/s²]. To write one, give what is abstract here."""
+    """Base class of ground motions ü_g(t) [m/s²]. Subclasses implement the abstract methods."""
 
     def __init_subclass__(cls, **kwargs):
         super().__init_subclass__(**kwargs)
@@ -67,7 +67,7 @@ class AbstractExcitation(Module):
     @property
     @abc.abstractmethod
     def support(self) -> tuple[Number, Number]:
-        """(t_start, t_end): ü_g is zero, or below rounding, outside [s]."""
+        """(t_start, t_end) [s]; outside, ü_g is zero or below rounding."""
 
     @property
     @abc.abstractmethod
@@ -76,11 +76,11 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """The smooth formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
+        """Return the formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
-        """Return bounds of the rest; `threshold` is given where the engine will ask for exceedances."""
+        """Return bounds of the rest; without `threshold`, exceedances are unavailable."""
 
     def scaled(self, factor) -> Self:
         """Return the motion times a factor."""
@@ -89,8 +89,7 @@ class AbstractExcitation(Module):
         )
 
     def strength(self) -> np.ndarray | None:
-        """max|ü_g| of each motion of a batch, or what is in proportion to it (host); None where it takes more
-        than a look at the motion's numbers."""
+        """Return a number in proportion to max|ü_g| of each motion (host), None if not cheaply known."""
         return None
 
     @property
@@ -100,43 +99,44 @@ class AbstractExcitation(Module):
 
     @property
     def most_pieces(self) -> int:
-        """The most pieces that it can have, known before tracing."""
+        """Largest possible number of pieces, known before tracing."""
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
-        """Return the motion in a form whose compiled programs serve its whole kind, whatever the length of
-        a record."""
+        """Return the motion in a form whose compiled programs serve all motions of its kind and length."""
         return self
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Fields that are arrays for a single motion, and of how many dimensions; further ones are those of a
-        batch."""
+        """Number of dimensions of fields that are arrays for a single motion; further ones are of a batch."""
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """The piece after one, where its end is `passed`."""
+        """Return the next piece if the end of this one is `passed`, else this one."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
-        """The piece before one; where `by` is 0, itself."""
+        """Return the piece before one; itself where `by` is 0."""
         return index - by
 
     def curvature(self) -> Value:
-        """A bound of |d²ü_g/dt²| between breakpoints [m/s⁴]: needed of motions that are part of a pair."""
+        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]; needed for components of a pair."""
         raise NotImplementedError(
             f"{type(self).__name__} does not say how much it curves: give it a method `curvature`, a bound "
             "of |d²ü_g/dt²| between breakpoints"
         )
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value | None:
-        """A bound of |ü_g| for so long ahead of t, no further than to the end of the piece, where it is `now`
-        at t [m/s²]; None where nothing is known."""
+        """Return a bound of |ü_g| from t to t + `ahead` within a piece [m/s²], or None if unknown.
+
+        - `piece`: index of the piece; `t`: time [s]; `ahead`: duration, not past the end of the piece [s]
+        - `now`: |ü_g(t)| [m/s²]
+        """
         del piece, t, ahead, now
         return None
 
     def lowest(self) -> tuple[Value, Value]:
-        """The least ü_g [m/s²], which may be positive, and when [s], of a single motion."""
+        """Return the least ü_g [m/s²], which may be positive, and its time [s], of a single motion."""
         start, end = self.support
         times = jnp.concatenate(
             [start + (end - start) * jnp.linspace(0.0, 1.0, SAMPLES), jnp.atleast_1d(self.breakpoints)]
@@ -144,7 +144,7 @@ class AbstractExcitation(Module):
         times = jnp.where(jnp.isfinite(times), times, start)
         values = self(times)
         k = jnp.argmin(values)
-        # A parabola through the neighbours, where all three are on one piece.
+        # A parabola through the neighbours if all three are on one piece.
         inside = jnp.clip(k, 1, SAMPLES - 2)
         low, mid, high = values[inside - 1], values[inside], values[inside + 1]
         bend = low - 2 * mid + high
@@ -153,7 +153,7 @@ class AbstractExcitation(Module):
         return jnp.where(smooth, jnp.minimum(least, values[k]), values[k]), times[k]
 
     def breakpoint(self, index: Index) -> Value:
-        """Time of breakpoint `index`, inf past the last one [s]."""
+        """Return the time of breakpoint `index`, inf past the last one [s]."""
         times = self.breakpoints
         result = jnp.asarray(jnp.inf, times.dtype)
         for k in reversed(range(times.shape[-1])):
@@ -161,12 +161,11 @@ class AbstractExcitation(Module):
         return result
 
     def locate(self, t: Value) -> Index:
-        """The piece that begins at or before t (the right limit at a breakpoint)."""
+        """Return the piece that begins at or before t (the right limit at a breakpoint)."""
         return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
 
     def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Ground acceleration ü_g(t) [m/s²]; at a breakpoint the right limit, at the end of the last piece
-        the left."""
+        """Return ü_g(t) [m/s²]: the right limit at breakpoints, the left limit at the last one."""
         t = as_float(t)
 
         def at(s):
@@ -174,7 +173,7 @@ class AbstractExcitation(Module):
             last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
             return self.piece(piece - last.astype(piece.dtype))(s)
 
-        with nans_allowed():  # after the last breakpoint comes inf
+        with nans_allowed():  # the breakpoint after the last one is inf
             return jax.vmap(at)(t.ravel()).reshape(t.shape)
 
     def __repr__(self):

@@ -1,8 +1,8 @@
-"""Ground that moves vertically as well: two excitations as one.
+"""Ground motions with a vertical component: two excitations in one.
 
-A piece of the pair is a piece of each, numbered together; where breakpoints of both fall on one time, both go
-on to their next pieces at once. The columns lift where one of two combined signals, ±ü_g − K v̈_g, exceeds a
-level (C10): lookaheads find its roots.
+A piece of the pair is a pair of pieces, with one number. If breakpoints of both components coincide, both
+advance to their next pieces together. The columns lift when one of the combined signals ±ü_g − K v̈_g exceeds
+a level (C10); lookaheads find these crossings.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
-MOST_PIECES = 2**31  # numbered by one integer of both components
-TOUCH = 1e-9  # of the time scale of the motion: excursions above a level that are shorter are below rounding
-CAUTION = 1 - 1e-6  # of the level from which on the horizontal motion is looked at closely
+MOST_PIECES = 2**31  # pairs of pieces are numbered by one 32-bit integer
+TOUCH = 1e-9  # over the time scale of the motion: shorter excursions above a level are ignored
+CAUTION = 1 - 1e-6  # factor on the horizontal acceleration above which crossings are searched
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
@@ -42,14 +42,15 @@ def _component(name: str) -> Callable[[Any], AbstractExcitation]:
 
 
 class GroundMotion(AbstractExcitation):
-    """A horizontal and a vertical ground motion as one.
+    """A ground motion with a horizontal and a vertical component.
 
     - `horizontal`: ü_g, any motion; `vertical`: v̈_g, upwards positive, any motion [m/s²]
 
-    `scaled(f)` scales both. Its support is the union of theirs, and each is zero outside its own. Called, it
-    is the horizontal acceleration. g + v̈_g must be positive at all times, or joints could open vertically,
-    which is not in the model: `ValueError` for a single scene of concrete numbers, else the result
-    `weightless`. Raises `ValueError` for components that are no single motions.
+    `scaled(f)` scales both components. The support is the union of their supports; each component is zero
+    outside its own. A call returns the horizontal acceleration. g + v̈_g must be positive at all times,
+    otherwise joints could open vertically, which the model excludes: a single scene of concrete numbers
+    raises `ValueError`, others have the result `weightless`. Raises `ValueError` for components that are no
+    single motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -69,7 +70,7 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def shorter(self) -> Number:
-        """The duration of the shorter component, of those that have one [s]."""
+        """Duration of the shorter component [s], ignoring components without a duration."""
         long = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
         long = [jnp.where(duration > 0, duration, jnp.inf) for duration in long]
         shorter = jnp.minimum(*long)
@@ -113,14 +114,14 @@ class GroundMotion(AbstractExcitation):
     def common_form(self) -> Self:
         horizontal, vertical = self.horizontal.common_form(), self.vertical.common_form()
         if horizontal.most_pieces * vertical.most_pieces >= MOST_PIECES:
-            return self  # very long ones: as they are
+            return self  # very long motions keep their own form
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
     def _together(self, i: Any, j: Any) -> Any:
         return i * self.vertical.most_pieces + j
 
     def parts(self, index: Index) -> tuple[Index, Index]:
-        """The pieces of both components."""
+        """Return the pieces of both components."""
         return index // self.vertical.most_pieces, index % self.vertical.most_pieces
 
     def piece(self, index: Index) -> Callable[[Value], Shaking]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -154,8 +155,10 @@ class GroundMotion(AbstractExcitation):
         return self._together(i - back(first >= other, i), j - back(other >= first, j))
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return how far the horizontal breakpoint moves past the vertical one of the same piece end (zero in
-        value), and the piece between them."""
+        """Return the derivative-carrying offset between coinciding breakpoints, and the piece between them.
+
+        The offset of the horizontal from the vertical breakpoint is zero in value [s].
+        """
         i, j = self.parts(index)
         first, other = self._ends(index)
         tied = jax.lax.stop_gradient((first == other) & jnp.isfinite(first))
@@ -164,17 +167,16 @@ class GroundMotion(AbstractExcitation):
         return moves[0] - moves[1], self._together(i + 1, j)
 
     def __call__(self, t):
-        """Horizontal ground acceleration ü_g(t) [m/s²]; that of `vertical` is v̈_g(t)."""
+        """Return the horizontal ground acceleration ü_g(t) [m/s²]; `vertical(t)` returns v̈_g(t)."""
         return self.horizontal(t)
 
     @staticmethod
     def in_proportion(pulse: Callable[[Any, Any], AbstractExcitation], ratio: float) -> Proportional:
-        """A function (a_p, T_p) → pair for spectra: a pulse, and `ratio` times the same as its vertical
-        motion."""
+        """Return a function (a_p, T_p) → motion for spectra, with v̈_g = `ratio` ü_g."""
         return Proportional(pulse, ratio)
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
-        """With `tilt`, K of the combined signals, exceedances are those of max_± (±ü_g − K v̈_g)."""
+        """Return bounds of the rest; with `tilt` K, exceedances refer to max_± (±ü_g − K v̈_g)."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -189,7 +191,7 @@ class GroundMotion(AbstractExcitation):
 
 @dataclasses.dataclass(frozen=True)
 class Proportional:
-    """Pulses with a vertical component in proportion, v̈_g = `ratio` ü_g."""
+    """Pulses with a proportional vertical component, v̈_g = `ratio` ü_g."""
 
     pulse: Callable[[Any, Any], AbstractExcitation]
     ratio: float
@@ -206,7 +208,7 @@ class Proportional:
 
 
 class OfAmplitude(AbstractExcitation):
-    """The motions of a function (a_p, T_p) → excitation as one whose scale is a_p: itself it is that of 1."""
+    """Motions of a function (a_p, T_p) → excitation, with a_p as their scale; a_p = 1 unscaled."""
 
     T_p: Number
     pulse: Callable[[Any, Any], AbstractExcitation] = eqx.field(static=True)
@@ -230,7 +232,7 @@ class OfAmplitude(AbstractExcitation):
 
 
 class PairLookahead(AbstractLookahead):
-    """Bounds of the rest of both components; those of a single component are of the horizontal one."""
+    """Bounds of the rest of both components; methods for one component refer to the horizontal one."""
 
     motion: GroundMotion
     horizontal: AbstractLookahead
@@ -249,17 +251,20 @@ class PairLookahead(AbstractLookahead):
         return self.horizontal.highest_time(start, end)
 
     def vertical_impulse(self, t: Value, piece: Index) -> Value:
-        """An upper bound of ∫|v̈_g| dt from t on [m/s]."""
+        """Return an upper bound of ∫|v̈_g| dt from t on [m/s]."""
         return self.vertical.impulse(t, self.motion.parts(piece)[1])
 
     def vertical_peak(self, t: Value, piece: Index) -> Value:
-        """An upper bound of |v̈_g| from t on [m/s²]."""
+        """Return an upper bound of |v̈_g| from t on [m/s²]."""
         own = self.motion.parts(piece)[1]
         return self.vertical.peak(t, own, jnp.abs(self.motion.vertical.piece(own)(t)))
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Steps that cannot jump over a crossing: from one place where the horizontal motion is large enough
-        to another, along the parabolas of greatest curvature through value and slope of both signals."""
+        """Return the first exceedance of the combined signals after t, or inf.
+
+        The search visits times at which the horizontal motion is large enough. Its steps cannot pass a
+        crossing: they follow the parabolas of greatest curvature through value and slope of both signals.
+        """
         del piece
         level, tilt, curvature = self.threshold, self.tilt, self.curvature
         assert level is not None
@@ -271,7 +276,7 @@ class PairLookahead(AbstractLookahead):
         start, end = motion.support
 
         def safe(spare: Value, slope: Value) -> Value:
-            """Until a signal that is `spare` below the level can reach it."""
+            """Return the earliest time after which a signal `spare` below the level can reach it."""
             root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(spare, 0.0))
             rising, bend = slope + root > 0, jnp.where(curved, curvature, 1.0)
             up = 2 * spare / jnp.where(rising, slope + root, 1.0)
@@ -295,14 +300,14 @@ class PairLookahead(AbstractLookahead):
             step = jnp.maximum(jnp.minimum(*map(safe, sides, slopes)), least)
             spare = jnp.minimum(*sides)
             found = comes & (spare < 0)
-            # Back to where it was crossed, unless it began there or the ground jumped.
+            # Back to the crossing, unless the search began above the level or the ground jumped.
             slope = jnp.where(sides[0] < sides[1], *slopes)
             back = s + jnp.where(slope > 0, spare / jnp.where(slope > 0, slope, 1.0), 0.0)
             last = motion.before(here)
             jumped = jnp.where(last == here, -jnp.inf, motion.breakpoint(last))
             floor = jnp.maximum(jnp.maximum(begin, s - 2 * least), jnp.minimum(jumped, s))
-            # Past where it looked in any case: what is worked out twice may differ in the last digit,
-            # breakpoints as well as comparisons.
+            # Always advance by a digit: breakpoints and comparisons that are evaluated twice may differ in
+            # the last digit.
             on = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(here)), s + digit)
             return jnp.maximum(back, floor), jnp.where(comes, on, jnp.inf), found
 
@@ -313,10 +318,10 @@ class PairLookahead(AbstractLookahead):
 
 
 def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
-    """Raise `ValueError` unless g + v̈_g is positive at all times, where numbers are concrete and single."""
+    """Raise `ValueError` unless g + v̈_g is positive at all times; batches and traced numbers pass."""
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
-    # In the common form: JAX compiles what it does here for every number of samples.
+    # In the common form, because JAX compiles these operations for every number of samples.
     low, when = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
     if low is None or when is None or gravity is None or low.ndim or gravity + low > 0:

@@ -1,4 +1,4 @@
-"""Pulses of fixed shape, a_p·s(t/T_p): the analytical ground motions of the field."""
+"""Analytical pulses of fixed shape, a_p·s(t/T_p)."""
 
 from __future__ import annotations
 
@@ -24,22 +24,21 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-LARGEST = 20 * STANDARD_GRAVITY  # no shaking comes near, but an amplitude in gal that is read as m/s² does
+LARGEST = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
 # (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-_NOTHING = 1e-15  # of the height of a pulse: where it begins or ends at zero, but for rounding
+_NOTHING = 1e-15  # over the height of a pulse: smaller ends are zero but for rounding
 _HALVINGS, _NEWTON_STEPS = 10, 5
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Return the root of an increasing f in [lo, hi], to rounding, from the side on which f > 0; hi without
-    one.
+    """Return the root of an increasing f in [lo, hi], to rounding, on the side with f > 0; hi without a root.
 
-    Halvings, Newton's steps, and halvings again of what these leave: a few, unless f hardly rises at its
-    zero.
+    Bisection, Newton steps, and final bisection, which takes more than a few steps only if f is flat at its
+    root.
     """
 
     above = lambda z: f(z) > 0
@@ -84,7 +83,7 @@ class _PulseLookahead(AbstractLookahead):
         knots = (*pulse.zeros, pulse.span[1])
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
-        # From now to the next zero, and the closed lobes after it.
+        # The rest of the present lobe, and the complete lobes after it.
         upto, after = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):
             lobe = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
@@ -93,7 +92,7 @@ class _PulseLookahead(AbstractLookahead):
 
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         del piece
-        # Monotone between turning points: the supremum is now, or at a knot still to come.
+        # Monotone between turning points: the supremum is at t or at a later knot.
         to_come = 0.0
         for z in self.pulse.knots():
             height = abs(float(self.pulse.shape(np.float64(z))))
@@ -134,16 +133,16 @@ class AbstractPulse(AbstractExcitation):
     @staticmethod
     @abc.abstractmethod
     def shape(tau: Any) -> Any:
-        """ü_g/a_p at τ = t/T_p, inside the span."""
+        """Return ü_g/a_p at τ = t/T_p, inside the span."""
 
     @staticmethod
     @abc.abstractmethod
     def velocity(tau: Any) -> Any:
-        """An antiderivative of the shape; NumPy in, NumPy out."""
+        """Return an antiderivative of the shape; NumPy in, NumPy out."""
 
     @classmethod
     def knots(cls) -> tuple[float, ...]:
-        """The shape is monotone between these."""
+        """Return the points τ between which the shape is monotone."""
         return (cls.span[0], *cls.turning, cls.span[1])
 
     @property
@@ -210,8 +209,11 @@ class AbstractPulse(AbstractExcitation):
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
     def _passed(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
-        """Return where |s| passes the level on each monotone interval, as it rises to the top at its end or
-        falls from that at its start; any number where the top is lower."""
+        """Return where |s| crosses the level on each monotone interval.
+
+        |s| rises to its top at the end of the interval or falls from its top at the start. The number is
+        arbitrary where the top is below the level.
+        """
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NOTHING)
         sign = np.sign(tops[high]) if rises else -np.sign(tops[high])
@@ -223,7 +225,7 @@ class AbstractPulse(AbstractExcitation):
 
 @functools.cache
 def _most(pulse: type[AbstractPulse], order: int) -> float:
-    """A bound of a derivative of a shape inside its span, by differences."""
+    """Return a bound of a derivative of a shape inside its span, by differences."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():
         s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))
@@ -339,7 +341,7 @@ class HalfSine(AbstractPulse):
     velocity = staticmethod(OneSine.velocity)
 
 
-# By the names of the command line and of problem files.
+# Names on the command line and in problem files.
 PULSES: dict[str, type[AbstractPulse]] = {
     "ricker": Ricker,
     "antisymmetric-ricker": AntisymmetricRicker,

@@ -1,5 +1,4 @@
-"""Ground motions given by samples: linear between them, zero before the first and after the last, jumps
-included."""
+"""Sampled ground motions: linear between samples, zero outside, with jumps at both ends."""
 
 from __future__ import annotations
 
@@ -19,15 +18,15 @@ from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-# Least size, and the ratio of one size to the next: of single records few sizes, as each is a program to
-# compile, of tables of records closer ones, as each row is filled up.
+# Least size, and the ratio of successive sizes. Single records have few sizes, because each compiles a
+# program; tables have closer sizes, because each row is padded.
 OF_RECORDS, OF_TABLES = (8192, 4), (2048, 2)
 
 
 def common_size(count: int, least: int, ratio: int) -> int:
-    """Return the size that `count` numbers are filled up to: `least`, or `least` times a power of `ratio`.
+    """Return the padded size of `count` numbers: `least` times a power of `ratio`.
 
-    Each size is a program of its own, and what fills up costs a scene little.
+    Each size compiles its own program; padding costs a scene little.
     """
     size = least
     while size < count:
@@ -36,10 +35,10 @@ def common_size(count: int, least: int, ratio: int) -> int:
 
 
 def filled_up(samples, *sizes: int):
-    """Samples with zeros behind them, along the last axes."""
+    """Pad samples with zeros at the end of the last axes."""
     last = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
     room = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
-    # What JAX would do here it would compile for every length.
+    # NumPy, because JAX would compile for every length.
     return jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
 
 
@@ -53,21 +52,21 @@ class Sampling(NamedTuple):
 
 
 class AbstractSampled(AbstractExcitation):
-    """A sampled motion, wherever its samples are kept."""
+    """Base class of sampled motions."""
 
     @property
     @abc.abstractmethod
     def sampling(self) -> Sampling:
-        """Return the sampling of one motion, or arrays for a batch of them."""
+        """Sampling of one motion, or arrays for a batch."""
 
     @property
     @abc.abstractmethod
     def table(self) -> Float[Array, "*table n"]:
-        """Return the array that holds the samples, unscaled [m/s²]."""
+        """Array that holds the samples, unscaled [m/s²]."""
 
     @abc.abstractmethod
     def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Entry i of this motion in a table of the form of `table`."""
+        """Return entry i of this motion in an array shaped like `table`."""
 
     def counts_of_rows(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -75,7 +74,7 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def sizes(self) -> Float[Array, "*table n"]:
-        """|samples|, unscaled, zero in what only fills up the table [m/s²]."""
+        """Return |samples|, unscaled, zero in the padding [m/s²]."""
 
     def strength(self) -> np.ndarray:
         highest: Any = np.abs(self.table).max(axis=-1)
@@ -86,7 +85,7 @@ class AbstractSampled(AbstractExcitation):
         return self.sampling.start, self.sample_time(self.sampling.count - 1)
 
     def sample_time(self, sample: Index | int) -> Value:
-        """When a sample is taken."""
+        """Return the time of a sample [s]."""
         start, dt, _, _ = self.sampling
         numpy = array_module(start, dt, sample)
         return numpy.add(start, numpy.multiply(numpy.asarray(sample, dt.dtype), dt))
@@ -120,14 +119,14 @@ class AbstractSampled(AbstractExcitation):
         return lambda t: a0 + slope * (t - t0)
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
-        # From one sample to the next it goes along a line.
+        # Linear between samples, so that the largest value is at an end.
         return jnp.maximum(now, jnp.abs(self.piece(piece)(t + ahead)))
 
     def curvature(self) -> Value:
         return jnp.zeros_like(self.sampling.dt)
 
     def lowest(self) -> tuple[Value, Value]:
-        scale, table = self.sampling.scale, self.table  # what fills up a row is zero
+        scale, table = self.sampling.scale, self.table  # padding is zero
         places = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
         low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in places)
         low, high, first, last = (self.of_row(y) for y in (low, high, *places))
@@ -135,7 +134,7 @@ class AbstractSampled(AbstractExcitation):
         return scale * jnp.where(falls, low, high), self.sample_time(jnp.where(falls, first, last))
 
     def of_row(self, rows: Array) -> Array:
-        """The entry of this motion among one for each row of the table."""
+        """Return the entry of this motion from an array with one entry for each row of the table."""
         return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
@@ -144,8 +143,7 @@ class AbstractSampled(AbstractExcitation):
         # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
-        # Summed from the last sample on: however much fills up a row, the sums are the same to the last
-        # digit.
+        # Summed from the last sample on, so that padding does not change the sums in the last digit.
         counts = record.counts_of_rows()
         samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
         place = counts - 1 - samples
@@ -189,7 +187,7 @@ class SampledLookahead(AbstractLookahead):
         return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
 
     def _highest_sample(self, first: Index, end: Index) -> Index:
-        """The sample of largest size from `first` on and before `end`, along the tree of maxima."""
+        """Return the sample of largest size in [first, end), along the tree of maxima."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
@@ -198,7 +196,7 @@ class SampledLookahead(AbstractLookahead):
 
         def up(_, carry):
             left, right, best = carry
-            # Nodes at the ends of the range that their parents do not stand for.
+            # Nodes at the ends of the range whose parents reach beyond it.
             for odd, node in ((left, left), (right, right - 1)):
                 best = jnp.where((left < right) & (odd % 2 == 1) & (size(node) > size(best)), node, best)
             return (left + left % 2) // 2, (right - right % 2) // 2, best
@@ -214,8 +212,7 @@ class SampledLookahead(AbstractLookahead):
         return (jax.lax.fori_loop(0, levels, down, best) - leaves).astype(first.dtype)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """A linear piece exceeds the threshold where one of its ends does: at t, or at the next such
-        sample."""
+        """Return the first exceedance from t on: at t, or before the next sample above the threshold."""
         record, threshold = self.record, self.threshold
         assert threshold is not None
         count = record.sampling.count
@@ -230,16 +227,16 @@ class SampledLookahead(AbstractLookahead):
         slope = (a1 - a0) / jnp.where(end > begin, end - begin, 1.0)
         crossing = begin + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
         crossing = jnp.clip(crossing, begin, end)
-        # Passed, not touched. (Older versions of JAX have no derivative of the next number.)
+        # The next number, to exceed the threshold. (Older versions of JAX cannot differentiate nextafter.)
         at = jax.lax.stop_gradient(crossing)
         crossing += jnp.nextafter(at, jax.lax.stop_gradient(end)) - at
         return jnp.where(at_once, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
-        """The first sample from `first` on that exceeds the threshold, `count` where there is none.
+        """Return the first sample from `first` on that exceeds the threshold, `count` if there is none.
 
-        Along a tree of maxima: up past what holds none, down into what does, so that long records cost no
-        more.
+        The search in the tree of maxima skips nodes below the threshold, so that its cost is logarithmic in
+        the length of the record.
         """
         tree = self.tree
         assert tree is not None
@@ -252,13 +249,13 @@ class SampledLookahead(AbstractLookahead):
         def on(carry):
             node, _ = carry
             inside = exceeds(node)
-            # To the first child; else to the right neighbour, from a right child to that of the parent.
+            # To the first child; else to the right neighbour, or from a right child to that of its parent.
             following = jnp.where(inside, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
             found = inside & (node >= leaves)
             past = ~inside & ((node & (node + 1)) == 0)  # the rightmost of its row
             return jnp.where(found | past, node, following), found | past
 
-        # What begins past the end goes nowhere.
+        # A search that begins past the end stops at once.
         begin = leaves + jnp.minimum(first, leaves - 1)
         node, _ = jax.lax.while_loop(lambda carry: ~carry[1], on, (begin, first >= count))
         hit = (node >= leaves) & exceeds(node) & (first < count)
@@ -266,8 +263,7 @@ class SampledLookahead(AbstractLookahead):
 
 
 def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Maxima of pairs, of pairs of pairs …: node k is the larger of nodes 2k and 2k+1, the leaves are the
-    last half."""
+    """Return the tree of maxima: node k is the larger of nodes 2k and 2k+1; the leaves are the last half."""
     n = size.shape[-1]
     width = 1 << (n - 1).bit_length()
     rows = [jnp.pad(size, [(0, 0)] * (size.ndim - 1) + [(0, width - n)])]

@@ -1,4 +1,4 @@
-"""Wavelets with a free number of oscillations: no table of zeros and extrema, but bounds."""
+"""Wavelets with a variable number of oscillations, searched by bounds instead of tables of extrema."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .base import AbstractExcitation, AbstractLookahead
 
 
 class _BoundedLookahead(AbstractLookahead):
-    """For a smooth motion of which only bounds are known: |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
+    """Lookahead of a smooth motion with known bounds |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
 
     motion: AbstractExcitation
     threshold: Value | None
@@ -29,9 +29,11 @@ class _BoundedLookahead(AbstractLookahead):
     curvature: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Steps that cannot jump over a crossing: the parabola of greatest curvature through the present
-        value and slope stays below the threshold until its own root. Converges quadratically to a
-        crossing."""
+        """Return the first exceedance after t, or inf.
+
+        Steps cannot pass a crossing: the parabola of greatest curvature through the present value and slope
+        stays below the threshold until its root. The search converges quadratically.
+        """
         del piece
         threshold = self.threshold
         assert threshold is not None
@@ -48,8 +50,8 @@ class _BoundedLookahead(AbstractLookahead):
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
             found = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
-            # Never stand still: a touch that does not exceed is passed in steps of the resolution of time. On
-            # even where it was found: a comparison that is worked out twice may come out either way.
+            # Steps are at least the resolution of time, to pass a touch that does not exceed; also after an
+            # exceedance, because a comparison that is evaluated twice may differ.
             least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
             return t, t + jnp.maximum(step, least), found
 

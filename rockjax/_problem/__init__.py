@@ -1,1 +1,1 @@
-"""Problem files: a structure, ground motions, options, and what each command does with them."""
+"""Problem files: a structure, ground motions, options, and a table for each command."""

@@ -1,7 +1,7 @@
-"""Models of problem files, made from the tables of parameters: what each key holds, its range and meaning.
+"""Models of problem files, made from the tables of parameters: type, range and meaning of each key.
 
-Messages, the JSON schema, the page on problem files and the options of the command line come from them.
-Nothing here needs JAX.
+Error messages, the JSON schema, the page on problem files and the options of the command line come from them.
+This module does not import JAX.
 """
 
 from __future__ import annotations
@@ -33,25 +33,29 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """How the command line offers a key: the panel of its help, and its name where it is another one.
+    """Option of the command line for a key: the panel of its help, and its name if it differs.
 
-    As `json_schema_extra` it leaves the schema as it is.
+    Used as `json_schema_extra`, it leaves the schema unchanged.
     """
 
     panel: str
     name: str = ""
 
     def __call__(self, schema: Any) -> None:
-        """Add nothing."""
+        """Leave the schema unchanged."""
 
 
 def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
-    """A key of a table; with a panel it is an option of the command line too."""
+    """Return the field of a key; with a panel it is also an option of the command line.
+
+    - `default`: its default, `...` if it is required; `meaning`: its description, with the unit
+    - `panel`: panel of its help; `name`: name of the option if it differs from the key
+    """
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
 
 def in_words(words: str) -> WrapValidator:
-    """Say in these words what a value must be."""
+    """Return a validator whose errors say in these words what a value must be."""
 
     def check(value: Any, handler: Any) -> Any:
         try:
@@ -63,7 +67,7 @@ def in_words(words: str) -> WrapValidator:
 
 
 def that(holds: Callable[[Any], bool]) -> AfterValidator:
-    """Refuse values for which this is false."""
+    """Return a validator that refuses values for which `holds` is false."""
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -98,7 +102,7 @@ Unit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 
 
 class Keys(BaseModel):
-    """A table of a problem file: its keys, none of them unknown."""
+    """A table of a problem file; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -114,13 +118,13 @@ class Keys(BaseModel):
         return given
 
     def given(self, *without: str) -> dict[str, Any]:
-        """Return the keys that are given, but for some, as arguments by name."""
+        """Return the given keys, except those of `without`, as arguments by name."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 def one_of(given: Mapping[str, Any], *names: str) -> str:
-    """The one of two keys that is given. Raises `ValueError` for none or both."""
+    """Return which of two keys is given. Raises `ValueError` for none or both."""
     found = [name for name in names if given.get(name) is not None]
     if len(found) != 1:
         raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))
@@ -128,7 +132,7 @@ def one_of(given: Mapping[str, Any], *names: str) -> str:
 
 
 def kind_of(entry: table.Parameter) -> Any:
-    """What the key of a parameter holds."""
+    """Return the type of the key of a parameter, with its range."""
     if entry.whole:
         return Count
     closed, (low, high) = entry.range.closed, entry.range[:2]
@@ -150,7 +154,7 @@ _NOTES = {
 
 
 def field_of(name: str, entry: table.Parameter, needed: bool = False) -> Any:
-    """The type and field of a parameter."""
+    """Return the type and field of a parameter."""
     panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE  # --zeta serves both
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     kind, meaning = kind_of(entry), f"{entry.heading}{note}."
@@ -158,19 +162,19 @@ def field_of(name: str, entry: table.Parameter, needed: bool = False) -> Any:
 
 
 def keys_of(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
-    """A model with a key for each parameter."""
+    """Return a model with a key for each parameter."""
     fields: Any = {name: field_of(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
 def _kept_in(*places: str) -> dict[str, table.Parameter]:
-    """The parameters of a structure that is kept in such a place, the sides of a column left out."""
+    """Return the parameters of a structure stored in these places, without the sides of a column."""
     plain = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
     return {name: entry for name, entry in plain.items() if entry.place.partition(".")[0] in places}
 
 
 class Superstructure(keys_of(_kept_in("superstructure") | table.BUILDING, "eta")):
-    """A superstructure: rigid without T_s, with stories a building whose stories are alike."""
+    """A superstructure: rigid without T_s; with stories, a building of equal stories."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -243,7 +247,7 @@ Structure = Annotated[
 
 
 class Pulses(Keys):
-    """Pulses: lists of one length go together, a single number goes with all."""
+    """Pulses: lists must have equal lengths, a single number applies to all."""
 
     kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
     acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
@@ -263,7 +267,7 @@ class Pulses(Keys):
 
 
 class _Recorded(Keys):
-    """How files of records are read."""
+    """Keys for reading files of records."""
 
     units: Unit | None = key(None, "Unit of the samples, where the file does not say it.", MOTION)
     dt: Positive | None = key(None, "Sampling interval [s], where the file does not say it.", MOTION)
@@ -273,7 +277,7 @@ class _Recorded(Keys):
 
 
 class Record(_Recorded):
-    """The record of a file."""
+    """One record from a file."""
 
     file: str = key(..., "File of a record: .AT2, .V2, text, .npy …", MOTION, "--record")
     vertical: str | None = key(None, "File of the record's vertical component.", MOTION)
@@ -316,7 +320,7 @@ class Synthetic(Keys):
 
 
 class Measures(Keys):
-    """Of `rockjax motions`, which reads no table of its own."""
+    """Options of `rockjax motions`, which has no table."""
 
     periods: Positives = key([0.2, 0.5, 1.0, 2.0], "Periods of Sa(T) [s], separated by commas.", GRID)
     damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
@@ -370,13 +374,13 @@ class _OneMotion(Keys):
 
 
 class Response(_OneMotion):
-    """Of `rockjax response`."""
+    """Table of `rockjax response`."""
 
     t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
 
 
 class _Panels(Keys):
-    """Structures that differ in what stands on them, under one kind of pulse."""
+    """Structures with different superstructures, under one kind of pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
     vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].", MOTION)
@@ -386,7 +390,7 @@ class _Panels(Keys):
 
 
 class Spectrum(_Panels):
-    """Of `rockjax spectrum`; the panels of a structure in a file are its own where nothing else is said."""
+    """Table of `rockjax spectrum`; a structure in the file is the only panel by default."""
 
     acceleration_ratio: Amplitudes = key((1.0, 12.0), "Range of a_p/(g tan α) [–].", GRID, "--acceleration")
     points: Points = key(100, "Points along each axis.", GRID)
@@ -394,7 +398,7 @@ class Spectrum(_Panels):
 
 
 class Overturning(_Panels):
-    """Of `rockjax overturning`."""
+    """Table of `rockjax overturning`."""
 
     max_acceleration_ratio: Positive = key(12.0, "Largest a_p/(g tan α) [–].", GRID, "--max-acceleration")
     points: Points = key(141, "Frequencies.", GRID)
@@ -402,7 +406,7 @@ class Overturning(_Panels):
 
 
 class Fragility(Keys):
-    """Of `rockjax fragility`."""
+    """Table of `rockjax fragility`."""
 
     motions: str | None = key(None, "Which set of motions of the file, where it has several.", MOTION)
     measure: Literal["PGA", "PGV", "Sa", "scale"] = key(
@@ -425,7 +429,7 @@ class Fragility(Keys):
 
 
 class Risk(Keys):
-    """Of `rockjax risk`."""
+    """Table of `rockjax risk`."""
 
     fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or OpenQuake's (.xml).", CURVE)
     structure: str | None = key(None, "Which structure of a model (.xml), where it has several.", CURVE)
@@ -437,7 +441,7 @@ class Risk(Keys):
 
 
 class Span(Keys):
-    """Numbers at equal distances, or at equal ratios."""
+    """Numbers at equal distances or at equal ratios."""
 
     low: Number = Field(alias="from", description="First number.")
     high: Number = Field(alias="to", description="Last number.")
@@ -458,7 +462,7 @@ Axis = Annotated[
 
 
 class Sweep(_OneMotion):
-    """Of `rockjax sweep`; without a number, several motions of a set are an axis."""
+    """Table of `rockjax sweep`; without a number, the motions of a set are an axis."""
 
     outputs: list[str] = key(["peak_rotation"], "Wanted answers: peak_rotation, peak_shear, margin …", GRID)
     chunk: Count | None = key(None, "Scenes in a chunk; by default some seconds of them.", MACHINES)
@@ -466,7 +470,7 @@ class Sweep(_OneMotion):
 
 
 class Problem(Keys):
-    """A problem file: what several commands read, and a table for each of them."""
+    """A problem file: tables for several commands, and one for each command."""
 
     structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
     motions: dict[str, MotionSet] = key({}, "Sets of motions, by names of your own.")
@@ -477,7 +481,7 @@ class Problem(Keys):
     fragility: Fragility = Field(default_factory=Fragility)
     risk: Risk = Field(default_factory=Risk)
     sweep: Sweep = Field(default_factory=Sweep)
-    # Of `rockjax design`, which says more of them: see `optimise`.
+    # Keys of `rockjax design`, whose full models are in `optimise`.
     starts: Count | None = key(None, "Starting points; by default 1.", ACCURACY)
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
     tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")

@@ -1,4 +1,4 @@
-"""Problem files read: tables checked by the models, and the structures, motions and options in them."""
+"""Reading of problem files: check tables by the models, and make structures, motions and options."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def load_table(path: Path) -> dict[str, Any]:
 
 
 class Reader:
-    """Reads the tables of a problem file; every error names the file, the key and what would be right.
+    """Reads the tables of a problem file; every error names the file, the key and the accepted values.
 
-    - `path`: the file, which others are named relative to; None for tables that come from no file
-    - `options`: keys that the command line has set, each with its option, which errors name, and value
+    - `path`: the file, to which other paths are relative; None for tables without a file
+    - `options`: key → (flag, value) of keys that the command line has set; errors name the flag
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -56,7 +56,7 @@ class Reader:
         self.set_by_options = options or {}
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return those of these keys that the command line has set."""
+        """Return the values of these keys that the command line has set."""
         return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
 
     @contextlib.contextmanager
@@ -74,7 +74,7 @@ class Reader:
         raise Reported(f"{self.prefix}{key}: {why}")
 
     def check(self, model: type[K], given: Any) -> K:
-        """Return a table as its model. Raises `ValueError` for the first key that is wrong."""
+        """Return a table as its model. Raises `ValueError` for the first invalid key."""
         try:
             return model.model_validate(given)
         except ValidationError as error:
@@ -85,7 +85,7 @@ class Reader:
         return self.fail(key, why)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
-        """Return the options of a file; `changes` are what it need not give."""
+        """Return the options of a file; `changes` are defaults where the file gives none."""
         chosen: dict[str, Any] = {"throw": False} | changes | given.given()
         with self.at("options"):
             return Options(**chosen)
@@ -95,7 +95,7 @@ class Reader:
         given: models.ByRatios | models.ByDimensions,
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
-        """Return the podium of a table, or what `by_dimensions` makes of one by dimensions."""
+        """Return the podium of a table, or the result of `by_dimensions` for a table by dimensions."""
         numbers = given.given("superstructure")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
@@ -115,7 +115,7 @@ class Reader:
             )
 
     def superstructure(self, given: Any) -> Any:
-        """Return the superstructure of a table, None for none."""
+        """Return the superstructure of a table, or None."""
         if given is None:
             return None
         kinds: dict[type, Callable[..., Any]] = {
@@ -128,7 +128,7 @@ class Reader:
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
     ) -> dict[str, list[AbstractExcitation]]:
-        """Return all sets of motions, to simulate with."""
+        """Return all sets of motions as excitations."""
         return {name: [as_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
 
     def members(
@@ -136,7 +136,8 @@ class Reader:
     ) -> list[Motion | AbstractExcitation]:
         """Return the motions of a set: pulses, and records with their names and sources.
 
-        `podium` is what the ratios of pulses refer to, None where there is none.
+        - `sets`: sets by name; `name`: of the set
+        - `podium`: the structure that ratios of pulses refer to, or None
         """
         found, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
@@ -151,9 +152,9 @@ class Reader:
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
     def named(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
-        """Return the name of a set of motions, for None that of the only one.
+        """Return the name of a set of motions; None stands for the only set.
 
-        Raises `ValueError` where there is none.
+        Raises `ValueError` if there is no such set. `key` is the key in the error.
         """
         if name is None and len(sets) == 1:
             return next(iter(sets))
@@ -176,7 +177,7 @@ class Reader:
         return found.paired() if getattr(entry, "paired", False) else found
 
     def _record(self, path: Path, more: dict[str, Any]) -> Motion:
-        """Return the record of a file, with its vertical one where there is one."""
+        """Return the record of a file, with its vertical component if any."""
         scale, file, component = (
             more.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
@@ -188,10 +189,10 @@ class Reader:
 
 
 def _explained(error: ValidationError, given: Any) -> tuple[str, str, Any]:
-    """Return the key of the first error of a table, what is wrong with it, and what it holds."""
+    """Return the key of the first error of a table, the cause and the value."""
     first = error.errors(include_url=False)[0]
     place, value, why = "", given, first["msg"].removeprefix("Value error, ")
-    for part in first["loc"]:  # those that are no keys name branches of unions
+    for part in first["loc"]:  # other parts name branches of unions
         if isinstance(value, dict) and part in value:
             place, value = f"{place}.{part}".lstrip("."), value[part]
         elif isinstance(value, list) and isinstance(part, int) and part < len(value):
@@ -217,12 +218,12 @@ def entries_of(motions: models.MotionSet) -> list[Any]:
 
 
 def has_pulses(motions: models.MotionSet) -> bool:
-    """Return whether a set of motions has pulses in it."""
+    """Return whether a set of motions contains pulses."""
     return any(isinstance(entry, models.Pulses) for entry in entries_of(motions))
 
 
 def as_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
-    """Return a motion to simulate with."""
+    """Return a motion as an excitation."""
     return member.record() if isinstance(member, Motion) else member
 
 
@@ -240,7 +241,7 @@ def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitat
 
 
 def periods(entry: Any, podium: Podium | None) -> Any:
-    """Return the periods T_p that an entry gives, as such or by ω_p/p of the podium [s]."""
+    """Return the periods T_p of an entry, given directly or by ω_p/p of the podium [s]."""
     if entry.frequency_ratio is None:
         return entry.T_p
     return pulse_period(float(_needed(podium).p), np.asarray(entry.frequency_ratio))

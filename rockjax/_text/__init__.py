@@ -1,1 +1,1 @@
-"""Text that people read and write: tables, headings with units, files of text, cards of objects."""
+"""Text for users: tables, units, text files, cards of objects."""

@@ -17,16 +17,17 @@ from . import tables
 
 
 def readable(module: eqx.Module) -> str:
-    """A structure or motion as the call that makes it, with its numbers; arrays by shape and range."""
+    """Return a structure or motion as the call that makes it; arrays by shape and range."""
     return (
         f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
     )
 
 
 def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
-    """Return a structure, motion or options as a table of HTML: names, values, meanings with their units.
+    """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
-    `headings` are the meanings of properties, which follow the fields, and of fields that are no parameters.
+    `headings` holds the meanings of properties, which follow the fields, and of fields that are no
+    parameters.
     """
     more, rows = dict(headings or {}), []
     for name, value, meaning in _rows(module):
@@ -36,7 +37,7 @@ def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
-    """Names and values, with or without empty tuples."""
+    """Return names and values of fields, with or without empty tuples."""
     fields = [
         (field.name, getattr(module, field.name))
         for field in dataclasses.fields(module)
@@ -46,7 +47,7 @@ def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Return name, value and meaning of every field."""
+    """Yield name, value and meaning of every field."""
     for name, value in _fields(module, empty=True):
         known = _meaning(module, name)
         if isinstance(value, tuple) and not value:
@@ -67,7 +68,7 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
-    """Return the heading of a field in the tables of parameters; nothing for what is no parameter."""
+    """Return the heading of a field in the tables of parameters, empty if it is no parameter."""
     places = (name, f"superstructure.{name}", f"restrainers.{type(module).__name__}.{name}")
     known = (
         table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING

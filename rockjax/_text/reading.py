@@ -1,4 +1,4 @@
-"""Text of files in whatever encoding editors and spreadsheets write."""
+"""Text files in the encodings that editors and spreadsheets write."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import codecs
 import re
 from pathlib import Path
 
-# The longer marks first: that of UTF-32 begins like that of UTF-16.
+# Longer marks first: the mark of UTF-32 begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -32,11 +32,11 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
     """Return the text in the bytes of a file.
 
     - `path`: for errors
-    - `content`: UTF-8, or UTF-16 or UTF-32 with a byte order mark; other bytes are taken for Windows-1252,
-      as in names of stations and places
+    - `content`: UTF-8, or UTF-16 or UTF-32 with a byte order mark; other bytes are read as Windows-1252,
+      which occurs in names of stations and places
     - `utf8_only`: refuse text without a byte order mark that is not UTF-8
 
-    Raises `ValueError` that names the file, the line and the cause for what is not text.
+    Raises `ValueError` that names the file, the line and the cause if the content is not text.
     """
     if content.rstrip().endswith(b"\x1a"):
         content = content.rstrip(b"\x1a \t\r\n")  # the end of a file under CP/M and DOS

@@ -10,7 +10,7 @@ Rows = Sequence[Sequence[str]]
 
 
 def lines(rows: Rows, numbers: bool = False) -> list[str]:
-    """Rows with their columns aligned: to the left, or with `numbers` all but the first to the right."""
+    """Return rows with columns aligned left, or with `numbers` all but the first column right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -22,8 +22,10 @@ def lines(rows: Rows, numbers: bool = False) -> list[str]:
 
 
 def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] = "none") -> str:
-    """Escaped text, with headings in the first row or column; of two cells, an empty second one joins the
-    first."""
+    """Return an HTML table of escaped text, with headings in the first row or column.
+
+    In rows of two cells, an empty second cell joins the first.
+    """
     body = "".join(f"<tr>{_cells(row, k, heads)}</tr>" for k, row in enumerate(rows))
     return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"
 
@@ -42,10 +44,10 @@ _UNITS = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", 
 
 
 def written(unit: str) -> str:
-    """The unit of a dataset as it is shown, "–" for ratios."""
+    """Return the unit of a dataset for display, "–" for ratios."""
     return _UNITS.get(unit, unit)
 
 
 def units(of: str) -> str:
-    """The units of a dataset as they are shown; nothing for ratios."""
+    """Return the unit of a dataset for display, empty for ratios."""
     return "" if of == "1" else written(of)
