@@ -24,8 +24,8 @@ def spectrum(
 
     With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are refined between
     points of the grid; `rockjax overturning` also finds those between two points with the same outcome.
-    Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities, OUTPUT-sensitivity.png.
-    Ctrl-C keeps the solved scenes in OUTPUT.partial.nc; --resume solves the others.
+    Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,
+    OUTPUT-sensitivity.png. Ctrl-C keeps the solved scenes in OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:
