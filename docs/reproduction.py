@@ -315,7 +315,7 @@ def free_rocking() -> str:
 
 TEMPLATE = r"""# Reproduction
 
-Published numbers beside those of rockjax. `python docs/reproduction.py` writes this page; only the references are
+Comparison of published numbers with those of rockjax. `python docs/reproduction.py` writes this page; only the references are
 typed by hand. Tolerances are `rtol=1e-10`, `atol=1e-12`, the method is `dopri8`. Symbols and equation numbers are
 those of the [model](model.md). Where a number of the paper does not follow from the paper's equations, this page
 states it. Nothing in rockjax is tuned to reach it.
@@ -324,7 +324,7 @@ states it. Nothing in rockjax is tuned to reach it.
 
 @summary@
 
-Smaller slips: $p$ is in rad/s, not Hz. The paper gives $\omega_p/p=2.83$ for $T_p=1$ s, its own $p$ gives
+Minor errors: $p$ is in rad/s, not Hz. The paper gives $\omega_p/p=2.83$ for $T_p=1$ s, its own $p$ gives
 @frequency@. "From 10 ($\eta=0$) to 20 ($\eta=1$)" in Section 4 means $\eta/\gamma=1$, since $\gamma+\eta$ counts.
 The damping ratio of the spectra is not given; rockjax takes $\zeta=0.05$ by default.
 
@@ -345,9 +345,9 @@ Eq. (26) lets the top mass keep its horizontal velocity through an impact. Eq. (
 cannot hold. The [model](model.md#impact) derives the restitution that goes with (26). They agree for $\eta=0$.
 
 The test is a stiff superstructure. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
-let go from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
-oscillates against the beam and comes to rest. By then the energy has fallen by the square of an effective velocity
-factor. It is measured halfway to the second impact.
+released from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
+oscillates against the beam and comes to rest. By then the energy has decreased by the square of an effective velocity
+factor, which is measured halfway to the second impact.
 
 @ring_down@
 
@@ -365,7 +365,7 @@ The paper takes $T_s=0$, $\gamma=110$, $R=1.5$ m, $\tan\alpha=0.15$ and a symmet
 @readings@
 
 Its equations do not give its figures. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would, to the digits
-printed. The nearest change of the model that we know is to apply the factor of the equivalent block twice: $p^2$
+printed. The nearest known change of the model is to apply the factor of the equivalent block twice: $p^2$
 times $\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, that is the frame with its $R$ divided by the factor once more. It
 is less close to the figures. But it fits two other remarks of the section better: that for $3<\omega_p/p<4$
 overturning needs about 0.9 g (6 times $g\tan\alpha$) or more, and that it is "essentially impossible"
@@ -373,8 +373,8 @@ above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 time
 
 @spectrum@
 
-By the paper's equations the frame still overturns at $\omega_p/p=5$ and 5.5. Which reading is behind the figures
-cannot be known from the text. rockjax solves the equations as they are.
+By the paper's equations the frame still overturns at $\omega_p/p=5$ and 5.5. The text does not determine which reading
+produced the figures. rockjax solves the equations as printed.
 
 ### Sections 3 to 5, claim by claim
 
@@ -401,11 +401,11 @@ Fig. 4, the two pulses of Eq. (32):
 
 ### Section 3: the specimen of Fig. 5
 
-What the paper says of the specimen: lengths are a sixth of those of a building with 3 m columns, accelerations are kept,
-so times are divided by $\sqrt6$; the ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. What it does not
-say: slenderness, masses, period and damping of the superstructure, and the motion that the table really made, with which
-the model was run. So the curves of Fig. 5 cannot be computed again, and "matches quite well" cannot be checked. The run
-below takes the rest from Section 4 with $\eta/\gamma=5$, which is an assumption: peak rotation of the model at a sixth of
+The paper states for the specimen: lengths are a sixth of those of a building with 3 m columns, accelerations are kept,
+so times are divided by $\sqrt6$; the ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. It does not
+state slenderness, masses, period and damping of the superstructure, and the actual motion of the table, which was the input
+of the model. The curves of Fig. 5 therefore cannot be reproduced, and "matches quite well" cannot be checked. The run
+below takes the other parameters from Section 4 with $\eta/\gamma=5$, which is an assumption: peak rotation of the model at a sixth of
 the size, and of the building itself under the pulse of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
 
 @specimen@
@@ -419,17 +419,17 @@ $e=[1-\tfrac32\sin^2\alpha+3\gamma\cos2\alpha]/(1+3\gamma)$, is Eq. (27) with $\
 
 ## Roots of overturning
 
-Accelerations at which survival and overturning change places. The structure is a solitary block and $g=9.81$ m/s²
+Accelerations at which the outcome changes between survival and overturning. The structure is a solitary block and $g=9.81$ m/s²
 unless said. $B$ and $H$ are half its width and half its height, $e$ is the velocity factor, by default Eq. (27).
 Pulses have $\omega_p=2\pi$ rad/s unless said. Linearised roots are those of a block with the same $p$ and $e$ and a
 slenderness of 1e-4, in units of $\alpha g$; $a_p/g$ follows with the block's own $\alpha$.
 
 @roots@
 
-1. With `overturn_ratio=2`: the reference counts a column that comes back from beyond $\alpha$ as safe.
+1. With `overturn_ratio=2`: the reference counts a column that returns from beyond $\alpha$ as safe.
 2. With the default criterion $\lvert\theta\rvert=\alpha$ the last change comes earlier. Between 2.70385 and 3.43694
-   the column passes $\alpha$ while the ground moves, and comes back.
-3. First, second and last of @count@ changes; $g=9.80665$ m/s². A plain bisection finds one of them, a coarse scan
+   the column passes $\alpha$ while the ground moves, and returns.
+3. First, second and last of @count@ changes; $g=9.80665$ m/s². Plain bisection finds one of them; a coarse scan
    misses bands:
 
 @bands@
