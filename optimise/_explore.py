@@ -286,7 +286,7 @@ class _Grid(NamedTuple):
         """Return the value of a slider: the given one, if the browser has only rounded that."""
         if not self.holds(shown):
             return shown
-        shown = float(f"{shown:.12g}")  # browsers find their places by floating-point arithmetic
+        shown = float(f"{shown:.12g}")  # browsers compute positions in floating point
         return given if abs(shown - given) <= 0.5001 * self.step else shown
 
 
@@ -367,7 +367,7 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     """Return a table of the first and the present peaks."""
 
     def number(peak: rj.Peak, field: str, factor: float) -> str:
-        return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # of modes or stories the largest
+        return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # the largest over modes or stories
 
     known = {name: of for name, of in _ROWS.items() if getattr(first, of[0]) is not None}
     rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in known.items()]

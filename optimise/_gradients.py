@@ -35,12 +35,12 @@ FLAT = 1e-2  # margins with smaller slopes are not scaled up further
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
     """Return the gradient transformation of a method, None for `"sqp"`.
 
-    Raises `ValueError` for anything else, and for a transformation that has to evaluate by itself, as line
+    Raises `ValueError` for anything else, and for transformations that evaluate the objective, as line
     searches do.
     """
     if isinstance(method, str) and method == "sqp":
         return None
-    import optax  # takes long to import
+    import optax  # slow to import
 
     if isinstance(method, str) and method == "adam":
         return optax.adam(0.02)

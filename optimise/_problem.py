@@ -102,7 +102,7 @@ TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "seed": (models.Index, "Seed of the rays."),
     "name": (str, "Name in reports."),
 }
-# Targets: class, the keys that are its first arguments, in their order, and further ones.
+# Targets: class, the keys of its first arguments in order, and further keys.
 TARGETS: dict[str, tuple[type[AbstractTarget], str, str]] = {
     "peak-rotation": (PeakRotation, "limit motions", ""),
     "peak-shear": (PeakShear, "limit motions", ""),

@@ -54,7 +54,7 @@ class AbstractResponses(Module):
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[tuple[str, ...]]  # of `rockjax.Options`
-    until_overturning: ClassVar[bool] = False  # whether it reads peaks that stop there
+    until_overturning: ClassVar[bool] = False  # whether it reads peaks that end at overturning
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -118,14 +118,14 @@ class PeakRotation(AbstractResponseTarget):
 class AbstractPeakLimit(AbstractResponseTarget):
     """Base class of targets on a peak of the superstructure, at most `limit` under every motion.
 
-    Every mode, story or floor has a margin of its own, (limit − peak)/limit. Where the columns overturn, the
+    Every mode, story or floor has its own margin, (limit − peak)/limit. Where the columns overturn, the
     peak until then is no measure: the margin is then at most the overturning margin, which is negative.
     """
 
     limit: Any
     suite: Suite
     name: Name = eqx.field(static=True)
-    words: ClassVar[str]  # what stays at most {}
+    words: ClassVar[str]  # the target in words, with {} for the limit
     until_overturning: ClassVar[bool] = True
 
     def __init__(self, limit, excitations, name: Name = None):

@@ -47,9 +47,9 @@ class Options(Module):
     - `max_steps`: largest number of trial steps of a scene
     - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
       `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`.
-      The scene ends as soon as none of the requested outputs can change; other outputs are not computed (NaN). Impacts are
-      counted completely only if `"impacts"` is requested or the columns overturn. `"errors"` estimates the
-      errors of the peaks by a second solution
+      The scene ends as soon as none of the requested outputs can change; other outputs are not computed
+      (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.
+      `"errors"` estimates the errors of the peaks by a second solution
     - `history`: steps that a history can hold under `jit`; outside jit it grows automatically
     - `throw`: raise an error if a scene does not finish (out of steps, not finite) and values are concrete
 

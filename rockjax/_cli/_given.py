@@ -100,7 +100,7 @@ class Given:
 
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
-        panels = self.command in ("spectrum", "overturning")  # these set what stands on the columns
+        panels = self.command in ("spectrum", "overturning")  # these set the superstructure themselves
         explicit = self.chosen(name for name in _STRUCTURE if not (panels and name in ("T_s", "zeta")))
         if table is None and not any(name in explicit for name in _SIDES):
             left_out = ("T_s", "zeta", "stories") if panels else ()
@@ -173,7 +173,7 @@ class Given:
 
     def podium(self) -> rj.Podium:
         """Return the structure."""
-        given, attributes = self.problem.structure, {}  # of the files of the command
+        given, attributes = self.problem.structure, {}  # attributes for the files of the command
         if isinstance(given, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
             kilograms = {f"{name}_kg": y for name, y in given.given().items() if name in masses}

@@ -96,7 +96,7 @@ class Report:
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
     """Return a decorator that makes a command of a function, with the options of the groups.
 
-    The function takes `report`, options of its own, and optionally `given` (problem file and options) or
+    The function takes `report`, its own options, and optionally `given` (problem file and options) or
     `reader` (options alone). With `jax`, compiled programs are kept between runs.
     """
     options = {name: one for group in groups for name, one in group.items()}

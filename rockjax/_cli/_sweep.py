@@ -69,7 +69,7 @@ def sweep(
 ) -> None:
     """Peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
 
-    The axes are numbers of the structure and of the motion; a set of several motions is an axis of its own.
+    The axes are numbers of the structure and of the motion; a set of several motions is a further axis.
     Writes a zarr store that xarray opens. However a sweep was stopped, the same command continues it:
     chunks in the store are verified and kept.
 

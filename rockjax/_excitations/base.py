@@ -103,7 +103,7 @@ class AbstractExcitation(Module):
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
-        """Return the motion in a form whose compiled programs serve all motions of its kind and length."""
+        """Return the motion in a form whose compiled programs serve its whole kind, for any length."""
         return self
 
     @property

@@ -26,7 +26,7 @@ from .base import AbstractExcitation, AbstractLookahead, Shaking
 PARTS = "horizontal", "vertical"
 MOST_PIECES = 2**31  # pairs of pieces are numbered by one 32-bit integer
 TOUCH = 1e-9  # over the time scale of the motion: shorter excursions above a level are ignored
-CAUTION = 1 - 1e-6  # factor on the horizontal acceleration above which crossings are searched
+CAUTION = 1 - 1e-6  # factor on the level above which the horizontal motion is searched closely
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:

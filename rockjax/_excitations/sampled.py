@@ -161,10 +161,10 @@ class SampledLookahead(AbstractLookahead):
 
     record: AbstractSampled
     threshold: Value | None
-    # ∫|ü_g| dt/dt from sample i on, unscaled; past the end of a filled-up row zero.
+    # ∫|ü_g| dt/dt from sample i on, unscaled; zero past the end of a padded row.
     to_come: Float[Array, "*table n"]
     highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
-    tree: Float[Array, "*table m"] | None  # of |samples|, unscaled, where exceedances are asked for
+    tree: Float[Array, "*table m"] | None  # of |samples|, unscaled; None without a threshold
 
     def _from(self, table: Float[Array, "*table n"], piece: Index) -> Value:
         _, _, count, scale = self.record.sampling
