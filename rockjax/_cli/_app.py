@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 import typer.core
 
-from ._run import COMMAND, INTERRUPTED, NO_ANSWER, WRONG_INPUT, flowing
+from ._context import COMMAND
+from ._run import INTERRUPTED, NO_ANSWER, WRONG_INPUT, flowing
 from ._terminal import terminal
 
 

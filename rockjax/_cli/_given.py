@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rockjax._parameters.table import MOTION, STRUCTURE
 from rockjax._problem import models
 
-from ._run import MASSES
+from ._context import MASSES
 
 if TYPE_CHECKING:
     import rockjax as rj

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax._problem import models
 
+from ._context import MASSES
 from ._given import Given
 from ._options import ONE, PULSE, Output, accuracy, options_of, structure_options
 from ._outputs import outputs
-from ._run import MASSES, Report, command
+from ._run import Report, command
 
 if TYPE_CHECKING:
     import rockjax as rj

@@ -9,20 +9,18 @@ import os
 import time
 import warnings
 from collections.abc import Callable
-from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 import typer
 
+from ._context import COMMAND, MASSES
 from ._options import Example, Json, Option, ProblemFile, Quiet, Verbose
 
 if TYPE_CHECKING:
     import xarray
 
 NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
-COMMAND: ContextVar[str] = ContextVar("command")
-MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")  # of a structure by dimensions, for files
 
 
 class Report:
