@@ -1,0 +1,370 @@
+"""What each piece of machinery buys: `python -m benchmarks.ablation [piece …]`.
+
+Every piece is switched off by itself, in a process of its own, and timed beside a process with all of them: a
+row in one and the same row in the other, in turn, the minimum of several. Programs are compiled anew in each
+process, which gives the CPU seconds of compilation. What a piece buys is the time without it over the time
+with it. Leave the machine alone while this runs.
+
+Writes `benchmarks/results/ablation.json`; `docs/validation/ablation.md` shows its table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from .measure import keep, kept_so_far, show
+
+RUNS = 7
+
+
+# ----------------------------------------------------------------------------------------------------- pieces
+class Piece(NamedTuple):
+    """A piece of machinery."""
+
+    off: Callable[[], None]  # switches it off in this process, before anything is traced
+    modules: tuple[str, ...]  # where it stands
+    rows: tuple[str, ...] = ()  # which rows it can change; none: all
+
+
+def _set(places: str, value: Any) -> None:
+    """Replace names, given as `module:name`, one or several."""
+    import importlib
+
+    for place in places.split():
+        module, name = place.split(":")
+        owner: Any = importlib.import_module(f"rockjax.{module}")
+        assert hasattr(owner, name), place
+        setattr(owner, name, value)
+
+
+def _plans(**changes: Any) -> None:
+    """Make every plan with other entries."""
+    from rockjax._batch import chunk
+    from rockjax._engine import scene, solve
+
+    made = scene.plan_for
+
+    def plan_for(*given, **named):
+        return dataclasses.replace(made(*given, **named), **changes)
+
+    for module in (scene, chunk, solve):
+        if hasattr(module, "plan_for"):
+            module.plan_for = plan_for
+
+
+def _no_certificate() -> None:
+    import jax.numpy as jnp
+
+    no = lambda *given, **named: jnp.zeros((), bool)
+    _set("_engine.step:certificate _engine.contact:certificate _engine.segments:certificate", no)
+
+
+def _no_panels() -> None:
+    _set("_engine.flat:cross_full_contact", lambda scene, plan, state: state)
+    _set("_batch.chunk:crossed", lambda chunk, *given, **named: chunk)
+
+
+def _no_refill() -> None:
+    """Every lane waits until all of them have ended."""
+    _set("_batch.lanes:PATIENCE", 1.0)
+
+
+def _no_barriers() -> None:
+    import importlib
+    import pkgutil
+
+    import rockjax
+    from rockjax._engine.once import once
+
+    for module in pkgutil.walk_packages(rockjax.__path__, "rockjax."):
+        if module.name.endswith("__main__"):
+            continue
+        found = importlib.import_module(module.name)
+        if getattr(found, "once", None) is once:
+            found.once = lambda values: values  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _no_nystrom() -> None:
+    from rockjax._engine import tableaus
+
+    _set("_engine.scene:tableau_for", lambda method, velocities: tableaus.tableau(method))
+
+
+def _no_bits() -> None:
+    import jax.numpy as jnp
+
+    _set("_engine.attempt:inverse_eighth_root", lambda y: y**-0.125)
+    _set("_engine.bouncing:rough_logarithm", jnp.log)
+
+
+def _no_sines() -> None:
+    import jax.numpy as jnp
+
+    for name, plain in (
+        ("sincos", lambda psi: (jnp.sin(psi), jnp.cos(psi))), ("sin", jnp.sin), ("cos", jnp.cos),
+    ):  # fmt: skip
+        for module in (
+            "_sincos",
+            "_engine.model",
+            "_engine.energy",
+            "_engine.segments",
+            "_excitations.wavelets",
+        ):
+            try:
+                _set(f"{module}:{name}", plain)
+            except (AssertionError, ModuleNotFoundError):
+                continue
+
+
+PIECES = {
+    "sample passing": Piece(lambda: _plans(pass_samples=False), ("_engine/samples.py",), ("records",)),
+    "bounce skipping": Piece(lambda: _plans(skip_bounces=False), ("_engine/bouncing.py",)),
+    "certificate": Piece(_no_certificate, ("_engine/settled.py",)),
+    "contact panels": Piece(_no_panels, ("_engine/contact.py",), ("elastic", "boundary", "IDA", "gradient")),
+    "lane refill": Piece(_no_refill, ("_batch/exchange.py",)),
+    "lane sorting": Piece(lambda: _set("_batch.scenes:_order", lambda *_: None), ("_batch/scenes.py",)),
+    "barriers (once)": Piece(_no_barriers, ("_engine/once.py",)),
+    "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
+    "rough roots and logarithms (bits)": Piece(_no_bits, ("_engine/bits.py",)),
+    "own sine and cosine": Piece(_no_sines, ("_sincos.py",)),
+}
+
+
+# ------------------------------------------------------------------------------------------------------- rows
+@functools.cache
+def _suite():
+    from .records import Suite
+
+    return Suite()
+
+
+def _panel(period: float, outputs: tuple[str, ...] | None, points: int = 100) -> Callable[[], Any]:
+    import rockjax as rj
+
+    from .families import Family, family
+    from .measure import options, podium
+
+    name = "rigid" if period == 0 else f"T_s = {period:g} s"
+    pulses = family(name, points)
+    assert isinstance(pulses, Family)
+    how = options(1e-8) if outputs else rj.Options()
+    motions = rj.Ricker(pulses.a_p, pulses.T_p)
+    return lambda: rj.peak_responses(podium(pulses), motions, options=how)
+
+
+def _records(period: float) -> Callable[[], Any]:
+    import numpy as np
+
+    from .families import Family
+    from .measure import options, podium
+
+    structure = podium(Family(period, np.zeros(0), np.zeros(0)))
+    return lambda: _suite().solve(structure, options(1e-8))
+
+
+def _analysis() -> Callable[[], Any]:
+    import numpy as np
+
+    import rockjax as rj
+
+    from .families import Family
+    from .measure import podium
+
+    structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
+    return lambda: rj.incremental_dynamic_analysis(structure, _suite().records, _suite().intensity)
+
+
+def _boundary() -> Callable[[], Any]:
+    import numpy as np
+
+    import rockjax as rj
+
+    from .families import Family
+    from .measure import podium
+
+    structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
+    record = rj.Record(_suite().samples[0], 0.01)
+    return lambda: float(rj.overturning_scale(structure, record))
+
+
+def _peak(differentiate: bool) -> Callable[[], Any]:
+    import jax
+    import numpy as np
+
+    import rockjax as rj
+
+    from .families import Family
+    from .measure import podium
+
+    structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
+    peak = lambda alpha: rj.peak_response(structure.replace(alpha=alpha), rj.Ricker(2.0, 1.0)).peak_rotation
+    function = jax.value_and_grad(peak) if differentiate else peak
+    return lambda: jax.block_until_ready(function(0.15))
+
+
+ROWS: dict[str, Callable[[], Callable[[], Any]]] = {
+    "Fig. 6 rigid, rotation": lambda: _panel(0.0, ("peak_rotation",)),
+    "Fig. 6 elastic, rotation": lambda: _panel(0.5, ("peak_rotation",)),
+    "Fig. 6 rigid, default outputs": lambda: _panel(0.0, None),
+    "Fig. 6 elastic, default outputs": lambda: _panel(0.5, None),
+    "100 rigid pulses": lambda: _panel(0.0, ("peak_rotation",), 10),
+    "484 rigid pulses": lambda: _panel(0.0, ("peak_rotation",), 22),
+    "records 20 × 50 rigid": lambda: _records(0.0),
+    "records 20 × 50 elastic": lambda: _records(0.5),
+    "IDA of 20 records": _analysis,
+    "boundary on a record": _boundary,
+    "peak": lambda: _peak(False),
+    "gradient": lambda: _peak(True),
+}
+
+
+# ---------------------------------------------------------------------------------------------------- workers
+def operations() -> dict[str, int]:
+    """Arithmetic operations of one trial in the compiled program, a scene."""
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+
+    import rockjax as rj
+    from rockjax._engine import scene as scenes
+    from rockjax._engine.scene import prepare
+    from rockjax._engine.step import trial
+    from rockjax._results import REST
+
+    from .families import Family
+    from .measure import podium
+
+    found = {}
+    for name, period in (("rigid", 0.0), ("elastic", 0.5)):
+        structure = podium(Family(period, np.zeros(0), np.zeros(0)))
+        motion, options, lanes = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options(), 64
+        structure = structure.split() if hasattr(structure, "split") else structure
+        plan = scenes.plan_for(structure, options, history=False)
+        scene, state = jax.jit(
+            lambda s=structure, m=motion, o=options, p=plan: prepare(s, m, REST, None, o, p)
+        )()
+        side = jax.tree.map(lambda y: jnp.broadcast_to(y, (lanes, *jnp.shape(y))), state)
+        made = jax.jit(jax.vmap(lambda lane, s=scene, p=plan: trial(s, p, lane)[0])).lower(side).compile()
+        cost: Any = made.cost_analysis()
+        found[f"operations, {name}"] = round(cost["flops"] / lanes)
+    return found
+
+
+def work(piece: str) -> None:
+    """Answer rows from the standard input with seconds: wall time, and CPU time of the first call."""
+    if piece:
+        PIECES[piece].off()
+    made: dict[str, Callable[[], Any]] = {}
+    for line in sys.stdin:
+        name = line.strip()
+        if name == "operations":
+            print(json.dumps(operations()), flush=True)
+            continue
+        first = None
+        if name not in made:
+            made[name] = ROWS[name]()
+            began = time.process_time()
+            made[name]()
+            first = time.process_time() - began
+        began = time.perf_counter()
+        made[name]()
+        print(json.dumps([time.perf_counter() - began, first]), flush=True)
+
+
+class Worker:
+    """A process with a piece switched off, "" for none."""
+
+    def __init__(self, piece: str):
+        self.folder = tempfile.TemporaryDirectory()
+        environment = os.environ | {"ROCKJAX_CACHE_DIR": self.folder.name, "MPLBACKEND": "Agg"}
+        environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.ablation", "--worker", piece],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
+        )  # fmt: skip
+
+    def __call__(self, row: str) -> Any:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        print(row, file=self.process.stdin, flush=True)
+        return json.loads(self.process.stdout.readline())
+
+    def close(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+        self.folder.cleanup()
+
+
+def lines_of(piece: Piece) -> int:
+    from pathlib import Path
+
+    import rockjax
+
+    root = Path(rockjax.__file__).parent
+    return sum(len((root / name).read_text().splitlines()) for name in piece.modules)
+
+
+def ratios(name: str, piece: Piece, whole: Worker) -> dict[str, Any]:
+    """Without the piece over with it: each row, the CPU seconds of first calls, the operations of a trial."""
+    row: dict[str, Any] = {"piece": name, "lines": lines_of(piece)}
+    without = Worker(name)
+    try:
+        counts = whole("operations"), without("operations")
+        row |= {key: counts[1][key] / counts[0][key] for key in counts[0]}
+        for what in ROWS:
+            if piece.rows and not any(word in what for word in piece.rows):
+                continue
+            times, firsts = [math.inf, math.inf], [math.nan, math.nan]
+            for _ in range(RUNS):
+                for k, worker in enumerate((whole, without)):
+                    took, first = worker(what)
+                    times[k] = min(times[k], took)
+                    firsts[k] = FIRSTS.setdefault((what, k and name), first)
+            row |= {what: times[1] / times[0], f"first, {what}": firsts[1] / firsts[0]}
+    finally:
+        without.close()
+    return row
+
+
+FIRSTS: dict[tuple[str, Any], Any] = {}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("pieces", nargs="*")
+    parser.add_argument("--worker")
+    given = parser.parse_args()
+    if given.worker is not None:
+        work(given.worker)
+        return
+    whole = Worker("")
+    rows = {row["piece"]: row for row in kept_so_far("ablation")}
+    try:
+        for name in given.pieces or PIECES:
+            rows[name] = ratios(name, PIECES[name], whole)
+            print(json.dumps(rows[name]), flush=True)
+            keep("ablation", list(rows.values()))
+    finally:
+        whole.close()
+    columns = {
+        key: "" if key == "piece" else "d" if key == "lines" else ".2f" for key in ("piece", "lines", *ROWS)
+    }
+    show(list(rows.values()), columns)
+
+
+if __name__ == "__main__":
+    main()
