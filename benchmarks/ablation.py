@@ -13,19 +13,35 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import importlib
 import json
 import math
 import os
+import pkgutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from .measure import keep, kept_so_far, show
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import rockjax as rj
+from rockjax._batch import chunk
+from rockjax._engine import scene, solve, tableaus
+from rockjax._engine.once import once
+from rockjax._engine.step import trial
+from rockjax._results import REST
+
+from .measure import Family, family, keep, kept_so_far, options, podium, show
+from .records import Suite
 
 RUNS = 7
+LANES = 64
 
 
 # ----------------------------------------------------------------------------------------------------- pieces
@@ -39,8 +55,6 @@ class Piece(NamedTuple):
 
 def _set(places: str, value: Any) -> None:
     """Replace names, given as `module:name`, one or several."""
-    import importlib
-
     for place in places.split():
         module, name = place.split(":")
         owner: Any = importlib.import_module(f"rockjax.{module}")
@@ -50,9 +64,6 @@ def _set(places: str, value: Any) -> None:
 
 def _plans(**changes: Any) -> None:
     """Make every plan with other entries."""
-    from rockjax._batch import chunk
-    from rockjax._engine import scene, solve
-
     made = scene.plan_for
 
     def plan_for(*given, **named):
@@ -60,12 +71,10 @@ def _plans(**changes: Any) -> None:
 
     for module in (scene, chunk, solve):
         if hasattr(module, "plan_for"):
-            module.plan_for = plan_for
+            setattr(module, "plan_for", plan_for)  # noqa: B010
 
 
 def _no_certificate() -> None:
-    import jax.numpy as jnp
-
     no = lambda *given, **named: jnp.zeros((), bool)
     _set("_engine.step:certificate _engine.contact:certificate _engine.segments:certificate", no)
 
@@ -81,13 +90,7 @@ def _no_refill() -> None:
 
 
 def _no_barriers() -> None:
-    import importlib
-    import pkgutil
-
-    import rockjax
-    from rockjax._engine.once import once
-
-    for module in pkgutil.walk_packages(rockjax.__path__, "rockjax."):
+    for module in pkgutil.walk_packages(rj.__path__, "rockjax."):
         if module.name.endswith("__main__"):
             continue
         found = importlib.import_module(module.name)
@@ -96,21 +99,15 @@ def _no_barriers() -> None:
 
 
 def _no_nystrom() -> None:
-    from rockjax._engine import tableaus
-
     _set("_engine.scene:tableau_for", lambda method, velocities: tableaus.tableau(method))
 
 
 def _no_bits() -> None:
-    import jax.numpy as jnp
-
     _set("_engine.attempt:inverse_eighth_root", lambda y: y**-0.125)
     _set("_engine.bouncing:rough_logarithm", jnp.log)
 
 
 def _no_sines() -> None:
-    import jax.numpy as jnp
-
     for name, plain in (
         ("sincos", lambda psi: (jnp.sin(psi), jnp.cos(psi))), ("sin", jnp.sin), ("cos", jnp.cos),
     ):  # fmt: skip
@@ -143,18 +140,11 @@ PIECES = {
 
 # ------------------------------------------------------------------------------------------------------- rows
 @functools.cache
-def _suite():
-    from .records import Suite
-
+def _suite() -> Suite:
     return Suite()
 
 
 def _panel(period: float, outputs: tuple[str, ...] | None, points: int = 100) -> Callable[[], Any]:
-    import rockjax as rj
-
-    from .families import Family, family
-    from .measure import options, podium
-
     name = "rigid" if period == 0 else f"T_s = {period:g} s"
     pulses = family(name, points)
     assert isinstance(pulses, Family)
@@ -164,49 +154,22 @@ def _panel(period: float, outputs: tuple[str, ...] | None, points: int = 100) ->
 
 
 def _records(period: float) -> Callable[[], Any]:
-    import numpy as np
-
-    from .families import Family
-    from .measure import options, podium
-
     structure = podium(Family(period, np.zeros(0), np.zeros(0)))
     return lambda: _suite().solve(structure, options(1e-8))
 
 
 def _analysis() -> Callable[[], Any]:
-    import numpy as np
-
-    import rockjax as rj
-
-    from .families import Family
-    from .measure import podium
-
     structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
     return lambda: rj.incremental_dynamic_analysis(structure, _suite().records, _suite().intensity)
 
 
 def _boundary() -> Callable[[], Any]:
-    import numpy as np
-
-    import rockjax as rj
-
-    from .families import Family
-    from .measure import podium
-
     structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
     record = rj.Record(_suite().samples[0], 0.01)
     return lambda: float(rj.overturning_scale(structure, record))
 
 
 def _peak(differentiate: bool) -> Callable[[], Any]:
-    import jax
-    import numpy as np
-
-    import rockjax as rj
-
-    from .families import Family
-    from .measure import podium
-
     structure = podium(Family(0.5, np.zeros(0), np.zeros(0)))
     peak = lambda alpha: rj.peak_response(structure.replace(alpha=alpha), rj.Ricker(2.0, 1.0)).peak_rotation
     function = jax.value_and_grad(peak) if differentiate else peak
@@ -232,32 +195,19 @@ ROWS: dict[str, Callable[[], Callable[[], Any]]] = {
 # ---------------------------------------------------------------------------------------------------- workers
 def operations() -> dict[str, int]:
     """Arithmetic operations of one trial in the compiled program, a scene."""
-    import jax
-    import jax.numpy as jnp
-    import numpy as np
-
-    import rockjax as rj
-    from rockjax._engine import scene as scenes
-    from rockjax._engine.scene import prepare
-    from rockjax._engine.step import trial
-    from rockjax._results import REST
-
-    from .families import Family
-    from .measure import podium
-
     found = {}
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
-        motion, options, lanes = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options(), 64
+        motion, how = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
         structure = structure.split() if hasattr(structure, "split") else structure
-        plan = scenes.plan_for(structure, options, history=False)
-        scene, state = jax.jit(
-            lambda s=structure, m=motion, o=options, p=plan: prepare(s, m, REST, None, o, p)
-        )()
-        side = jax.tree.map(lambda y: jnp.broadcast_to(y, (lanes, *jnp.shape(y))), state)
-        made = jax.jit(jax.vmap(lambda lane, s=scene, p=plan: trial(s, p, lane)[0])).lower(side).compile()
+        plan = scene.plan_for(structure, how, history=False)
+        start = functools.partial(scene.prepare, structure, motion, REST, None, how, plan)
+        one, state = jax.jit(start)()
+        side = jax.tree.map(lambda y: jnp.broadcast_to(y, (LANES, *jnp.shape(y))), state)
+        step = lambda lane, one=one, plan=plan: trial(one, plan, lane)[0]
+        made = jax.jit(jax.vmap(step)).lower(side).compile()
         cost: Any = made.cost_analysis()
-        found[f"operations, {name}"] = round(cost["flops"] / lanes)
+        found[f"operations, {name}"] = round(cost["flops"] / LANES)
     return found
 
 
@@ -308,11 +258,7 @@ class Worker:
 
 
 def lines_of(piece: Piece) -> int:
-    from pathlib import Path
-
-    import rockjax
-
-    root = Path(rockjax.__file__).parent
+    root = Path(rj.__path__[0])
     return sum(len((root / name).read_text().splitlines()) for name in piece.modules)
 
 
