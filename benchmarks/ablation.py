@@ -5,7 +5,7 @@ row in one and the same row in the other, in turn, the minimum of several. Progr
 process, which gives the CPU seconds of compilation. What a piece buys is the time without it over the time
 with it. Leave the machine alone while this runs.
 
-Writes `benchmarks/results/ablation.json`; `docs/validation/ablation.md` shows its table.
+Writes `benchmarks/results/ablation.json`.
 """
 
 from __future__ import annotations
@@ -76,12 +76,7 @@ def _plans(**changes: Any) -> None:
 
 def _no_certificate() -> None:
     no = lambda *given, **named: jnp.zeros((), bool)
-    _set("_engine.step:certificate _engine.contact:certificate _engine.segments:certificate", no)
-
-
-def _no_panels() -> None:
-    _set("_engine.flat:cross_full_contact", lambda scene, plan, state: state)
-    _set("_batch.chunk:crossed", lambda chunk, *given, **named: chunk)
+    _set("_engine.step:certificate _engine.segments:certificate", no)
 
 
 def _no_refill() -> None:
@@ -100,11 +95,6 @@ def _no_barriers() -> None:
 
 def _no_nystrom() -> None:
     _set("_engine.scene:tableau_for", lambda method, velocities: tableaus.tableau(method))
-
-
-def _no_bits() -> None:
-    _set("_engine.attempt:inverse_eighth_root", lambda y: y**-0.125)
-    _set("_engine.bouncing:rough_logarithm", jnp.log)
 
 
 def _no_sines() -> None:
@@ -128,12 +118,10 @@ PIECES = {
     "sample passing": Piece(lambda: _plans(pass_samples=False), ("_engine/samples.py",), ("records",)),
     "bounce skipping": Piece(lambda: _plans(skip_bounces=False), ("_engine/bouncing.py",)),
     "certificate": Piece(_no_certificate, ("_engine/settled.py",)),
-    "contact panels": Piece(_no_panels, ("_engine/contact.py",), ("elastic", "boundary", "IDA", "gradient")),
     "lane refill": Piece(_no_refill, ("_batch/exchange.py",)),
     "lane sorting": Piece(lambda: _set("_batch.scenes:_order", lambda *_: None), ("_batch/scenes.py",)),
     "barriers (once)": Piece(_no_barriers, ("_engine/once.py",)),
     "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
-    "rough roots and logarithms (bits)": Piece(_no_bits, ("_engine/bits.py",)),
     "own sine and cosine": Piece(_no_sines, ("_sincos.py",)),
 }
 
