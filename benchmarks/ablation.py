@@ -31,8 +31,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax._batch import chunk
-from rockjax._engine import scene, solve, tableaus
+from rockjax import _sincos
+from rockjax._batch import lanes, scenes
+from rockjax._engine import scene, settled, tableaus
 from rockjax._engine.once import once
 from rockjax._engine.step import trial
 from rockjax._results import REST
@@ -53,65 +54,42 @@ class Piece(NamedTuple):
     rows: tuple[str, ...] = ()  # which rows it can change; none: all
 
 
-def _set(places: str, value: Any) -> None:
-    """Replace names, given as `module:name`, one or several."""
-    for place in places.split():
-        module, name = place.split(":")
-        owner: Any = importlib.import_module(f"rockjax.{module}")
-        assert hasattr(owner, name), place
-        setattr(owner, name, value)
+def _replace(original: Any, replacement: Any) -> None:
+    """Replace a function of rockjax in every module that holds it."""
+    found = 0
+    for module in pkgutil.walk_packages(rj.__path__, "rockjax."):
+        if module.name == "rockjax.__main__":
+            continue
+        holder = importlib.import_module(module.name)
+        for name in [name for name, value in vars(holder).items() if value is original]:
+            setattr(holder, name, replacement)
+            found += 1
+    assert found, original
 
 
 def _plans(**changes: Any) -> None:
     """Make every plan with other entries."""
     made = scene.plan_for
-
-    def plan_for(*given, **named):
-        return dataclasses.replace(made(*given, **named), **changes)
-
-    for module in (scene, chunk, solve):
-        if hasattr(module, "plan_for"):
-            setattr(module, "plan_for", plan_for)  # noqa: B010
+    _replace(made, lambda *given, **named: dataclasses.replace(made(*given, **named), **changes))
 
 
 def _no_certificate() -> None:
-    no = lambda *given, **named: jnp.zeros((), bool)
-    _set("_engine.step:certificate _engine.segments:certificate", no)
+    _replace(settled.certificate, lambda *given, **named: jnp.zeros((), bool))
 
 
 def _no_refill() -> None:
-    """Every lane waits until all of them have ended."""
-    _set("_batch.lanes:PATIENCE", 1.0)
-
-
-def _no_barriers() -> None:
-    for module in pkgutil.walk_packages(rj.__path__, "rockjax."):
-        if module.name.endswith("__main__"):
-            continue
-        found = importlib.import_module(module.name)
-        if getattr(found, "once", None) is once:
-            found.once = lambda values: values  # pyright: ignore[reportAttributeAccessIssue]
+    """Let every lane wait until all of them have ended."""
+    lanes.PATIENCE = 1.0
 
 
 def _no_nystrom() -> None:
-    _set("_engine.scene:tableau_for", lambda method, velocities: tableaus.tableau(method))
+    _replace(tableaus.tableau_for, lambda method, velocities: tableaus.tableau(method))
 
 
 def _no_sines() -> None:
-    for name, plain in (
-        ("sincos", lambda psi: (jnp.sin(psi), jnp.cos(psi))), ("sin", jnp.sin), ("cos", jnp.cos),
-    ):  # fmt: skip
-        for module in (
-            "_sincos",
-            "_engine.model",
-            "_engine.energy",
-            "_engine.segments",
-            "_excitations.wavelets",
-        ):
-            try:
-                _set(f"{module}:{name}", plain)
-            except (AssertionError, ModuleNotFoundError):
-                continue
+    _replace(_sincos.sincos, lambda psi: (jnp.sin(psi), jnp.cos(psi)))
+    _replace(_sincos.sin, jnp.sin)
+    _replace(_sincos.cos, jnp.cos)
 
 
 PIECES = {
@@ -119,8 +97,8 @@ PIECES = {
     "bounce skipping": Piece(lambda: _plans(skip_bounces=False), ("_engine/bouncing.py",)),
     "certificate": Piece(_no_certificate, ("_engine/settled.py",)),
     "lane refill": Piece(_no_refill, ("_batch/exchange.py",)),
-    "lane sorting": Piece(lambda: _set("_batch.scenes:_order", lambda *_: None), ("_batch/scenes.py",)),
-    "barriers (once)": Piece(_no_barriers, ("_engine/once.py",)),
+    "lane sorting": Piece(lambda: _replace(scenes._order, lambda *_: None), ("_batch/scenes.py",)),
+    "barriers (once)": Piece(lambda: _replace(once, lambda values: values), ("_engine/once.py",)),
     "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
     "own sine and cosine": Piece(_no_sines, ("_sincos.py",)),
 }
@@ -133,9 +111,7 @@ def _suite() -> Suite:
 
 
 def _panel(period: float, outputs: tuple[str, ...] | None, points: int = 100) -> Callable[[], Any]:
-    name = "rigid" if period == 0 else f"T_s = {period:g} s"
-    pulses = family(name, points)
-    assert isinstance(pulses, Family)
+    pulses = family("rigid" if period == 0 else f"T_s = {period:g} s", points)
     how = options(1e-8) if outputs else rj.Options()
     motions = rj.Ricker(pulses.a_p, pulses.T_p)
     return lambda: rj.peak_responses(podium(pulses), motions, options=how)
@@ -187,7 +163,7 @@ def operations() -> dict[str, int]:
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
         motion, how = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
-        structure = structure.split() if hasattr(structure, "split") else structure
+        structure = structure.split()
         plan = scene.plan_for(structure, how, history=False)
         start = functools.partial(scene.prepare, structure, motion, REST, None, how, plan)
         one, state = jax.jit(start)()

@@ -66,12 +66,6 @@ def optimality(
     return found
 
 
-def unit_step(x: Vector, here: Evaluation, near: Seen) -> Vector:
-    """Return the step (n,) of unit curvature within the bounds: minus the projected gradient if smooth."""
-    step = solve(linear_models(x, here, near), np.eye(len(x)), 1.0, 1.0, -x, 1 - x)
-    return np.clip(x - here.f_slope[0], 0.0, 1.0) - x if step is None else step.d
-
-
 def _optimality(x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float) -> Optimality:
     model = linear_models(x, here, near)
     step = solve(model, np.eye(len(x)), weight, penalty, -x, 1 - x)
