@@ -26,9 +26,9 @@ import xarray
 from scipy.special import ndtri
 
 import rockjax as rj
+from rockjax._lognormal import fit_capacities, fit_counts
 from rockjax._results import code_of
 from rockjax._studies.intervals import Capacities, of_capacities
-from rockjax._studies.lognormal import fit_capacities, fit_counts
 
 from .boundaries import motions, recorded
 from .measure import keep, report

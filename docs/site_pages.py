@@ -14,6 +14,7 @@ from mkdocs.structure.pages import Page
 
 from optimise._problem import ProblemFile
 from rockjax._parameters import table
+from rockjax._units import displayed
 
 ROOT = Path(__file__).parent.parent
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md"}
@@ -36,7 +37,7 @@ def parameters_table() -> str:
         *of_structure.items(),
         *(pair for pair in table.MOTION.items() if pair[0] not in of_structure),
     ]:
-        lines.append(f"| `{name}` | {y.symbol} | {table.written(y.unit)} | {y.range.words} | {y.meaning} |")
+        lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.words} | {y.meaning} |")
     return "\n".join(lines)
 
 

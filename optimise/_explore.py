@@ -21,16 +21,17 @@ from jaxtyping import Array, ArrayLike, Float
 import rockjax as rj
 from rockjax.internal import (
     DIMENSIONS,
+    MM_PER_M,
     PEAKS,
     STRUCTURE,
     AbstractPeak,
     AnyMotion,
     Module,
     as_excitation,
+    displayed,
     of_kind,
     of_motion,
     shown,
-    written,
 )
 
 from ._variables import Structure, as_podium, numbers_as_arrays, parameter, replaced, value_of, variables
@@ -216,9 +217,9 @@ class _Study(Module):
     def now(self, name: str) -> tuple[float, str]:
         """Return the present value of a number and its unit."""
         if name in _moved(self.structure, self.excitation, self.names):
-            return float(getattr(self.excitation, name)), written(of_motion(name).unit)
+            return float(getattr(self.excitation, name)), displayed(of_motion(name).unit)
         value: Any = value_of(self.structure, name)
-        return float(value), written(parameter(self.structure, name).unit)
+        return float(value), displayed(parameter(self.structure, name).unit)
 
 
 class _Answer(Module):
@@ -318,7 +319,7 @@ class _Drawing:
         podium = as_podium(structure)
         rows = [
             (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
-            (lambda a: 1e3 * np.asarray(a.sway), _of_sway(podium), COLOURS[3]),
+            (lambda a: MM_PER_M * np.asarray(a.sway), _of_sway(podium), COLOURS[3]),
             (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
         ]
         if not podium.vibrates:
@@ -356,8 +357,8 @@ _ROWS = {
     "peak rotation [α]": ("peak_rotation", 1.0),
     "overturning margin": ("margin", 1.0),
     "impacts": ("impacts", 1.0),
-    "peak deformation [mm]": ("peak_deformation", 1e3),
-    "peak drift [mm]": ("peak_drift", 1e3),
+    "peak deformation [mm]": ("peak_deformation", MM_PER_M),
+    "peak drift [mm]": ("peak_drift", MM_PER_M),
     "peak floor acceleration [m/s²]": ("peak_floor_acceleration", 1.0),
     "peak shear over weight": ("peak_shear", 1.0),
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, find, of_kind, written
+from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, displayed, find, of_kind
 
 from ._answer import Design, check_design
 
@@ -60,7 +60,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     reached = f"design: {design.objective:.4g}"
     entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
     entry = find(design.minimised) or DIMENSIONS.get(design.minimised)
-    unit = written(entry.unit) if entry else ""
+    unit = displayed(entry.unit) if entry else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)

@@ -21,6 +21,7 @@ from rockjax import internal
 from rockjax.internal import (
     DIMENSIONS,
     ROWS_OF_DIMENSIONS,
+    STANDARD_GRAVITY,
     Module,
     Parameter,
     array_module,
@@ -28,10 +29,10 @@ from rockjax.internal import (
     as_float,
     card,
     clash,
+    displayed,
     find,
     numbered,
     readable,
-    written,
 )
 
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
@@ -72,7 +73,7 @@ class Dimensions(Module):
     damping: Any = 0.05
     lam: Any = 1 / 3
     restitution: Any = "paper"
-    g: Any = 9.80665
+    g: Any = STANDARD_GRAVITY
     tendon_force: Any = 0.0
     tendon_stiffness: Any = 0.0
     damper_coefficient: Any = 0.0
@@ -141,7 +142,7 @@ class Variables(Module):
     @property
     def units(self) -> tuple[str, ...]:
         """The units of the variables, "–" for ratios."""
-        return tuple(written(parameter(self.base, name).unit) for name in self.names)
+        return tuple(displayed(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
         """Return user units from scaled variables; the bounds are met exactly."""

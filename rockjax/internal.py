@@ -6,6 +6,7 @@ from ._boundaries.verdict import NARROWEST
 from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
 from ._excitations.pulses import PULSES
 from ._files import as_json, write_figure, write_whole
+from ._lognormal import fit_capacities
 from ._module import Module
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
 from ._motions.intensity import measured_as
@@ -33,17 +34,19 @@ from ._restrainers.damper import as_exponent
 from ._risk.rays import Rays, factor_of, probability_at, rays_at
 from ._risk.rocking import limit_state
 from ._risk.structure import limit_of, records_of
-from ._studies.lognormal import fit_capacities
 from ._text.cards import card, readable
-from ._text.tables import html, lines, written
+from ._text.tables import html, lines
+from ._units import MM_PER_M, STANDARD_GRAVITY, displayed
 
 __all__ = [
     "BOUNDARY",
     "DIMENSIONS",
+    "MM_PER_M",
     "NARROWEST",
     "PEAKS",
     "PULSES",
     "ROWS_OF_DIMENSIONS",
+    "STANDARD_GRAVITY",
     "STRUCTURE",
     "UNTIL_OVERTURNING",
     "AbstractPeak",
@@ -69,6 +72,7 @@ __all__ = [
     "clash",
     "concrete",
     "describe_options",
+    "displayed",
     "factor_of",
     "find",
     "fit_capacities",
@@ -100,5 +104,4 @@ __all__ = [
     "whole",
     "write_figure",
     "write_whole",
-    "written",
 ]

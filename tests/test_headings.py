@@ -2,7 +2,8 @@
 
 import pytest
 
-from rockjax._motions.headings import parse_heading, unit_of
+from rockjax._motions.headings import parse_heading
+from rockjax._units import unit_of
 
 
 @pytest.mark.parametrize(

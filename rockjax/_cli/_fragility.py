@@ -104,9 +104,9 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.F
     """Fit the curve, report it and write the files."""
     import numpy as np
 
-    from rockjax._text.tables import units
+    from rockjax._units import displayed_or_empty
 
-    name, of = analysis.attrs["measure"], units(analysis["intensity"].attrs["units"])
+    name, of = analysis.attrs["measure"], displayed_or_empty(analysis["intensity"].attrs["units"])
     in_units = f" {of}" if of else ""
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
     count, reached = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())

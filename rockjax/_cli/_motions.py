@@ -65,7 +65,7 @@ def motions(
         return
     to = None if output is None else outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
-    from rockjax._structures import STANDARD_GRAVITY
+    from rockjax._units import STANDARD_GRAVITY
 
     column = reader.chosen(("tan_alpha", "R"))
     if len(column) == 1:
@@ -142,7 +142,7 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
     """Return the row of a motion: name, source, sampling interval, duration and PGA."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
-    from rockjax._structures import STANDARD_GRAVITY
+    from rockjax._units import STANDARD_GRAVITY
 
     if isinstance(member, Motion):
         source: Any = member.metadata.get("format") if member.source is None else member.source

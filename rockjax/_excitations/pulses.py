@@ -19,8 +19,8 @@ from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive, product
 from rockjax._plausibility import doubt
 from rockjax._roots import halved, newton
-from rockjax._structures import STANDARD_GRAVITY
 from rockjax._types import Index, Number, Value
+from rockjax._units import STANDARD_GRAVITY
 
 from .base import AbstractExcitation, AbstractLookahead
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rockjax._checks import as_float, require_finite_samples, single
 from rockjax._plausibility import PlausibilityWarning, doubt
-from rockjax._structures import STANDARD_GRAVITY
+from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY

@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 
 from rockjax._checks import of_kind, refuse_sentinels, shown, single
-from rockjax._motions.headings import unit_of
+from rockjax._units import ACCELERATIONS, RECORD_UNITS, unit_of
 
 from .accelerogram import RAW, Accelerogram
-from .formats import ACCELERATIONS, EVEN, UNITS, parse
+from .formats import EVEN, parse
 
 
 def check_reading(path: Path, units, dt, component) -> None:
     """Raise `ValueError` for invalid arguments of reading.
 
-    - `path`: file; `units`: a key of `UNITS`, or None; `dt`: > 0 [s], or None; `component`: number or name of
-      a channel, or None
+    - `path`: file; `units`: a key of `RECORD_UNITS`, or None; `dt`: > 0 [s], or None; `component`: number or
+      name of a channel, or None
     """
     if not isinstance(component, int | str | None):
         raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
-    if units is not None and units not in UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(UNITS)}, got {shown(units)}")
+    if units is not None and units not in RECORD_UNITS:
+        raise ValueError(f"{path}: units must be one of {', '.join(RECORD_UNITS)}, got {shown(units)}")
     if dt is not None:
         single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
 
@@ -60,13 +60,13 @@ def read(
             else said
         )
         raise ValueError(
-            f"{path}: {said}; give units (on the command line --units): one of {', '.join(UNITS)}"
+            f"{path}: {said}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
         )
     says = found.says_units or f"{path}: its header"
     other = unit_of(found.said)
     if own is None and other is not None:
         raise ValueError(f"{says} gives the unit as {found.said}, which is no unit of acceleration")
-    if own is not None and units is not None and ACCELERATIONS[own] != UNITS[units]:
+    if own is not None and units is not None and ACCELERATIONS[own] != RECORD_UNITS[units]:
         raise ValueError(f"{says} gives the unit as {own}, but units = {units} was given; leave units out")
     values = found.values
     if len(values) < 2:

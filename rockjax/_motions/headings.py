@@ -5,48 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from rockjax._structures import STANDARD_GRAVITY
-
-
-class Unit(NamedTuple):
-    """A unit: the dimension of its quantity, and its size in SI (a year for rates and return periods)."""
-
-    dimension: str
-    factor: float
-
-
-UNITS = {
-    "g": Unit("acceleration", STANDARD_GRAVITY),
-    "m/s2": Unit("acceleration", 1.0),
-    "cm/s2": Unit("acceleration", 1e-2),
-    "gal": Unit("acceleration", 1e-2),
-    "mm/s2": Unit("acceleration", 1e-3),
-    "mg": Unit("acceleration", 1e-3 * STANDARD_GRAVITY),
-    "%g": Unit("acceleration", 1e-2 * STANDARD_GRAVITY),
-    "m/s": Unit("velocity", 1.0),
-    "cm/s": Unit("velocity", 1e-2),
-    "mm/s": Unit("velocity", 1e-3),
-    "m": Unit("displacement", 1.0),
-    "cm": Unit("displacement", 1e-2),
-    "mm": Unit("displacement", 1e-3),
-    "s": Unit("time", 1.0),
-    "ms": Unit("time", 1e-3),
-    "us": Unit("time", 1e-6),
-    "min": Unit("time", 60.0),
-    "1/year": Unit("rate", 1.0),
-    "year": Unit("return period", 1.0),
-    "1": Unit("ratio", 1.0),
-    "%": Unit("ratio", 1e-2),
-    "counts": Unit("counts", 1.0),
-}
-_ALIASES = {
-    "g's": "g", "gs": "g", "gn": "g", "g0": "g", "milli-g": "mg", "gals": "gal",
-    "kine": "cm/s", "msec": "ms", "millis": "ms", "µs": "us", "μs": "us", "usec": "us",
-    "minute": "min", "minutes": "min", "1/yr": "1/year", "1/a": "1/year", "/year": "1/year", "/yr": "1/year",
-    "yr-1": "1/year", "year-1": "1/year", "peryear": "1/year", "peryr": "1/year", "perannum": "1/year",
-    "a": "year", "yr": "year", "yrs": "year", "years": "year", "percent": "%", "-": "1", "–": "1",
-    "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
-}  # fmt: skip
+from rockjax._units import UNITS, unit_of
 
 # The first pattern that matches a heading determines its kind.
 _KINDS = [
@@ -84,7 +43,6 @@ _QUALIFIER = re.compile(
     r"(?:[nsewxyzhv]\d?|n-?s|e-?w|u-?d|up|down|[ns]\d{1,2}[ew]|\d{2,3}|[a-z]{2}[nezxy123])$", re.I
 )
 _SEPARATED = re.compile(r"\s*[,/]\s*|[\s_]+(?:in\s+)?")
-_SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 
 
 class Heading(NamedTuple):
@@ -95,7 +53,7 @@ class Heading(NamedTuple):
       like this regardless of the spelling in the file
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
       period`, `ratio`, `counts`; empty if neither words nor unit determine it
-    - `unit`: a key of `UNITS`; None if the heading has none
+    - `unit`: a key of `rockjax._units.UNITS`; None if the heading has none
     - `years`: investigation time of a probability [years]; None if the heading has none
     """
 
@@ -104,17 +62,6 @@ class Heading(NamedTuple):
     kind: str
     unit: str | None
     years: float | None
-
-
-def unit_of(text: str | None) -> str | None:
-    """Return the key of `UNITS` for a text, in any case and with `^2`, `²`, `**2`, `/s/s` or `s-2`; None for
-    any other text."""
-    plain = re.sub(r"[\s^*·]|\.(?=\D|$)", "", (text or "").strip(" []()").translate(_SUPERSCRIPTS)).casefold()
-    plain = re.sub(r"milliseconds?", "ms", plain)
-    plain = re.sub(r"seconds?|secs?(?![a-z])", "s", plain).replace("/s/s", "/s2")
-    plain = re.sub(r"^(m|cm|mm)s-([12])$", r"\1/s\2", plain).replace("/s1", "/s")
-    plain = _ALIASES.get(plain, plain)
-    return plain if plain in UNITS else None
 
 
 def parse_heading(where: str, text: str) -> Heading:

@@ -14,7 +14,8 @@ import numpy as np
 
 from rockjax._checks import as_float, of_kind, single
 from rockjax._files import CONVENTIONS
-from rockjax._structures import STANDARD_GRAVITY, Podium, g_tan_alpha
+from rockjax._structures import Podium, g_tan_alpha
+from rockjax._units import STANDARD_GRAVITY
 
 from .accelerogram import Accelerogram
 

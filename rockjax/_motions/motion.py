@@ -17,8 +17,9 @@ import numpy as np
 from rockjax._checks import shown, single
 from rockjax._excitations.ground import GroundMotion
 from rockjax._files import write_whole
-from rockjax._structures import STANDARD_GRAVITY, Podium
+from rockjax._structures import Podium
 from rockjax._text import tables
+from rockjax._units import STANDARD_GRAVITY
 
 from .accelerogram import Accelerogram
 from .intensity import energy, intensity_measures, measured

@@ -17,6 +17,7 @@ from rockjax._checks import as_float, concrete, of_kind, single, texts
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import KeptProgram
 from rockjax._text.reading import read_text
+from rockjax._units import DEGREE, UNITS
 
 from .convert import AnyMotion, as_motions
 from .motion import Motion
@@ -52,7 +53,7 @@ def read_pulses(path: str | Path) -> PulseTable:
     if not rows:
         raise ValueError(f"{path}: holds no pulses; columns are {', '.join(COLUMNS)}")
     heads = {head.strip() for head in rows[0] if head}
-    other = {"A": ("A_cm_s", 0.01), "nu": ("nu_deg", math.pi / 180)}
+    other = {"A": ("A_cm_s", UNITS["cm/s"].factor), "nu": ("nu_deg", DEGREE)}
     values = {}
     for name in COLUMNS:
         found, factor = (name, 1.0) if name in heads else other.get(name, (name, 1.0))

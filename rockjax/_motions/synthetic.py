@@ -21,7 +21,7 @@ import numpy as np
 from rockjax._checks import of_kind, shown, single, whole
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._machine.memory import require_memory
-from rockjax._structures import STANDARD_GRAVITY
+from rockjax._units import STANDARD_GRAVITY
 
 from .motion import Motion, Motions
 

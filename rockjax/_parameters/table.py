@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from rockjax._text.tables import written
+from rockjax._units import displayed
 
 
 class Range(NamedTuple):
@@ -73,7 +73,7 @@ class Parameter(NamedTuple):
     def heading(self) -> str:
         """Meaning, symbol and unit in words."""
         symbol = f"{self.symbol} = {self.formula}" if self.formula else self.symbol
-        return f"{self.meaning[:1].upper()}{self.meaning[1:]} {symbol} [{written(self.unit)}]"
+        return f"{self.meaning[:1].upper()}{self.meaning[1:]} {symbol} [{displayed(self.unit)}]"
 
     @property
     def about(self) -> dict[str, str]:

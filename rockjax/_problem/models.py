@@ -27,6 +27,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from rockjax._parameters import table
+from rockjax._units import RecordUnit
 
 STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
 STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Machines"
@@ -98,7 +99,6 @@ Frequencies = Annotated[Ends, that(lambda y: 0 < y[0] < y[1]), in_words(f"{_ENDS
 Amplitudes = Annotated[Ends, that(lambda y: 0 <= y[0] < y[1]), in_words(f"{_ENDS} 0 <= lowest < highest")]
 Levels = Annotated[Ends, that(lambda y: 0 < y[0] <= y[1]), in_words(f"{_ENDS} 0 < lowest <= highest")]
 PulseName = Literal["ricker", "antisymmetric-ricker", "one-sine", "one-cosine", "half-sine"]
-Unit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 
 
 class Keys(BaseModel):
@@ -269,7 +269,7 @@ class Pulses(Keys):
 class _Recorded(Keys):
     """Keys for reading files of records."""
 
-    units: Unit | None = key(None, "Unit of the samples, where the file does not say it.", MOTION)
+    units: RecordUnit | None = key(None, "Unit of the samples, where the file does not say it.", MOTION)
     dt: Positive | None = key(None, "Sampling interval [s], where the file does not say it.", MOTION)
     component: Label | None = key(None, "Number or name of the channel, where there are several.", MOTION)
     scale: Number | None = key(None, "Factor on the record [–]; 1 where not given.", MOTION)

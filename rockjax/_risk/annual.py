@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
+from rockjax._lognormal import Lognormal
 from rockjax._programs.program import KeptProgram
-from rockjax._studies.lognormal import Lognormal
 
 from . import integral
 from .hazard import Hazard

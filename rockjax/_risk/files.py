@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockjax._files import write_whole
-from rockjax._motions.headings import UNITS, Heading, parse_heading, unit_of
-from rockjax._structures import STANDARD_GRAVITY
+from rockjax._motions.headings import Heading, parse_heading
 from rockjax._text.reading import read_text
-
-from .units import KNOWN, in_si
+from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of
 
 if TYPE_CHECKING:
     import xarray
@@ -140,7 +138,7 @@ def _si(path: str | Path, heading: Heading) -> tuple[float, str]:
     if found is None:
         raise ValueError(
             f"{path}: heading {heading.text.strip()!r}: {heading.unit!r} is no unit of an intensity; "
-            f"known are {', '.join(KNOWN)}"
+            f"known are {', '.join(INTENSITY_UNITS)}"
         )
     return found
 
@@ -158,7 +156,7 @@ def _rates(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return intensities and annual rates, from a table (n, 2) and the heading of its second column."""
     quoted = f"{path}: heading {heading.text.strip()!r}"
-    x, values = table[:, 0], table[:, 1] * (1e-2 if heading.unit == "%" else 1.0)
+    x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
         if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
             raise ValueError(f"{quoted}: rates must be annual; 'annual_rate' says so")
@@ -233,7 +231,7 @@ def _imt(measure: str) -> tuple[str, float]:
     if measure == "PGA":
         return "PGA", STANDARD_GRAVITY
     if measure == "PGV":
-        return "PGV", 0.01
+        return "PGV", UNITS["cm/s"].factor
     period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
     if period is None:
         raise ValueError(

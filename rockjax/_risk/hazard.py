@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
 from rockjax._module import Module
+from rockjax._units import INTENSITY_UNITS, in_si
 
 from .integral import log_rate_at
-from .units import KNOWN, in_si
 
 if TYPE_CHECKING:
     import xarray
@@ -84,7 +84,9 @@ class Hazard(Module):
         """Return the curve with its intensity in SI units, as the fragilities of rockjax have them."""
         found = in_si(self.units)
         if found is None:
-            raise ValueError(f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(KNOWN)}")
+            raise ValueError(
+                f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(INTENSITY_UNITS)}"
+            )
         factor, units = found
         return Hazard(self.intensity * factor, self.annual_rate, measure=self.measure, units=units)
 

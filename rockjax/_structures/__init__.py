@@ -1,7 +1,9 @@
 """Structures: the column, the podium, its superstructure and its laws of restitution."""
 
+from rockjax._units import STANDARD_GRAVITY
+
 from .building import ShearBuilding, superstructure_of
-from .column import STANDARD_GRAVITY, column_of, g_tan_alpha
+from .column import column_of, g_tan_alpha
 from .modes import Modes
 from .podium import Podium
 from .restitution import GivenRestitution

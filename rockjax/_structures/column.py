@@ -9,7 +9,6 @@ from rockjax._checks import array_module, concrete
 from rockjax._plausibility import doubt
 from rockjax._types import Number
 
-STANDARD_GRAVITY = 9.80665
 LARGEST_R = 100.0  # m, beyond any plausible column
 DENSITIES = 300.0, 8000.0  # kg/m³, from light timber or a hollow section to steel
 

@@ -38,9 +38,10 @@ from rockjax._restrainers.together import (
 )
 from rockjax._text.cards import card, readable
 from rockjax._types import Number
+from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding
-from .column import STANDARD_GRAVITY, column_of, doubt_column, g_tan_alpha
+from .column import column_of, doubt_column, g_tan_alpha
 from .restitution import Restitution, as_restitution
 from .superstructures import (
     AbstractSuperstructure,

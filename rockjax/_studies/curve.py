@@ -11,10 +11,10 @@ import numpy as np
 from scipy.special import ndtr
 
 from rockjax._checks import require
+from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import KeptProgram
 
 from .intervals import Capacities, of_capacities, of_each_left_out
-from .lognormal import Lognormal, fit_capacities, fit_counts
 
 if TYPE_CHECKING:
     import xarray

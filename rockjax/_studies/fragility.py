@@ -17,6 +17,7 @@ from rockjax._boundaries.crossings import scan, scanned_soon
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.verdict import NARROWEST
 from rockjax._checks import as_float, of_kind, require, texts
+from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import AnyMotions, as_records
@@ -29,7 +30,6 @@ from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium
 
-from .lognormal import Lognormal, fit_capacities
 from .spectra import numbered
 
 if TYPE_CHECKING:

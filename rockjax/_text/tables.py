@@ -38,16 +38,3 @@ def _cells(row: Sequence[str], k: int, heads: str) -> str:
         tag = "th" if (heads == "row" and k == 0) or (heads == "column" and j == 0) else "td"
         found.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
     return "".join(found)
-
-
-_UNITS = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
-
-
-def written(unit: str) -> str:
-    """Return the unit of a dataset for display, "–" for ratios."""
-    return _UNITS.get(unit, unit)
-
-
-def units(of: str) -> str:
-    """Return the unit of a dataset for display, empty for ratios."""
-    return "" if of == "1" else written(of)

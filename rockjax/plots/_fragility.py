@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from rockjax._text.tables import units
+from rockjax._units import displayed, displayed_or_empty
 
 from ._style import COLOURS, on_axes
 
@@ -27,7 +27,7 @@ BAND = 0.2  # opacity
 
 
 def _label(name: str, of: str) -> str:
-    return f"{name} [{units(of) or '–'}]"
+    return f"{name} [{displayed(of)}]"
 
 
 @on_axes
@@ -83,7 +83,7 @@ def fragility(
     assert ax is not None
     x = dataset["at"].values
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
-    in_units = f"{median:.3g} {units(dataset['at'].attrs['units'])}".rstrip()
+    in_units = f"{median:.3g} {displayed_or_empty(dataset['at'].attrs['units'])}".rstrip()
     fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
     name = fit if label is None else f"{label}: {fit}"
     if "lower" in dataset:

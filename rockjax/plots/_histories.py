@@ -22,6 +22,7 @@ from rockjax._engine.energy import potential, potential_slope, spin_with_inerter
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 from rockjax._structures import Podium, Rigid
+from rockjax._units import MM_PER_M
 
 from ._style import COLOURS, ROTATION, look, on_axes, styled
 
@@ -129,9 +130,9 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
     name = "drift" if "drift" in data else "deformation"
     if data[name].ndim > 1:
         what = "story" if name == "drift" else "mode"
-        _several(data, data[name].values * 1e3, what, f"{name} [mm]", ax)
+        _several(data, data[name].values * MM_PER_M, what, f"{name} [mm]", ax)
         return ax
-    return _line(data, data["deformation"].values * 1e3, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
+    return _line(data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
 
 
 @on_axes

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rockjax._responses.simulate import simulate
-from rockjax._text.tables import units as written
+from rockjax._units import displayed
 
 from ._histories import response
 from ._style import COLOURS, label_log_x, plt, styled
@@ -44,14 +44,14 @@ def risk(dataset: xarray.Dataset) -> Figure:
     axes[1].set(ylabel="probability of\noverturning F [–]", ylim=(-0.02, 1.02))
     median, dispersion = dataset.attrs["median"], dataset.attrs["dispersion"]
     unit = dataset["intensity"].attrs["units"]
-    axes[1].set_title(rf"median {median:.3g} {_written(unit)}, $\beta$ = {dispersion:.2g}", loc="left")
+    axes[1].set_title(rf"median {median:.3g} {displayed(unit)}, $\beta$ = {dispersion:.2g}", loc="left")
     axes[2].fill_between(x, density, color=COLOURS[1], alpha=0.3, lw=0)
     axes[2].semilogx(x, density, color=COLOURS[1])
     axes[2].set(ylabel="contribution per unit\nof ln(intensity) [–]", ylim=(0, None))
     frequency = dataset.attrs["frequency_per_year"]
     years = float(f"{1 / frequency:.3g}")
     axes[2].set_title(rf"$\lambda_f$ = {frequency:.3g} per year, once in {years:g} years", loc="left")
-    axes[2].set(xlabel=f"{dataset.attrs['measure']} [{_written(unit)}]", xlim=(0.5 * low, 2 * high))
+    axes[2].set(xlabel=f"{dataset.attrs['measure']} [{displayed(unit)}]", xlim=(0.5 * low, 2 * high))
     label_log_x(axes[2])
     for ax in axes:
         ax.grid(alpha=0.3, which="both")
@@ -69,7 +69,3 @@ def design_point(point: DesignPoint, podium: Podium) -> Figure:
     edge = "" if point.smooth else ", at an edge of the limit state"
     figure.suptitle(rf"Design point: $\beta$ = {point.beta:.2f}, {impacts}{edge}")
     return figure
-
-
-def _written(units: str) -> str:
-    return written(units) or "–"

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.peak import UNTIL_OVERTURNING
 from rockjax._responses.response import Response
+from rockjax._units import MM_PER_M
 
 from ._histories import as_history
 from ._style import look, styled
@@ -65,7 +66,7 @@ def _over_height(
     known = building.heights is not None
     heights = np.asarray(building.heights) if known else np.ones(drifts.size)
     levels = np.append(0.0, np.cumsum(heights))
-    values = drifts / heights * 100 if known else drifts * 1e3
+    values = drifts / heights * 100 if known else drifts * MM_PER_M
     left.stairs(values, levels, orientation="horizontal", baseline=None, label=label, lw=1.5, **style)
     g = data.attrs["g_m_s2"]
     right.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)

@@ -9,7 +9,7 @@ import scipy.stats
 import xarray
 
 import rockjax as rj
-from rockjax._studies import lognormal as _lognormal
+from rockjax import _lognormal
 from rockjax._studies.curve import FEW
 from rockjax._studies.fragility import ENSEMBLE
 from rockjax._studies.intervals import Capacities, of_capacities

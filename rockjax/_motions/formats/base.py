@@ -15,12 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockjax._motions.components import is_vertical, points_down
-from rockjax._motions.headings import UNITS as ALL_UNITS
-from rockjax._motions.headings import unit_of
+from rockjax._units import ACCELERATIONS, unit_of
 
-# Units in m/s²: those that users may give, and all that headers may contain.
-UNITS = {name: ALL_UNITS[name].factor for name in ("g", "m/s2", "cm/s2", "gal", "mm/s2")}
-ACCELERATIONS = {name: each.factor for name, each in ALL_UNITS.items() if each.dimension == "acceleration"}
 EVEN = 1e-3  # share of a step by which the rounded times of a file may be off
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from rockjax._units import UNITS
+
 from .base import DATE, Component, Format, Samples, choose, corners, first_match, fixed_width, unit
 
 _COSMOS = re.compile(
@@ -61,8 +63,8 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
         **corners(band),
     }
     values = fixed_width(path, lines, k + 1, int(match[1]), lines[k])
-    dt = float(header[61]) * 1e-3
-    says_dt = f"{path}:{r + 1}: real-header value 62 is {1e3 * dt:g} ms"
+    dt = float(header[61]) * UNITS["ms"].factor
+    says_dt = f"{path}:{r + 1}: real-header value 62 is {header[61]:g} ms"
     return Samples(values, dt, unit(match[2]), metadata, match[2], says_dt)
 
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockjax._motions.headings import UNITS, Heading, parse_heading, unit_of
+from rockjax._motions.headings import Heading, parse_heading
+from rockjax._units import UNITS, unit_of
 
 from .base import EVEN, Component, Format, Samples, alone, choose, first_line, number, raw, short, unit
 
