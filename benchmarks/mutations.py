@@ -46,8 +46,8 @@ HARMLESS: dict[tuple[str, str, str], str] = {
     ("_engine/coefficients.py", "finfo", "64 → 70.4"): "rounding that is allowed to the threshold",
     ("_engine/settled.py", "vertical = 0.0", "0.0 → 0.1"): "stands for none, and is not looked at",
     ("_engine/settled.py", "base = 0.0", "0.0 → 0.1"): "stands for none, and is not looked at",
-    ("_restrainers/together.py", "0.5 * (low + top)", "0.5 → 0.55"): "where the search begins",
-    ("_restrainers/together.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only its type counts",
+    ("_restrainers/combined.py", "0.5 * (low + top)", "0.5 → 0.55"): "where the search begins",
+    ("_restrainers/combined.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only its type counts",
     ("_engine/settled.py", "contact, 0.0), swing)", "0.0 → 0.1"): "counts in full contact only",
 }
 STAGES = (

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax.internal import (
-    NARROWEST,
+    DEFAULT_WIDTH,
     AnyMotions,
     as_motions,
     fit_capacities,
@@ -60,7 +60,7 @@ class AnnualFrequency(AbstractScaleTarget):
         suite: AnyMotions | FreshSamples,
         *,
         max_intensity=None,
-        width: float = NARROWEST,
+        width: float = DEFAULT_WIDTH,
         name: Name = None,
     ):
         owner = type(self).__name__

@@ -90,7 +90,7 @@ def design_chart(
         counts = np.sum(np.isfinite(places), axis=1)
         rows.append(places)
         # Survival at the upper end, from that at the lower one and the number of changes.
-        at_last = found.survives_at_once ^ (counts % 2 == 1)
+        at_last = found.starts_surviving ^ (counts % 2 == 1)
         last = np.where(counts > 0, places[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
         least.append(np.where(at_last, last, np.nan))
         cost.append(found.scenes)

@@ -16,7 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import NARROWEST, Module, concrete, fit_capacities
+from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
 
 from ._suite import Margins, Suite
 
@@ -254,7 +254,7 @@ class OverturningAcceleration(AbstractTarget):
         *,
         ratio: bool = False,
         max_acceleration_ratio: float = 12.0,
-        width: float = NARROWEST,
+        width: float = DEFAULT_WIDTH,
         name: Name = None,
     ):
         check_limit("OverturningAcceleration", "width", width, below=0.1)
@@ -378,7 +378,9 @@ class OverturningScale(AbstractScaleTarget):
     suite: Suite
     name: Name = eqx.field(static=True)
 
-    def __init__(self, at_least, excitations, *, max_scale=None, width: float = NARROWEST, name: Name = None):
+    def __init__(
+        self, at_least, excitations, *, max_scale=None, width: float = DEFAULT_WIDTH, name: Name = None
+    ):
         self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale, width)
         self.width = float(width)
         self.suite, self.name = Suite.of(excitations, type(self).__name__), name
@@ -410,7 +412,7 @@ class MedianCapacity(AbstractScaleTarget):
     name: Name = eqx.field(static=True)
     averages: ClassVar[bool] = True
 
-    def __init__(self, at_least, suite, *, max_scale=None, width: float = NARROWEST, name: Name = None):
+    def __init__(self, at_least, suite, *, max_scale=None, width: float = DEFAULT_WIDTH, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
         self.width = float(width)
         self.suite, self.name = Suite.of(suite, type(self).__name__, "suite"), name

@@ -30,7 +30,6 @@ from ._motions.record import Record as Record
 from ._motions.records import Records as Records
 from ._motions.synthetic import synthetic_motions as synthetic_motions
 from ._options import Options as Options
-from ._plausibility import PlausibilityWarning as PlausibilityWarning
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
@@ -79,5 +78,6 @@ from ._sweep.grid import Grid as Grid
 from ._sweep.grid import grid as grid
 from ._sweep.sweep import SweepPlan as SweepPlan
 from ._sweep.sweep import sweep as sweep
+from ._unit_warnings import PlausibilityWarning as PlausibilityWarning
 
 __version__: str

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from rockjax._checks import array_module
 
-NARROWEST = 1e-4  # least dispersion that counts as a fit
+MIN_DISPERSION = 1e-4  # least dispersion that counts as a fit
 # Greatest dispersion that counts as a fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 WIDEST = 3.0
 LEAST_RISE = 1e-9  # least rise of the shares over the levels that is not rounding
@@ -56,7 +56,7 @@ def fit_capacities(
     total = jnp.sum(w_known)
     mean = jnp.sum(w_known * log) / total
     spread = jnp.sqrt(jnp.sum(w_known * (log - mean) ** 2) / total)
-    fits = spread > NARROWEST
+    fits = spread > MIN_DISPERSION
 
     def loss(y, data):
         log, w = data

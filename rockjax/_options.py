@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import equinox as eqx
 
-from rockjax._module import Module
+from rockjax._tree import Module
 
 from ._checks import require, texts
 from ._text.cards import card

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from rockjax._module import Module
+from rockjax._tree import Module
 
 from ._checks import as_number
 

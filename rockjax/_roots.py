@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-MOST = 64  # greatest number of divisions of a bracket
-FIRST = 0.02  # half the distance of the first two places beside the root of a straight line [bracket]
-SAFE = 3.0  # places beside that root are this many times its last error away
-TRUSTED = 0.03  # brackets whose places would be farther from the root are divided evenly
+MAX_ROUNDS = 64  # greatest number of divisions of a bracket
+FIRST_OFFSET = 0.02  # half the distance of the first two places beside the root of a straight line [bracket]
+OFFSET_FACTOR = 3.0  # places beside that root are this many times its last error away
+MAX_OFFSET = 0.03  # brackets whose places would be farther from the root are divided evenly
 
 
-def halved(is_positive: Callable[[Any], Any], positive, negative, count: int, xp: Any = np):
+def bisect(is_positive: Callable[[Any], Any], positive, negative, count: int, xp: Any = np):
     """Return the ends of brackets after `count` halvings: (positive, negative).
 
     - `is_positive`: places → whether the function is > 0 there
@@ -56,15 +56,15 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
         value, slope = jax.jvp(f, (place,), (jnp.ones_like(place),))
         positive = jnp.where(value > 0, place, positive)
         negative = jnp.where(value > 0, negative, place)
-        onward = place - value / jnp.where(slope == 0, jnp.inf, slope)
-        inside = (slope != 0) & ((onward - positive) * (onward - negative) <= 0)
-        return positive, negative, jnp.where(inside, onward, 0.5 * (positive + negative)), slope
+        next_point = place - value / jnp.where(slope == 0, jnp.inf, slope)
+        inside = (slope != 0) & ((next_point - positive) * (next_point - negative) <= 0)
+        return positive, negative, jnp.where(inside, next_point, 0.5 * (positive + negative)), slope
 
     middle = 0.5 * (positive + negative)
     return jax.lax.fori_loop(0, count, step, (positive, negative, middle, middle))
 
 
-def beside_line(at_a, at_b, even: int, offsets, xp: Any = np):
+def points_near_root(at_a, at_b, even: int, offsets, xp: Any = np):
     """Return places inside brackets, as shares of the bracket from a to b, ascending: (n, even + 2·offsets).
 
     - `at_a`, `at_b`: values at the ends, of different signs, (n,)
@@ -74,11 +74,11 @@ def beside_line(at_a, at_b, even: int, offsets, xp: Any = np):
     """
     drop = xp.where(at_a == at_b, 1.0, at_a - at_b)
     root = (at_a / drop)[..., None]
-    spaced = xp.broadcast_to(_evenly(even), (*at_a.shape, even))
+    spaced = xp.broadcast_to(_even_fractions(even), (*at_a.shape, even))
     return xp.sort(xp.clip(xp.concatenate([spaced, root - offsets, root + offsets], axis=-1), 0, 1), axis=-1)
 
 
-def _evenly(count: int) -> np.ndarray:
+def _even_fractions(count: int) -> np.ndarray:
     return np.arange(1, count + 1) / (count + 1)
 
 
@@ -93,7 +93,7 @@ class Brackets(NamedTuple):
     more_at_b: np.ndarray
 
 
-def narrowed(
+def narrow_brackets(
     brackets: Brackets,
     evaluate: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
     close: float,
@@ -112,8 +112,8 @@ def narrowed(
     - `lanes`: number of places that are evaluated side by side
     """
     a, b, at_a, at_b, more_at_b = brackets = Brackets(*map(np.array, brackets))
-    offset = np.full(a.size, FIRST)
-    for _ in range(MOST):
+    offset = np.full(a.size, FIRST_OFFSET)
+    for _ in range(MAX_ROUNDS):
         size = np.maximum(np.abs(a), np.abs(b))
         wide = np.flatnonzero(np.abs(b - a) > close * size)
         if wide.size == 0:
@@ -122,20 +122,22 @@ def narrowed(
         pairs = max(1, 3 * count // 8)
         least = 0.4 * close * size[wide] / np.abs(length)
         offsets = offset[wide, None] * 10.0 ** (np.arange(pairs) - pairs // 2)
-        part = beside_line(at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, least[:, None]))
-        part = np.where(offset[wide, None] <= TRUSTED, part, _evenly(count))
+        part = points_near_root(
+            at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, least[:, None])
+        )
+        part = np.where(offset[wide, None] <= MAX_OFFSET, part, _even_fractions(count))
         places = start[:, None] + length[:, None] * part
         values, more = evaluate(wide, places)
         row, first = np.arange(wide.size), np.argmax(np.append(values, at_b[wide, None], axis=1) <= 0, axis=1)
-        root = _straight(*(y[wide] for y in brackets[:4]))
+        root = _secant_root(*(y[wide] for y in brackets[:4]))
         for ends, inside in ((a, places), (at_a, np.nan_to_num(values, nan=1.0))):
             ends[wide] = np.append(ends[wide, None], inside, axis=1)[row, first]
         for ends, inside in ((b, places), (at_b, values), (more_at_b, more)):
             ends[wide] = np.append(inside, ends[wide, None], axis=1)[row, first]
-        error = np.abs(_straight(*(y[wide] for y in brackets[:4])) - root)
-        offset[wide] = SAFE * error * np.abs((b - a)[wide]) / length**2
+        error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
+        offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2
     return brackets
 
 
-def _straight(a, b, at_a, at_b):
+def _secant_root(a, b, at_a, at_b):
     return a + (b - a) * at_a / (at_a - at_b)

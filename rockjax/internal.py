@@ -2,12 +2,11 @@
 
 from ._boundaries.boundary import BOUNDARY
 from ._boundaries.crossings import scan
-from ._boundaries.verdict import NARROWEST
+from ._boundaries.margin import DEFAULT_WIDTH
 from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
 from ._excitations.pulses import PULSES
 from ._files import as_json, write_figure, write_whole
 from ._lognormal import fit_capacities
-from ._module import Module
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
 from ._motions.intensity import measured_as
 from ._options import PEAKS
@@ -36,13 +35,14 @@ from ._risk.rocking import limit_state
 from ._risk.structure import limit_of, records_of
 from ._text.cards import card, readable
 from ._text.tables import html, lines
+from ._tree import Module
 from ._units import MM_PER_M, STANDARD_GRAVITY, displayed
 
 __all__ = [
     "BOUNDARY",
+    "DEFAULT_WIDTH",
     "DIMENSIONS",
     "MM_PER_M",
-    "NARROWEST",
     "PEAKS",
     "PULSES",
     "ROWS_OF_DIMENSIONS",

@@ -14,7 +14,7 @@ import xarray
 
 import rockjax as rj
 from rockjax._batch import batch as _batch
-from rockjax._cli import partial
+from rockjax._cli import _checkpoint
 from rockjax._files import write_whole
 
 from .scenes import PODIUMS
@@ -156,8 +156,8 @@ def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
         lambda: rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=StopsAfter(200))
     )
     assert "scenes solved" in str(some)
-    path = partial.save(tmp_path / "a.partial.nc", some.partial)
-    known = partial.load(path, 3)
+    path = _checkpoint.save(tmp_path / "a.partial.nc", some.partial)
+    known = _checkpoint.load(path, 3)
     count = Counts()
     again = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=count, resume=known)
     solved = sum(int((data["result"] != 6).sum()) for data in known if data is not None)
@@ -188,22 +188,22 @@ class Counts:
 
 def test_partial_files_of_other_runs_are_refused(tmp_path):
     with pytest.raises(ValueError, match="nothing to resume"):
-        partial.load(tmp_path / "none.partial.nc", 2)
+        _checkpoint.load(tmp_path / "none.partial.nc", 2)
     (tmp_path / "bad.nc").write_bytes(b"not netCDF")
     with pytest.raises(ValueError, match="is not the file of an interrupted run"):
-        partial.load(tmp_path / "bad.nc", 2)
-    path = partial.save(tmp_path / "two.nc", [None, xarray.Dataset({"a": 1.0})])
+        _checkpoint.load(tmp_path / "bad.nc", 2)
+    path = _checkpoint.save(tmp_path / "two.nc", [None, xarray.Dataset({"a": 1.0})])
     with pytest.raises(ValueError, match="over 2 podiums, this one has 3"):
-        partial.load(path, 3)
-    assert partial.load(path, 2)[0] is None
+        _checkpoint.load(path, 3)
+    assert _checkpoint.load(path, 2)[0] is None
 
 
 def test_partial_files_keep_attributes_as_they_are(tmp_path):
     """Numbers of Python, also where a whole spectrum is taken over: messages and comparisons look at them."""
-    path = partial.save(
+    path = _checkpoint.save(
         tmp_path / "a.nc", [xarray.Dataset(attrs={"rtol": 1e-8, "columns": 4, "law": "paper"})]
     )
-    (known,) = partial.load(path, 1)
+    (known,) = _checkpoint.load(path, 1)
     assert known is not None
     assert {name: type(value) for name, value in known.attrs.items()} == {
         "rtol": float,

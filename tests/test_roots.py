@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rockjax._roots import MOST, Brackets, narrowed
+from rockjax._roots import MAX_ROUNDS, Brackets, narrow_brackets
 
 CLOSE = 1e-12
 ROOTS = np.random.default_rng(0).uniform(0.3, 1.7, 70)
@@ -37,7 +37,7 @@ def search(margin, roots, places=200):
 
     a = np.floor(roots / step) * step
     b, ones = a + step, np.ones(roots.size, int)
-    found = narrowed(Brackets(a, b, margin(a, roots), margin(b, roots), ones), evaluate, CLOSE, 128)
+    found = narrow_brackets(Brackets(a, b, margin(a, roots), margin(b, roots), ones), evaluate, CLOSE, 128)
     return 0.5 * (found.a + found.b), found.more_at_b, rounds
 
 
@@ -46,7 +46,7 @@ def test_changes_are_found_to_the_width(margin):
     y, impacts, rounds = search(margin, ROOTS)
     np.testing.assert_allclose(y, ROOTS, rtol=CLOSE)
     np.testing.assert_array_equal(impacts, 1)  # on the overturned side
-    assert len(rounds) < MOST
+    assert len(rounds) < MAX_ROUNDS
 
 
 def test_brackets_may_lie_either_way_around():
@@ -54,7 +54,7 @@ def test_brackets_may_lie_either_way_around():
     rows = np.arange(ROOTS.size)
     value = lambda y: -smooth(y, ROOTS)
     ends = Brackets(ROOTS + 0.01, ROOTS - 0.02, value(ROOTS + 0.01), value(ROOTS - 0.02), rows)
-    found = narrowed(ends, lambda of, y: (-smooth(y, ROOTS[of, None]), y), CLOSE, 128)
+    found = narrow_brackets(ends, lambda of, y: (-smooth(y, ROOTS[of, None]), y), CLOSE, 128)
     np.testing.assert_allclose(found.a, ROOTS, rtol=CLOSE)
     assert np.all(found.a > found.b)
 
@@ -75,4 +75,4 @@ def test_a_noisy_margin_ends_at_one_of_its_zeros():
     y, _, rounds = search(noisy, ROOTS)
     np.testing.assert_allclose(y, ROOTS, rtol=0, atol=3e-9)
     assert np.all(noisy(y * (1 - CLOSE), ROOTS) * noisy(y * (1 + CLOSE), ROOTS) <= 0)
-    assert len(rounds) < MOST
+    assert len(rounds) < MAX_ROUNDS

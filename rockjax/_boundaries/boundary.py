@@ -31,7 +31,6 @@ from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion, OfAmplitude
-from rockjax._module import Module
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
@@ -41,13 +40,14 @@ from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._results import REST
 from rockjax._structures import Podium
+from rockjax._tree import Module
 from rockjax._types import Value
 
 from .crossings import scan
-from .first import WIDTH, First, first_boundary
-from .implicit import implicit_in_program, weights
-from .places import SPACING
-from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
+from .first import WIDTH, FirstBoundary, first_boundary
+from .implicit import boundary_gradient, traced_boundary_change
+from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
+from .refinement import SPACING_SHARE
 
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # the accuracy of a boundary is that of its scenes
 ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin below this: another branch is about to take over
@@ -99,7 +99,7 @@ def overturning_acceleration(
     *,
     max_acceleration_ratio=12.0,
     options: Options = BOUNDARY,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
     """Return the least pulse acceleration a_p that overturns a podium [m/s²], inf if none up to the limit
@@ -124,7 +124,7 @@ def overturning_acceleration(
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
-    limit = _amplitude(_values(podium), as_float(max_acceleration_ratio))
+    limit = _amplitude(_without_tangents(podium), as_float(max_acceleration_ratio))
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
     if isinstance(motion, GroundMotion):  # need not be proportional to a_p
@@ -140,7 +140,7 @@ def overturning_scale(
     *,
     max_scale: Float[ArrayLike, ""] = 10.0,
     options: Options = BOUNDARY,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
     """Return the least factor of a ground motion that overturns a podium [–], inf if none does.
@@ -161,7 +161,7 @@ def overturning_boundary(
     *,
     max_scale: Float[ArrayLike, ""] = 10.0,
     options: Options = BOUNDARY,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Boundary:
     """Return the least factor in (0, max_scale] by which a ground motion overturns a podium, with its
@@ -216,43 +216,47 @@ def positive_limit(owner: str, name: str, value) -> None:
 def _boundary(podium: Podium, excitation, limit, options: Options, width, margin: bool) -> Boundary:
     excitation = excitation.common_form()
     leaves, structure = jax.tree.flatten((podium, excitation, limit, (options, width)))
-    own = jax.tree.structure((podium, excitation))
-    search = _searched(structure, margin)
+    arguments_structure = jax.tree.structure((podium, excitation))
+    search = _make_search(structure, margin)
 
     def rule(primals, tangents):
         live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
-        moving = [tangent for tangent, moves in zip(tangents, live, strict=True) if moves]
-        numbers = numbers_of(primals[: own.num_leaves])
-        places = [k for k, moves in enumerate(live) if moves]
-        if all(map(known, primals)) and set(places) <= set(numbers):
+        live_tangents = [tangent for tangent, is_live in zip(tangents, live, strict=True) if is_live]
+        numbers = numbers_of(primals[: arguments_structure.num_leaves])
+        live_indices = [k for k, is_live in enumerate(live) if is_live]
+        if all(map(known, primals)) and set(live_indices) <= set(numbers):
             arguments = jax.tree.unflatten(structure, primals)
-            weights.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
+            boundary_gradient.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
             first = search(*primals)
-            slopes = weights(arguments, first.scale, numbers=numbers, margin=margin)
-            change = along(np.asarray(slopes), dict(zip(map(numbers.index, places), moving, strict=True)))
+            slopes = boundary_gradient(arguments, first.scale, numbers=numbers, margin=margin)
+            change = along(
+                np.asarray(slopes), dict(zip(map(numbers.index, live_indices), live_tangents, strict=True))
+            )
         else:
             first = search(*primals)
-            change = implicit_in_program(list(primals), moving, first.scale, structure, live, margin)
+            change = traced_boundary_change(
+                list(primals), live_tangents, first.scale, structure, live, margin
+            )
         none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = array_module(first).zeros_like(first.scale)
-        return first, First(change, zero, zero, none)
+        return first, FirstBoundary(change, zero, zero, none)
 
-    found = jax.custom_jvp(search)
-    found.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
-    first = jax.tree.map(as_array, found(*leaves))
-    plain = _values(first)
-    numpy = array_module(plain)
-    exists, low = numpy.isfinite(plain.scale), numpy.less(plain.dip, ONE_SIDED_BELOW)
-    return Boundary(first.scale, as_array(exists), first.impacts, first.dip, as_array(low), first.certain)
+    differentiable = jax.custom_jvp(search)
+    differentiable.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
+    first = jax.tree.map(as_array, differentiable(*leaves))
+    values = _without_tangents(first)
+    numpy = array_module(values)
+    is_found, low = numpy.isfinite(values.scale), numpy.less(values.dip, ONE_SIDED_BELOW)
+    return Boundary(first.scale, as_array(is_found), first.impacts, first.dip, as_array(low), first.certain)
 
 
-def _values(tree):
+def _without_tangents(tree):
     """Return concrete numbers without derivatives; outside jit, every jnp operation would compile
     separately."""
     return jax.tree.map(value_of, tree) if all(map(known, jax.tree.leaves(tree))) else tree
 
 
-def _searched(structure, margin: bool) -> Callable[..., First]:
+def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
     """Return the search as a function of all numbers; it runs on the host if they are concrete, single or
     batched."""
 
@@ -264,18 +268,18 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
     def _(count, mapped, *leaves):
         # The settings of the search are common to all.
         common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
-        if common and not _traced(leaves):
+        if common and not _any_traced(leaves):
             rows = [
                 np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)
             ]
             first = jax.tree.map(as_array, _on_host(rows, count, structure, margin))
-            return first, First(True, True, True, True)
+            return first, FirstBoundary(True, True, True, True)
         axes = [0 if own else None for own in mapped]
         first = jax.vmap(lambda *leaves: _in_program(leaves, structure, margin), axes)(*leaves)
-        return first, First(True, True, True, True)
+        return first, FirstBoundary(True, True, True, True)
 
     def search(*leaves):
-        if _traced(leaves):
+        if _any_traced(leaves):
             return program(*leaves)
         first = _on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
         # NumPy, because under a transformation JAX would trace even concrete numbers.
@@ -284,34 +288,34 @@ def _searched(structure, margin: bool) -> Callable[..., First]:
     return search
 
 
-def _traced(leaves) -> bool:
+def _any_traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> First:
+def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> FirstBoundary:
     """Return the first boundaries of `count` searches side by side; `rows` hold a number once for all, or
     once for each search."""
-    podium, excitation, limit, how = jax.tree.unflatten(structure, rows)
+    podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
     def plane(line, part):
-        of_each = lambda y: y[0] if y.shape[0] == 1 else y[np.asarray(line, np.int32)]
-        motion = _picked(excitation, np.asarray(line, np.int32), of_each)
-        return jax.tree.map(of_each, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
+        pick = lambda y: y[0] if y.shape[0] == 1 else y[np.asarray(line, np.int32)]
+        motion = _pick_motions(excitation, np.asarray(line, np.int32), pick)
+        return jax.tree.map(pick, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
 
-    options, width = jax.tree.map(lambda y: float(y[0]), how)
-    found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, look_closer="first", width=width)
+    options, width = jax.tree.map(lambda y: float(y[0]), settings)
+    found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, refine="first", width=width)
     first, impacts = (y[:, 0] for y in found.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
-    kind = float_type()
-    scale, dip, certain = (np.asarray(y, kind) for y in (scale, found.dip, found.certain * limits))
-    return First(scale, dip, certain, np.maximum(impacts, 0))
+    dtype = float_type()
+    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, found.dip, found.certain * limits))
+    return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0))
 
 
-def _picked(excitation, line: np.ndarray, of_each) -> Any:
+def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
     """Return the motions of scenes of these searches; the samples of many records stay in one table."""
     if isinstance(excitation, GroundMotion):
-        both = (_picked(y, line, of_each) for y in (excitation.horizontal, excitation.vertical))
+        both = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
         return GroundMotion(*both)
     if isinstance(excitation, PaddedRecord) and excitation.acceleration.shape[0] > 1:
         one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
@@ -324,17 +328,17 @@ def _picked(excitation, line: np.ndarray, of_each) -> Any:
             line,
             scale[line],
         )
-    return jax.tree.map(of_each, excitation)
+    return jax.tree.map(pick, excitation)
 
 
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
-def _in_program(leaves, structure, margin: bool) -> First:
+def _in_program(leaves, structure, margin: bool) -> FirstBoundary:
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     wanted = margin_options(options, margin)
-    loose = looking(wanted, width)
+    coarse = scan_options(wanted, width)
 
-    def row(scales, sharp):
-        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), wanted, loose)
+    def solve_row(scales, sharp):
+        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), wanted, coarse)
 
         def one(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)
@@ -343,4 +347,4 @@ def _in_program(leaves, structure, margin: bool) -> First:
 
         return jax.vmap(one)(scales)
 
-    return first_boundary(row, limit, SPACING * width * limit)
+    return first_boundary(solve_row, limit, SPACING_SHARE * width * limit)

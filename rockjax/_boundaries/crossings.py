@@ -17,12 +17,20 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import submit
 from rockjax._options import Options
 from rockjax._progress import bar
-from rockjax._roots import Brackets, narrowed
+from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
 
-from .first import CLOSE
-from .places import Known, Look, around_dips, certain, dip, gaps, spacing_for
-from .verdict import NARROWEST, has_margin, looking, margin_options, signed_margin
+from .first import BRACKET_TOLERANCE
+from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
+from .refinement import (
+    SolvedScenes,
+    SolveScenes,
+    least_dip,
+    points_around_dips,
+    resolve_windows,
+    spacing_for,
+    widest_gaps,
+)
 
 # A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
@@ -30,10 +38,10 @@ Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 DOUBTFUL = 0.1  # curvature indicator above which an interval is refined; 1 is the limit in theory
 REFINEMENT_ROUNDS = 8  # rounds of refinement where the margin is not resolved …
 PARTS = 4  # … each dividing an interval into this many parts …
-FINEST = 1e-6  # … down to this part of the line
+MIN_INTERVAL = 1e-6  # … down to this part of the line
 
-CLOSER = 256  # steps beside the lowest dips are divided into this many parts …
-CLOSER_FOR_WINDOWS = 16  # … or into this many, if only windows are searched for
+DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into this many parts …
+WINDOW_DIVISIONS = 16  # … or into this many, if only windows are searched for
 NOISE = 0.1  # share of the tolerance; a bracket narrower than this, relative to the scale, is noise
 
 
@@ -56,8 +64,8 @@ class Crossings(NamedTuple):
         return y, impacts
 
 
-def scanned_soon(
-    plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = NARROWEST
+def precompile_scan(
+    plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = DEFAULT_WIDTH
 ) -> None:
     """Load or compile the program of the scenes of a `scan` in the background.
 
@@ -65,18 +73,18 @@ def scanned_soon(
     """
     x = np.asarray(x, float)
 
-    def look() -> None:
-        reaches = _in_proportion(plane, x[:1], max(y_range), options)
-        margins(plane, x[:1], np.full(1, min(y_range)), looking(options, width, np), reaches=reaches)
+    def solve() -> None:
+        reaches = _scales_motion(plane, x[:1], max(y_range), options)
+        margins(plane, x[:1], np.full(1, min(y_range)), scan_options(options, width, np), reaches=reaches)
 
-    submit(look)
+    submit(solve)
 
 
 class Scan(NamedTuple):
     """Result of a scan."""
 
     crossings: Crossings
-    survives_at_once: np.ndarray  # whether the lower end of each line survives
+    starts_surviving: np.ndarray  # whether the lower end of each line survives
     # Least dip of the margin among the survivors below the first crossing of each line, ≤ 1.
     dip: np.ndarray
     certain: np.ndarray  # below the first crossing of each line no wider interval overturns
@@ -90,8 +98,8 @@ def scan(
     resolution: int,
     options: Options,
     progress: Any = False,
-    look_closer: Literal["everywhere", "below", "first"] = "everywhere",
-    width: float | None = NARROWEST,
+    refine: Literal["everywhere", "below", "first"] = "everywhere",
+    width: float | None = DEFAULT_WIDTH,
     dips: bool = True,
 ) -> Scan:
     """Find the changes between survival and overturning along lines x = const.
@@ -102,7 +110,7 @@ def scan(
     - `resolution`: number of intervals in which each line is evaluated first
     - `options`: of the scenes at full accuracy; scenes that only scan are less accurate
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-    - `look_closer`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
+    - `refine`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
       unseen; `"below"` only searches below the first change; `"first"` also narrows down only the first
       change of each line
     - `width`: below the first change no interval wider than this share of the range is missed; the motion
@@ -117,51 +125,51 @@ def scan(
     scenes = 0
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
-    loose = looking(options, NARROWEST if width is None else width, np)
-    reaches = width is not None and _in_proportion(plane, x[:1], y_range[1], options)
+    coarse = scan_options(options, DEFAULT_WIDTH if width is None else width, np)
+    reaches = width is not None and _scales_motion(plane, x[:1], y_range[1], options)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-        def look(line: np.ndarray, y: np.ndarray, sharp: bool) -> Known:
+        def solve(line: np.ndarray, y: np.ndarray, sharp: bool) -> SolvedScenes:
             nonlocal scenes
             scenes += line.size
-            seen = margins(plane, x[line], y, options if sharp else loose, counter, reaches)
-            return Known(line, y, *seen, np.full(line.size, sharp))
+            result = margins(plane, x[line], y, options if sharp else coarse, counter, reaches)
+            return SolvedScenes(line, y, *result, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
-        known = look(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
-        if look_closer == "everywhere":
-            known = _refined(known, look, FINEST * size)
+        solved = solve(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
+        if refine == "everywhere":
+            solved = _refine_curved(solved, solve, MIN_INTERVAL * size)
         spacing = spacing_for(width, size, resolution)
-        known = certain(known, look, spacing, look_closer == "first")
+        solved = resolve_windows(solved, solve, spacing, refine == "first")
         divided = 1
-        while divided < (CLOSER if dips else CLOSER_FOR_WINDOWS):
-            line, y, parts = around_dips(known, LANES, may_open=not dips)
+        while divided < (DIP_DIVISIONS if dips else WINDOW_DIVISIONS):
+            line, y, parts = points_around_dips(solved, LANES, may_open=not dips)
             if line.size == 0:
                 break
-            known, divided = known.and_also(look(line, y, False)), divided * parts
-        known = certain(known, look, spacing, look_closer == "first")
-        answered = known.answered()
-        if np.unique(answered.line).size < x.size:
+            solved, divided = solved.merged_with(solve(line, y, False)), divided * parts
+        solved = resolve_windows(solved, solve, spacing, refine == "first")
+        finished = solved.finished()
+        if np.unique(finished.line).size < x.size:
             raise RuntimeError(
                 "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
             )
-        starts = answered.margin[np.searchsorted(answered.line, lines)] > 0
-        at = answered.changes(look_closer == "first")
-        line, overturns = answered.line[at], answered.margin[at] > 0
+        starts = finished.margin[np.searchsorted(finished.line, lines)] > 0
+        at = finished.changes(refine == "first")
+        line, overturns = finished.line[at], finished.margin[at] > 0
         survivor, other = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
 
-        def evaluate(of: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            seen = look(np.repeat(line[of], y.shape[1]), y.ravel(), True)
-            return seen.margin.reshape(y.shape), seen.impacts.reshape(y.shape)
+        def evaluate(rows: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            result = solve(np.repeat(line[rows], y.shape[1]), y.ravel(), True)
+            return result.margin.reshape(y.shape), result.impacts.reshape(y.shape)
 
-        y, margin = answered.y, answered.margin
-        brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], answered.impacts[other])
-        close = max(CLOSE, NOISE * float(options.rtol))
-        brackets = narrowed(brackets, evaluate, close, LANES * min(2, workers()))
+        y, margin = finished.y, finished.margin
+        brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], finished.impacts[other])
+        close = max(BRACKET_TOLERANCE, NOISE * float(options.rtol))
+        brackets = narrow_brackets(brackets, evaluate, close, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.more_at_b)
-    return Scan(crossings, starts, dip(answered), gaps(known, spacing, y_range[1]), scenes)
+    return Scan(crossings, starts, least_dip(finished), widest_gaps(solved, spacing, y_range[1]), scenes)
 
 
 def margins(
@@ -197,7 +205,7 @@ def margins(
     return value, impacts, reach
 
 
-def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
+def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
     """Return whether there is a margin and y only scales the motion; only then are reaches valid for y."""
     one, other = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
     if not has_margin(options, one[0]):
@@ -211,36 +219,36 @@ def _in_proportion(plane: Plane, x: np.ndarray, top: float, options: Options) ->
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
 
-def curvature_indicator(y: np.ndarray, margin: np.ndarray, together: np.ndarray) -> np.ndarray:
+def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
     """Return how far the margin may bend between neighbours, relative to its distance from zero: (n−1,) for n
     places.
 
     Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more
-    than once), as far as second differences tell. `together` marks neighbours that belong to one line.
+    than once), as far as second differences tell. `same_line` marks neighbours that belong to one line.
     """
-    h = np.where(together, y[1:] - y[:-1], 1.0)
+    h = np.where(same_line, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
-    slope = np.where(together, (margin[1:] - margin[:-1]) / h, 0.0)
-    inner = together[1:] & together[:-1]
+    slope = np.where(same_line, (margin[1:] - margin[:-1]) / h, 0.0)
+    inner = same_line[1:] & same_line[:-1]
     # The ends of a line have no neighbour on one side, so the curvature across them is unknown.
     # Half the second derivative.
-    bend = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
-    bend = np.maximum(np.append(0.0, bend), np.append(bend, 0.0))
+    half_curvature = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
+    half_curvature = np.maximum(np.append(0.0, half_curvature), np.append(half_curvature, 0.0))
     left, right = margin[:-1], margin[1:]
-    apart = (left > 0) != (right > 0)
-    spare = np.where(apart, np.abs(left - right), 2 * np.minimum(np.abs(left), np.abs(right)))
-    return np.where(together & (h > 0), bend * h**2 / np.maximum(spare, 1e-300), 0.0)
+    changes_sign = (left > 0) != (right > 0)
+    distance = np.where(changes_sign, np.abs(left - right), 2 * np.minimum(np.abs(left), np.abs(right)))
+    return np.where(same_line & (h > 0), half_curvature * h**2 / np.maximum(distance, 1e-300), 0.0)
 
 
-def _refined(known: Known, look: Look, finest: float) -> Known:
+def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> SolvedScenes:
     """Add places inside every interval between neighbours in which the margin may cross zero unseen."""
     part = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
-        line, y, margin = known.line, known.y, np.nan_to_num(known.margin, nan=1.0)
+        line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)
         doubtful = curvature_indicator(y, margin, line[1:] == line[:-1]) > DOUBTFUL
         at = np.flatnonzero(doubtful & (np.diff(y) > finest))
         if at.size == 0:
             break
-        places = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
-        known = known.and_also(look(np.repeat(line[at], part.size), places, False))
-    return known
+        points = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
+        solved = solved.merged_with(solve(np.repeat(line[at], part.size), points, False))
+    return solved

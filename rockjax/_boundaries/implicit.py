@@ -24,9 +24,9 @@ from rockjax._programs.program import KeptProgram
 from rockjax._results import REST
 from rockjax._structures import Podium
 
-from .verdict import boundary_residual, has_margin, margin_options
+from .margin import boundary_residual, has_margin, margin_options
 
-PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
+JUST_PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
 
 
 def _residual(podium: Podium, motion: AbstractExcitation, options: Options, margin: bool):
@@ -34,18 +34,18 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, marg
     return boundary_residual(floats, margin)
 
 
-def _moved(slope, change, unknown: float):
-    """Return −`change`/`slope` of residuals, `unknown` where the slope is zero or not finite."""
+def _root_change(slope, change, fallback: float):
+    """Return −`change`/`slope` of residuals, `fallback` where the slope is zero or not finite."""
     numpy = array_module(slope)
     usable = numpy.isfinite(slope) & (slope != 0)
-    return jnp.where(usable, -change / numpy.where(usable, slope, 1.0), unknown)
+    return jnp.where(usable, -change / numpy.where(usable, slope, 1.0), fallback)
 
 
-def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: bool):
+def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], margin: bool):
     """Return the change of a boundary along tangents of its numbers; zero where there is no boundary.
 
     - `leaves`: all numbers of the search, as flattened from `structure`
-    - `moving`: tangents of the numbers that vary
+    - `live_tangents`: tangents of the numbers that vary
     - `scale`: the boundary, inf where there is none
     - `structure`: pytree structure of (podium, excitation, limit, (options, width))
     - `live`: for each leaf, whether it varies
@@ -53,27 +53,27 @@ def implicit(leaves, moving, scale, structure, live: tuple[bool, ...], margin: b
     """
     numpy = array_module(leaves, scale)
     found = numpy.isfinite(scale)
-    places = [k for k, moves in enumerate(live) if moves]
+    live_indices = [k for k, is_live in enumerate(live) if is_live]
     limit = jax.tree.unflatten(structure, leaves)[2]
-    past = numpy.where(found, numpy.multiply(scale, 1 + PAST), limit)
+    past = numpy.where(found, numpy.multiply(scale, 1 + JUST_PAST), limit)
 
     def residual(scale, *values):
         numbers = list(leaves)
-        for k, value in zip(places, values, strict=True):
+        for k, value in zip(live_indices, values, strict=True):
             numbers[k] = value
         podium, excitation, _, (options, _) = jax.tree.unflatten(structure, numbers)
         return _residual(podium, excitation.scaled(scale), options, margin)
 
-    point = tuple(leaves[k] for k in places)
-    # Separate calls, because reverse mode transposes the part that is linear in `moving`.
-    _, along = jax.linearize(residual, past, *point)
-    slope = numpy.asarray(along(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
-    change = along(numpy.zeros_like(past), *moving)
-    return jnp.where(found, _moved(slope, change, 0.0), 0.0)
+    point = tuple(leaves[k] for k in live_indices)
+    # Separate calls, because reverse mode transposes the part that is linear in `live_tangents`.
+    _, pushforward = jax.linearize(residual, past, *point)
+    slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
+    change = pushforward(numpy.zeros_like(past), *live_tangents)
+    return jnp.where(found, _root_change(slope, change, 0.0), 0.0)
 
 
 @KeptProgram
-def weights(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
+def boundary_gradient(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
     """Return the derivative of the boundary by each of some numbers of podium and motion, (numbers,).
 
     - `arguments`: (podium, excitation, limit, (options, width))
@@ -83,11 +83,11 @@ def weights(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
     """
     leaves, structure = jax.tree.flatten(arguments)
     live = tuple(k in numbers for k in range(len(leaves)))
-    along_unit = lambda unit: implicit(leaves, list(unit), scale, structure, live, margin)
-    return jax.vmap(along_unit)(jnp.eye(len(numbers), dtype=scale.dtype))
+    change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, live, margin)
+    return jax.vmap(change_along)(jnp.eye(len(numbers), dtype=scale.dtype))
 
 
-implicit_in_program = jax.jit(implicit, static_argnames=("structure", "live", "margin"))
+traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "live", "margin"))
 
 
 def log_sensitivities(
@@ -118,19 +118,19 @@ def log_sensitivities(
         filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
         chosen = {name: y[filled] for name, y in rows.items()}
         fixed = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}
-        found = _along(podium, records, chosen, a[filled], options, **fixed)
-        result[:, part] = np.asarray(found)[: part.size].T
+        slopes = _log_slopes(podium, records, chosen, a[filled], options, **fixed)
+        result[:, part] = np.asarray(slopes)[: part.size].T
     return result
 
 
 @KeptProgram
-def _along(
+def _log_slopes(
     podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], margin: bool
 ):
     def one(row: dict[str, Array], a):
         def residual(logs):
             factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
-            past = a * (1 + PAST) * jnp.exp(logs[0])
+            past = a * (1 + JUST_PAST) * jnp.exp(logs[0])
             if pulse is None:
                 motion = records.pick(row["which"]).scaled(past)
             else:
@@ -139,6 +139,6 @@ def _along(
             return _residual(structure, motion, options, margin)
 
         slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))
-        return _moved(slopes[0], slopes[1:], jnp.nan)
+        return _root_change(slopes[0], slopes[1:], jnp.nan)
 
     return jax.vmap(one)(rows, a)

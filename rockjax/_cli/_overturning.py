@@ -32,7 +32,7 @@ def overturning(
     import numpy as np
 
     import rockjax as rj
-    from rockjax._cli import partial
+    from rockjax._cli import _checkpoint
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
     podiums, ratios, periods, zeta = given.panels()
@@ -43,7 +43,9 @@ def overturning(
     low, high = search.frequency_ratio
     x = np.linspace(low, high, search.points)
     pulse, options = pulse_of(search.pulse, search.vertical_ratio), given.options()
-    found: list = partial.load(partial.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
+    found: list = (
+        _checkpoint.load(_checkpoint.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
+    )
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
@@ -72,7 +74,7 @@ def overturning(
         raise interrupted(to.prefix, found) from None
     for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
         report.draw(to.picture(suffix), draw, panels)
-    partial.path_of(to.prefix).unlink(missing_ok=True)
+    _checkpoint.path_of(to.prefix).unlink(missing_ok=True)
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in found))

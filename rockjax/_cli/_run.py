@@ -167,7 +167,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
 
 def _finish(report: Report, call: Callable[[], None]) -> None:
     """Run a command, print its warnings as lines, and exit with its status."""
-    from rockjax._plausibility import PlausibilityWarning
+    from rockjax._unit_warnings import PlausibilityWarning
 
     with warnings.catch_warnings():
         warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
@@ -227,10 +227,10 @@ def _programs() -> str:
 
 def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:
     """Save the finished datasets, and report how to resume."""
-    from rockjax._cli import partial
+    from rockjax._cli import _checkpoint
 
     if any(data is not None for data in datasets):
-        kept = partial.save(partial.path_of(output), datasets)
+        kept = _checkpoint.save(_checkpoint.path_of(output), datasets)
         typer.echo(
             f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there",
             err=True,

@@ -40,7 +40,7 @@ def spectrum(
     import numpy as np
 
     import rockjax as rj
-    from rockjax._cli import partial
+    from rockjax._cli import _checkpoint
     from rockjax._machine.memory import require_memory
     from rockjax._studies.grid_boundaries import with_boundaries
 
@@ -60,7 +60,7 @@ def spectrum(
     report.note(
         f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
     )
-    known = partial.load(partial.path_of(to.prefix), len(podiums)) if resume else None
+    known = _checkpoint.load(_checkpoint.path_of(to.prefix), len(podiums)) if resume else None
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
@@ -77,7 +77,7 @@ def spectrum(
     report.draw(to.picture("overturning"), "overturning_curves", panels)
     if parameters:
         report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)
-    partial.path_of(to.prefix).unlink(missing_ok=True)
+    _checkpoint.path_of(to.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
     from rockjax._responses.peak import UNTIL_OVERTURNING

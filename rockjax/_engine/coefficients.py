@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from rockjax._engine.once import once
 from rockjax._restrainers.base import AbstractRestrainer
-from rockjax._restrainers.together import apparent_mass, stiffness
+from rockjax._restrainers.combined import apparent_mass, stiffness
 from rockjax._structures import Podium
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
-from rockjax._module import Module
 from rockjax._programs.program import nans_allowed
 from rockjax._text.cards import card, readable
+from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
 SAMPLES = 4097  # of a motion given by a formula, to find its minimum

@@ -17,9 +17,9 @@ from jaxtyping import Array, Float
 
 from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, finite, positive, product
-from rockjax._plausibility import doubt
-from rockjax._roots import halved, newton
+from rockjax._roots import bisect, newton
 from rockjax._types import Index, Number, Value
+from rockjax._unit_warnings import doubt
 from rockjax._units import STANDARD_GRAVITY
 
 from .base import AbstractExcitation, AbstractLookahead
@@ -43,7 +43,7 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
 
     above = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & above(hi), lo, hi)
-    hi, lo = halved(above, hi, lo, _HALVINGS, jnp)
+    hi, lo = bisect(above, hi, lo, _HALVINGS, jnp)
     hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
     per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
     close = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(per_height))  # rounding of time and of height
@@ -56,7 +56,7 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
         middle = 0.5 * (lo + hi)
         return jnp.any((lo < middle) & (middle < hi))
 
-    return jax.lax.while_loop(apart, lambda ends: halved(above, *ends, 1, jnp), (hi, lo))[0]
+    return jax.lax.while_loop(apart, lambda ends: bisect(above, *ends, 1, jnp), (hi, lo))[0]
 
 
 class _PulseLookahead(AbstractLookahead):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rockjax._checks import as_float, require_finite_samples, single
-from rockjax._plausibility import PlausibilityWarning, doubt
+from rockjax._unit_warnings import PlausibilityWarning, doubt
 from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from rockjax._roots import halved
+from rockjax._roots import bisect
 
 _PIECES = 8  # least number of pieces per period, so that ü changes sign at most once in a piece
 _TERMS = 20  # terms of a series in |λτ| ≤ 2π/8, accurate to rounding
@@ -111,7 +111,7 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
         of = start[at], load[at], slope[at]
         sign, after = np.sign(velocity[k][at]), functools.partial(oscillator.after, *of)
         before = lambda tau, sign=sign, after=after: sign * oscillator.velocity(after(tau)) > 0
-        low, high = halved(before, times[k][at], times[k + 1][at], _HALVINGS)
+        low, high = bisect(before, times[k][at], times[k + 1][at], _HALVINGS)
         u = oscillator.displacement(after(0.5 * (low + high)))
         largest = max(largest, float(np.abs(u).max()))
     return largest

@@ -12,10 +12,10 @@ from rockjax._checks import as_float, check_dtype, concrete, float_type, of_kind
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
-from rockjax._plausibility import doubt
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
 from rockjax._structures.modes import as_many, parts, with_fields
+from rockjax._unit_warnings import doubt
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:

@@ -20,9 +20,9 @@ from rockjax._engine.tableaus import tableau_for
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import common_size
-from rockjax._module import Module
 from rockjax._programs.program import KeptProgram
 from rockjax._structures import Podium
+from rockjax._tree import Module
 from rockjax._types import Value, Vector
 
 POINTS = 10  # Gauss–Legendre points on one step; their error is far below that of the step itself

@@ -16,10 +16,10 @@ from jaxtyping import Array, Bool, Float
 from rockjax import _results as results
 from rockjax._checks import as_array, concrete
 from rockjax._files import CONVENTIONS
-from rockjax._module import Module
 from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
 from rockjax._results import RESULTS, Errors, Stats
 from rockjax._text import tables
+from rockjax._tree import Module
 
 from .datasets import describe_versions
 from .sensitivities import SENSITIVE, Sensitivities, slope_name

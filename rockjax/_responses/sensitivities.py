@@ -16,11 +16,11 @@ from jaxtyping import Array, Float
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
-from rockjax._module import Module
 from rockjax._options import PEAKS
 from rockjax._parameters.sensitivities import check_parameters, varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
+from rockjax._tree import Module
 
 SENSITIVE = (*PEAKS, "margin")  # outputs that have sensitivities
 

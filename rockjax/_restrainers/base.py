@@ -18,8 +18,8 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 
 from rockjax._checks import concrete
-from rockjax._module import Module
 from rockjax._text.cards import card, readable
+from rockjax._tree import Module
 from rockjax._types import Number, Value
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, finite, positive
-from rockjax._module import Module
+from rockjax._tree import Module
 
 
 class Filter(Module):

@@ -27,11 +27,11 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_float, finite, positive, require
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._lognormal import Lognormal
-from rockjax._module import Module
 from rockjax._motions.measures import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._programs.program import KeptProgram
+from rockjax._tree import Module
 
 from .filters import Filter, in_series
 

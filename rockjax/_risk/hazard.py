@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
-from rockjax._module import Module
+from rockjax._tree import Module
 from rockjax._units import INTENSITY_UNITS, in_si
 
 from .integral import log_rate_at

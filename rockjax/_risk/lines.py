@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockjax._roots import beside_line
+from rockjax._roots import points_near_root
 
 from .limit_state import AbstractLimitState
 
@@ -69,7 +69,7 @@ class _Intervals(NamedTuple):
     def divided(self, how: Division) -> np.ndarray:
         """Return places inside, (k, places): even ones for certainty, two around the root of the straight
         line."""
-        part = beside_line(self.at_a, self.at_b, how.parts - 1, how.close)
+        part = points_near_root(self.at_a, self.at_b, how.parts - 1, how.close)
         return self.a[:, None] + (self.b - self.a)[:, None] * part
 
 
@@ -92,10 +92,10 @@ def crossings(
     value = limit.values(origin[line] + c[:, None] * direction[line])
     ends = np.cumsum(sizes)
     first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
-    return Crossings(*narrowed(limit, origin, direction, line, c, value, how), first, last)
+    return Crossings(*narrow_crossings(limit, origin, direction, line, c, value, how), first, last)
 
 
-def narrowed(
+def narrow_crossings(
     limit: AbstractLimitState,
     origin: np.ndarray,
     direction: np.ndarray,

@@ -21,7 +21,7 @@ import scipy
 
 from ._estimators._subset import Subset
 from .limit_state import AbstractLimitState
-from .lines import Division, narrowed
+from .lines import Division, narrow_crossings
 from .structure import OfStructure
 
 SPACING = 0.3  # distance of places on a ray; one standard deviation of |u| is 0.71
@@ -193,7 +193,7 @@ class _Scan:
         """Find the crossings between places."""
         m, r = len(self.directions), self._places(self.first, self.after)
         parts = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
-        found = narrowed(self.limit, np.zeros_like(self.directions), self.directions, *parts, how)
+        found = narrow_crossings(self.limit, np.zeros_like(self.directions), self.directions, *parts, how)
         self.line, self.r, self.other, _, enters = found
         self.sign = np.where(enters, 1.0, -1.0)
         self.always = (self.G[:, 0] <= 0).astype(float)  # below the first place
@@ -206,7 +206,7 @@ class _Scan:
         e = self.directions[self.line[of]]
         line = np.repeat(np.arange(of.size), 2)
         value = self.limit.values(e[line] * ends.reshape(-1, 1))
-        found = narrowed(self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP)
+        found = narrow_crossings(self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP)
         # Windows in between are far narrower than the resolution of the scan.
         first = np.unique(found[0], return_index=True)[1]
         self.r[of[found[0][first]]] = found[1][first]

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import array_module, concrete
-from rockjax._plausibility import doubt
 from rockjax._types import Number
+from rockjax._unit_warnings import doubt
 
 LARGEST_R = 100.0  # m, beyond any plausible column
 DENSITIES = 300.0, 8000.0  # kg/m³, from light timber or a hollow section to steel

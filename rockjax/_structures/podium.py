@@ -24,11 +24,9 @@ from rockjax._checks import (
     require,
     shown,
 )
-from rockjax._module import Module
 from rockjax._parameters.table import SIDES, STRUCTURE
 from rockjax._restrainers.base import AbstractRestrainer
-from rockjax._restrainers.dimensions import restrainers_of
-from rockjax._restrainers.together import (
+from rockjax._restrainers.combined import (
     apparent_mass,
     as_restrainers,
     check_restrainers,
@@ -36,7 +34,9 @@ from rockjax._restrainers.together import (
     stability_angle,
     stiffness,
 )
+from rockjax._restrainers.dimensions import restrainers_of
 from rockjax._text.cards import card, readable
+from rockjax._tree import Module
 from rockjax._types import Number
 from rockjax._units import STANDARD_GRAVITY
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 
 from rockjax._checks import as_number, concrete, require
-from rockjax._module import Module
+from rockjax._tree import Module
 from rockjax._types import Number
 
 

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import as_number, concrete, not_negative, require
-from rockjax._module import Module
 from rockjax._text.cards import card, readable
+from rockjax._tree import Module
 from rockjax._types import Array, Number
 
 

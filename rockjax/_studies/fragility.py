@@ -13,9 +13,9 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
-from rockjax._boundaries.crossings import scan, scanned_soon
+from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
-from rockjax._boundaries.verdict import NARROWEST
+from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, of_kind, require, texts
 from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
@@ -108,7 +108,7 @@ def incremental_dynamic_analysis(
     measure: Measure | Literal["PGA", "scale"] = "PGA",
     names: Sequence[str] | None = None,
     sensitivities: Sequence[str] = (),
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
     options: Options = ENSEMBLE,
     progress: Any = False,
@@ -163,10 +163,10 @@ def incremental_dynamic_analysis(
 
     import_meanwhile(*TABLES)
     lines = np.arange(count), (0.0, float(levels[-1]))
-    scanned_soon(plane, *lines, options, width)
+    precompile_scan(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record their number grows with the resolution, without limit.
-    found = scan(plane, *lines, resolution, options, progress, look_closer="below", width=width, dips=False)
+    found = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
     places, impacts = found.crossings.table(count)
     of = {"units": measure.units, "long_name": measure.name}
     import xarray
@@ -228,7 +228,7 @@ def overturning_distribution(
     max_scale: float = 10.0,
     measure: Float[ArrayLike, " k"] | None = None,
     options: Options = ENSEMBLE,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Lognormal:
     """Return median and dispersion of the least overturning scale of a suite; differentiable.

@@ -21,7 +21,7 @@ from rockjax._parameters.variants import pulse_period
 from rockjax._responses.datasets import derived_numbers
 from rockjax._responses.simulate import REST
 from rockjax._results import Interrupted
-from rockjax._roots import halved
+from rockjax._roots import bisect
 from rockjax._structures import Podium
 
 from .spectra import kinds_of, numbered, stacked
@@ -63,7 +63,7 @@ def with_boundaries(
             below = overturned[which, column, row]
             as_below = lambda ratio, below=below, overturns=overturns: overturns(ratio) == below
             try:
-                low, high = halved(as_below, y[row], y[row + 1], HALVINGS)
+                low, high = bisect(as_below, y[row], y[row + 1], HALVINGS)
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
             places = 0.5 * (low + high)

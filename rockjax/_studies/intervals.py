@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import log_ndtr
 from scipy.stats import chi2, t
 
-from rockjax._roots import halved
+from rockjax._roots import bisect
 
 _HALVINGS = 48
 _FARTHEST = 60  # greatest number of doublings of a first step
@@ -112,7 +112,7 @@ def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
 def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
     """Return the zeros of f, a function of arrays, between places where it is > 0 and places where it is
     not."""
-    positive, negative = halved(lambda y: f(y) > 0, positive, negative, _HALVINGS)
+    positive, negative = bisect(lambda y: f(y) > 0, positive, negative, _HALVINGS)
     return 0.5 * (positive + negative)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
 from rockjax._boundaries.crossings import Scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
-from rockjax._boundaries.verdict import NARROWEST
+from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import FEWER_LINES, require_memory
@@ -38,7 +38,7 @@ def overturning_spectrum(
     max_acceleration_ratio: float = 12.0,
     sensitivities: Sequence[str] = (),
     resolution: int = 128,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     options: Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:

@@ -10,8 +10,8 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_search, positive_limit
-from rockjax._boundaries.crossings import scan, scanned_soon
-from rockjax._boundaries.verdict import NARROWEST
+from rockjax._boundaries.crossings import precompile_scan, scan
+from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
 from rockjax._machine.threads import TABLES, import_meanwhile
 from rockjax._motions.convert import AnyMotions, as_records
@@ -37,7 +37,7 @@ def record_spectrum(
     *,
     max_scale: float = 10.0,
     names: Sequence[str] | None = None,
-    width: float = NARROWEST,
+    width: float = DEFAULT_WIDTH,
     resolution: int = 128,
     options: Options = ENSEMBLE,
     progress: Any = False,
@@ -82,10 +82,10 @@ def record_spectrum(
     import_meanwhile(*TABLES)
     cells = np.arange(count * sizes.size)
     top = float(max_scale)
-    scanned_soon(plane, cells, (0.0, top), options, width)
+    precompile_scan(plane, cells, (0.0, top), options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     found = scan(
-        plane, cells, (0.0, top), resolution, options, progress, look_closer="first", width=width, dips=False
+        plane, cells, (0.0, top), resolution, options, progress, refine="first", width=width, dips=False
     )
     least = found.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)

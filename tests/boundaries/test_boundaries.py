@@ -11,7 +11,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._boundaries import crossings
-from rockjax._boundaries.first import First, first_boundary
+from rockjax._boundaries.first import FirstBoundary, first_boundary
 from tests.scenes import PODIUMS, G
 
 WIDTH = 1e-3
@@ -52,7 +52,7 @@ class Motion(NamedTuple):
         return min((lo for lo, _ in self.windows), default=math.inf)
 
 
-def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
+def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
     """By the batch, a line for each motion."""
     lines = np.arange(len(motions))
 
@@ -66,15 +66,15 @@ def scanned(motions, monkeypatch, look_closer: Any = "first") -> crossings.Scan:
     monkeypatch.setattr(crossings, "margins", margins)
     monkeypatch.setattr(crossings, "_in_proportion", lambda *_: True)
     nothing = cast(crossings.Plane, None)
-    return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, look_closer=look_closer, width=WIDTH)
+    return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, refine=refine, width=WIDTH)
 
 
-def in_program(motion: Motion) -> First:
+def in_program(motion: Motion) -> FirstBoundary:
     return _search(motion.padded())
 
 
 @jax.jit
-def _search(motion: Motion) -> First:
+def _search(motion: Motion) -> FirstBoundary:
     def row(scales, sharp):
         return motion.margin(scales, sharp, jnp), jnp.full(scales.shape, 3, jnp.int32)
 
@@ -184,7 +184,7 @@ def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
     motion = Motion([(0.6 - 1e-6, 0.61)], wrong=[(0.2, 0.203), (0.4, 0.4005)])
     assert scanned([motion], monkeypatch).crossings.y == pytest.approx([0.6 - 1e-6], rel=1e-9)
     assert float(in_program(motion).scale) == pytest.approx(0.6 - 1e-6, rel=1e-9)
-    every = scanned([motion], monkeypatch, look_closer="below").crossings
+    every = scanned([motion], monkeypatch, refine="below").crossings
     assert every.y == pytest.approx([0.6 - 1e-6, 0.61], rel=1e-9)
     assert list(every.overturns) == [True, False]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rockjax._text.reading import decode
 
-from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unread, waveforms
+from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unsupported, waveforms
 from .base import EVEN, Component, Samples
 
 # In the order in which they are tried.
@@ -18,15 +18,15 @@ FORMATS = (
     peer.FORMAT,
     geonet.FORMAT,
     smc.FORMAT,
-    *unread.FORMATS,
+    *unsupported.FORMATS,
     csmip.FORMAT,
     cosmos.FORMAT,
-    unread.VOLUME_1,
-    unread.VOLUME_2,
+    unsupported.VOLUME_1,
+    unsupported.VOLUME_2,
     knet.FORMAT,
     esm.FORMAT,
     afad.FORMAT,
-    unread.ITACA,
+    unsupported.ITACA,
     table.FORMAT,
 )
 

@@ -11,8 +11,10 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-NARROWEST = 1e-4  # default width, as a share of the range
-LOOSE = 1e-6  # tolerance of scenes that only scan; the relative error of a boundary is about the same
+DEFAULT_WIDTH = 1e-4  # least width of a window that is not missed, as a share of the range
+SCAN_TOLERANCE = (
+    1e-6  # tolerance of scenes that only scan; the relative error of a boundary is about the same
+)
 _TINY = float(np.finfo(np.float32).tiny)
 
 
@@ -60,8 +62,8 @@ def margin_options(options: Options, margin: bool) -> Options:
     return options.replace(outputs=("margin" if margin else "peak_rotation",), throw=False)
 
 
-def looking(options: Options, width, xp: Any = jnp) -> Options:
+def scan_options(options: Options, width, xp: Any = jnp) -> Options:
     """Return options accurate enough not to miss a window of this share of the range; findings are confirmed
     with `options`."""
-    loose = LOOSE * xp.minimum(1.0, width / NARROWEST)
+    loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

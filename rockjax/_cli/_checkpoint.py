@@ -46,10 +46,10 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         raise ValueError(f"there is nothing to resume: {path} does not exist")
     try:
         with netCDF4.Dataset(path) as file:
-            groups, kept = set(file.groups), int(file.getncattr("datasets"))
+            groups, expected = set(file.groups), int(file.getncattr("datasets"))
     except (OSError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path}: is not the file of an interrupted run: {error}") from None
-    if kept != count:
+    if expected != count:
         raise ValueError(
             f"{path}: belongs to a run over {kept} podiums, this one has {count}; use the same flags"
         )
