@@ -69,7 +69,8 @@ class AnnualFrequency(AbstractScaleTarget):
         of_kind(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
         if hazard.units != hazard.in_si().units:
             raise ValueError(
-                f"{owner}: the hazard must be in SI units, got {hazard.units!r}; see hazard.in_si()"
+                f"{owner}: the hazard must be in SI units, got {hazard.units!r}; convert it with "
+                "hazard.in_si()"
             )
         highest = float(hazard.intensity[-1]) if max_intensity is None else max_intensity
         highest = single(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
@@ -89,7 +90,8 @@ class AnnualFrequency(AbstractScaleTarget):
             raise ValueError(f"{owner}: of the hazard, {error}") from None
         if min(sizes) == 0:
             raise ValueError(
-                f"{owner}: motion {int(np.argmin(sizes)) + 1} of the suite has {hazard.measure} = 0"
+                f"{owner}: motion {int(np.argmin(sizes)) + 1} of the suite has {hazard.measure} = 0; "
+                "leave it out"
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name

@@ -254,11 +254,13 @@ def _check_fresh(
     if not any(source_of(t) is not None for t in right):
         return
     if any(isinstance(target, FailureProbability) for target in targets):
-        raise ValueError("design: FailureProbability and FreshSamples cannot be targets of one design")
+        raise ValueError(
+            "design: FailureProbability and FreshSamples cannot be targets of one design; use one of them"
+        )
     if transformation is None:
         raise ValueError(
             "design: with FreshSamples give a gradient transformation such as method=optax.adam(0.02); "
-            "quadratic programming compares values, which are of other motions each time"
+            "quadratic programming compares values, and every step draws other motions"
         )
 
 

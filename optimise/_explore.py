@@ -181,7 +181,7 @@ def explore(
                 dataclasses.replace(excitation, **{name: bound})
             except ValueError as error:
                 raise ValueError(
-                    f"explore: vary[{name!r}] = ({low:g}, {high:g}) leaves the possible: {error}"
+                    f"explore: vary[{name!r}] = ({low:g}, {high:g}) exceeds the possible range: {error}"
                 ) from None
     return Explorer(
         structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False)

@@ -92,7 +92,7 @@ class FailureProbability(AbstractTarget):
         """Return the margin of a structure from a sample of its own (host)."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
-                "FailureProbability is sampled: it has no margins in traced code; see optimise.design"
+                "FailureProbability is sampled and has no margins in traced code; use it in optimise.design"
             )
         return jnp.asarray([Sampled(self, podium).at(podium, ()).margin])
 

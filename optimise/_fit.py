@@ -113,7 +113,10 @@ def fit(
     times, theta = _measured(times, theta)
     whole("fit", "starts", starts, 1)
     if len(times) < len(vary):
-        raise ValueError(f"fit: {len(times)} measurements cannot tell {len(vary)} variables apart")
+        raise ValueError(
+            f"fit: {len(times)} measurements do not determine {len(vary)} variables; give more "
+            "measurements or vary fewer"
+        )
     begin = float(excitation.support[0])
     if times[0] < begin:
         raise ValueError(

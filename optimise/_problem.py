@@ -304,14 +304,14 @@ class _Reader(Reader):
                 )
                 return ExpectedLoss(_Cost(entry.cost), entry.loss, risk)
         if entry.quantity in known and entry.motions is not None:
-            self.fail("minimise.motions", f"has no meaning for {entry.quantity}")
+            self.fail("minimise.motions", f"leave it out: {entry.quantity} does not depend on motions")
         if entry.quantity in known:
             return _Number(entry.quantity)
         if entry.quantity not in WORST:
             every = ", ".join((*known, *WORST, EXPECTED_LOSS))
             self.fail("minimise.quantity", f"must be one of {every}, got {entry.quantity!r}")
         if entry.motions is None:
-            self.fail("minimise", f"motions is missing: {entry.quantity} under which?")
+            self.fail("minimise", f"motions is missing; name the set of [motions] for {entry.quantity}")
         return WORST[entry.quantity](motions[self.named(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:

@@ -13,14 +13,20 @@ class RESULTS(eqx.Enumeration):
         "The targets are satisfied; the design stopped at a kink or a jump of a response, where no step "
         "improves it."
     )
-    infeasible = "No design in the bounds was found that satisfies the targets; the closest one is returned."
+    infeasible = (
+        "No design within the bounds was found that satisfies the targets; the closest one is returned. "
+        "Widen the bounds, relax the targets or raise starts."
+    )
     out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
-    not_finite = "A response at the start is not finite, or has no answer; start from another design."
-    interrupted = "Stopped from outside; the best design seen until then."
-    averaged = "The mean of a search by fresh samples; an independent sample satisfies the targets."
+    not_finite = (
+        "A response of the starting design is not finite, or its scene did not finish; start from another "
+        "design."
+    )
+    interrupted = "The design was stopped; the best design so far is returned. Start from it to continue."
+    averaged = "The mean design of a search by fresh samples; an independent sample satisfies the targets."
     unverified = (
-        "The independent sample of a probability of failure has not converged, so nobody knows whether its "
-        "target is satisfied; raise the target's cov."
+        "The independent sample of a probability of failure has not converged, so its target may be "
+        "violated; raise the target's cov."
     )
 
 

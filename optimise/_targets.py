@@ -357,7 +357,7 @@ def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
     max_scale = 3.0 * at_least if max_scale is None else max_scale
     check_limit(owner, "max_scale", max_scale)
     if not at_least < max_scale:
-        raise ValueError(f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}")
+        raise ValueError(f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}; raise it")
     return float(at_least), float(max_scale)
 
 

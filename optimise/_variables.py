@@ -203,7 +203,8 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
     twice = clash(called)
     if twice is not None:
         raise ValueError(
-            f"{owner}: vary names {twice[0]} and {twice[1]}, which say the same of a column; vary one of them"
+            f"{owner}: vary names {twice[0]} and {twice[1]}, which describe the same dimension; vary one "
+            "of them"
         )
     bounds = []
     for name, pair in vary.items():
@@ -222,7 +223,7 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
                 replaced(base, {name: bound})
             except ValueError as error:
                 raise ValueError(
-                    f"{owner}: vary[{name!r}] = ({low}, {high}) leaves the possible: {error}"
+                    f"{owner}: vary[{name!r}] = ({low}, {high}) exceeds the possible range: {error}"
                 ) from None
         bounds.append((low, high))
     lower, upper = (as_float(np.array(side)) for side in zip(*bounds, strict=True))
@@ -257,7 +258,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
     if entry.place.startswith("restrainers."):
         device = entry.place.split(".")[1]
         raise ValueError(
-            f"{owner}: vary names {name!r}, but the podium has not just one {device} among its restrainers"
+            f"{owner}: vary names {name!r}, which needs exactly one {device} among the podium's restrainers"
         )
     top = base.superstructure
     kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
@@ -279,7 +280,9 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     if name == "top_mass" and array_module(base.top_mass).all(base.top_mass == 0):
         raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
     if name == "damping" and base.period is None:
-        raise ValueError(f"{owner}: vary names 'damping', but nothing elastic stands on the podium")
+        raise ValueError(
+            f"{owner}: vary names 'damping', but the podium has no elastic superstructure; give it a period"
+        )
 
 
 def _no_factor(owner: str, law) -> str:

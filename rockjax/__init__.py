@@ -10,7 +10,7 @@ from jaxlib import version as _jaxlib
 
 from ._version import __version__ as __version__
 
-# What is public, and where it is, is said once, in __init__.pyi: imported when it is first asked for.
+# __init__.pyi lists the public names and their modules, which are imported on first use.
 _found, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 _RENAMED = {"AbstractOutlook": "AbstractLookahead"}
 _FOLDERS = ("plots",)  # public as well, and with a face of their own

@@ -17,11 +17,17 @@ from ._checks import as_number
 class RESULTS(eqx.Enumeration):
     """Named results of a scene."""
 
-    settled = "No wanted output can change any more."
+    settled = "No requested output can change any more."
     end_of_time = "The scene reached t_end."
     overturned = "|θ| reached overturn_ratio·α."
-    out_of_steps = "The scene needed more than max_steps steps; raise max_steps or loosen the tolerances."
-    not_finite = "A state or a parameter is not finite; check the inputs."
+    out_of_steps = (
+        "The scene did not finish within max_steps steps; raise max_steps or loosen the tolerances."
+    )
+    not_finite = (
+        "A state or a parameter is not finite; check podium, excitation and initial state for NaN, "
+        "infinities "
+        "and extreme values."
+    )
     history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
     interrupted = "The computation was stopped before this scene had ended; resume it."
     chattering = (
@@ -29,12 +35,11 @@ class RESULTS(eqx.Enumeration):
         "use a restitution further below 1, a larger rest_velocity or an earlier t_end."
     )
     too_stiff = (
-        "The superstructure is too stiff for the columns: max_steps did not suffice to follow its vibration "
-        "for so long; "
+        "The superstructure vibrates too fast for max_steps steps to reach the end of the scene; "
         "make it Rigid, end the scene earlier, or raise max_steps."
     )
     weightless = (
-        "g + v̈_g is not positive at all times: joints could open vertically, which is not in the model; "
+        "g + v̈_g is not positive at all times: joints could open vertically, which the model excludes; "
         "scale the vertical motion down."
     )
 
@@ -70,6 +75,23 @@ _RESULT = jax.tree.structure(RESULTS.settled)
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
     """Return the codes of one result or of a batch of them."""
     return result._value
+
+
+def explain(code: int) -> str:
+    """Return the name of a result, and its message with the cure."""
+    return f"{NAMES[code]}: {RESULTS[getattr(RESULTS, NAMES[code])]}"
+
+
+def explain_failures(codes) -> str:
+    """Return how many scenes did not finish, and the cause and cure of each kind; empty if all finished.
+
+    - `codes`: codes of results, of any shape
+    """
+    kinds, counts = np.unique(np.asarray(codes)[np.asarray(codes) > OVERTURNED], return_counts=True)
+    if not kinds.size:
+        return ""
+    causes = [f"{count} {explain(int(kind))}" for kind, count in zip(kinds, counts, strict=True)]
+    return f"{counts.sum()} of {np.size(codes)} scenes did not finish. {' '.join(causes)}"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -11,7 +11,7 @@ class Module(eqx.Module):
     """Equinox's module with the methods of any other class.
 
     Equinox makes a pytree of a method whenever it is looked up. Such a method has no hash where a number of
-    its module is an array, so that `jax.jit(podium.method)` fails; and looking it up takes .05 ms.
+    its module is an array, so that `jax.jit(podium.method)` fails; and each look-up costs time.
     """
 
     if not TYPE_CHECKING:

@@ -40,4 +40,6 @@ def design(given: Given, report: Report, output: Output = "rockjax-design") -> N
     if stopped is not None:
         report.error(f"{stopped}; the best design so far is kept", INTERRUPTED)
     elif not found.satisfied:
-        report.error("no design that satisfies the targets was found")
+        report.error(
+            "no design that satisfies the targets was found; widen [vary], relax the targets or raise starts"
+        )

@@ -41,7 +41,7 @@ def fragility(
     ] = None,
     synthetic: Annotated[
         int | None,
-        option("--synthetic", panel=MOTION, min=2, help="So many synthetic motions, instead of files."),
+        option("--synthetic", panel=MOTION, min=2, help="Number of synthetic motions, instead of files."),
     ] = None,
     output: Output = "rockjax-fragility",
 ) -> None:
@@ -153,7 +153,9 @@ def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.F
             report.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
         report.facts["median_sensitivity"] = prices
     if failed:
-        report.error(f"{failed} scenes ended without an answer")
+        from rockjax._results import explain_failures
+
+        report.error(explain_failures(analysis["result"]))
 
 
 def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> xarray.Dataset | None:
@@ -203,7 +205,9 @@ def _measure(levels: models.Fragility, found: Motions) -> rj.Measure:
 
     name = levels.measure
     if name != "Sa" and levels.measure_period is not None:
-        raise ValueError(f"--measure-period: has no meaning for {name}; it is of Sa")
+        raise ValueError(
+            f"--measure-period: is for Sa only; leave it out, or use --measure Sa instead of {name}"
+        )
     if name == "Sa" and levels.measure_period is None:
         raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
     if name == "scale":

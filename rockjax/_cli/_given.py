@@ -32,7 +32,7 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
     if example is None:
         return problem
     if problem is not None:
-        raise ValueError(f"--example: stands for a problem file; {problem} is one already")
+        raise ValueError(f"--example: replaces a problem file; leave it or {problem} out")
     return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
@@ -124,7 +124,7 @@ class Given:
             top = top | changes
             if top.get("T_s") == 0:  # rigid
                 if "stories" in self.flags:
-                    raise ValueError("--stories: a building has a period, --T-s > 0")
+                    raise ValueError("--stories: a building needs a period; give --T-s > 0")
                 top = {"eta": top["eta"]} if "eta" in top else {}
             if "T_s" not in top and "zeta" not in self.flags:
                 top.pop("zeta", None)

@@ -69,7 +69,7 @@ def motions(
 
     column = reader.chosen(("tan_alpha", "R"))
     if len(column) == 1:
-        raise typer.BadParameter("--tan-alpha and --R go together")
+        raise typer.BadParameter("give both --tan-alpha and --R, or neither")
     podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
     how = reader.check(models.Measures, reader.chosen(("periods", "damping")))
     found = records_of(reader, paths, reader.chosen(FILES))
@@ -111,13 +111,16 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
     (path,) = paths
     for name, (flag, _) in options.items():
         if name not in ("paths", "quiet", "verbose", "json"):
-            raise ValueError(f"{flag}: is of motion files; {path} is a problem file, which holds all of it")
+            raise ValueError(
+                f"{flag}: is for motion files; leave it out, {path} is a problem file that contains such "
+                "settings"
+            )
     from rockjax._problem.reading import Reader, load_table
 
     reader = Reader(path)
     problem = reader.check(models.Problem, load_table(path))
     if not problem.motions:
-        reader.fail("motions", "holds no set of motions")
+        reader.fail("motions", "holds no set of motions; add one, such as [motions.design]")
     podium = None if problem.structure is None else reader.structure(problem.structure)
     facts = [
         {"set": name, "number": number} | _listed(member, reader.folder)

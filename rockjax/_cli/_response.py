@@ -73,7 +73,7 @@ def response(given: Given, report: Report, output: Output = "rockjax-response") 
     wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}
     report.facts |= {"result": results.NAMES[code], **wanted, "inputs": dict(data.attrs)}
     if code > results.OVERTURNED:
-        report.error(f"the scene ended without an answer: {results.NAMES[code]}")
+        report.error(f"the scene did not finish. {results.explain(code)}")
 
 
 def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:

@@ -34,7 +34,7 @@ def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
     from rockjax._risk.annual import OUTSIDE
 
     if asked.hazard is None:
-        raise ValueError("--hazard: needs the hazard curve of the site")
+        raise ValueError("--hazard: is missing; give the file with the hazard curve of the site")
     hazard = rj.Hazard.from_file(_path(given, asked.hazard), site=asked.site)
     fragility = _fragility(given, asked)
     found = rj.annual_frequency(fragility, hazard)

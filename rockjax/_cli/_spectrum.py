@@ -87,4 +87,6 @@ def spectrum(
     least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:
-        report.error(f"{failed} of {total} scenes ended without an answer")
+        from rockjax._results import explain_failures
+
+        report.error(explain_failures(panels["result"]))

@@ -46,7 +46,10 @@ def sweep(
     workers: Annotated[
         int | None,
         option(
-            "--workers", panel=MACHINES, min=1, help="So many processes on this machine, of one core each."
+            "--workers",
+            panel=MACHINES,
+            min=1,
+            help="Number of worker processes on this machine, one core each.",
         ),
     ] = None,
     scheduler: Annotated[
@@ -123,7 +126,9 @@ def sweep(
     report.say(f"{scenes.size} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
     report.facts |= {"scenes": scenes.size, "overturned": overturned, "without_answer": failed}
     if failed:
-        report.error(f"{failed} of {scenes.size} scenes ended without an answer")
+        report.error(
+            f"{failed} of {scenes.size} scenes did not finish; the variable 'result' names the cause of each"
+        )
 
 
 def _axes(given: Given, texts: list[str]) -> dict[str, Any]:

@@ -84,9 +84,7 @@ class AbstractExcitation(Module):
 
     def scaled(self, factor) -> Self:
         """Return the motion times a factor."""
-        raise NotImplementedError(
-            f"{type(self).__name__} does not say how to scale itself: give it a method `scaled`"
-        )
+        raise NotImplementedError(f"{type(self).__name__} cannot be scaled; give it a method `scaled`")
 
     def strength(self) -> np.ndarray | None:
         """Return a number in proportion to max|ü_g| of each motion (host), None if not cheaply known."""
@@ -122,7 +120,7 @@ class AbstractExcitation(Module):
     def curvature(self) -> Value:
         """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]; needed for components of a pair."""
         raise NotImplementedError(
-            f"{type(self).__name__} does not say how much it curves: give it a method `curvature`, a bound "
+            f"{type(self).__name__} has no bound of its curvature; give it a method `curvature`, a bound "
             "of |d²ü_g/dt²| between breakpoints"
         )
 

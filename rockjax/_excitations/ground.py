@@ -328,5 +328,6 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
         return
     raise ValueError(
         f"{owner}: g + v̈_g must be positive at all times, got {float(gravity):g} {float(low):+.6g} m/s² "
-        f"at t = {float(when):.6g} s: joints could open vertically, which is not in the model"
+        f"at t = {float(when):.6g} s: joints could open vertically, which the model "
+        "excludes; scale the vertical motion down"
     )

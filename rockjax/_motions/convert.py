@@ -103,7 +103,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
     ):
         found = [motion for entry in value for motion in as_motions(owner, entry, name)]
         if not found:
-            raise ValueError(f"{owner}: {name} holds no motion")
+            raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         return found
     found = []
     for k, member in enumerate(several(owner, value, name).members):
@@ -124,7 +124,7 @@ def several(owner: str, value, name: str) -> Several:
         return Several([value.record()], [value.name])
     if isinstance(value, Motions):
         if not len(value):
-            raise ValueError(f"{owner}: {name} holds no motion")
+            raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         return Several(list(value.records()), distinct(value.names))
     if isinstance(value, Records):
         return Several(_rows(owner, value, name), None)
@@ -134,7 +134,7 @@ def several(owner: str, value, name: str) -> Several:
         parts = [several(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
         members = [member for part in parts for member in part.members]
         if not members:
-            raise ValueError(f"{owner}: {name} holds no motion: at least one is needed")
+            raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         named = [part.names for part in parts if part.names is not None]
         return Several(
             members, distinct([y for names in named for y in names]) if len(named) == len(parts) else None

@@ -65,7 +65,10 @@ def read(
     says = found.says_units or f"{path}: its header"
     other = unit_of(found.said)
     if own is None and other is not None:
-        raise ValueError(f"{says} gives the unit as {found.said}, which is no unit of acceleration")
+        raise ValueError(
+            f"{says} gives the unit as {found.said}, which is not a unit of acceleration; known are "
+            f"{', '.join(ACCELERATIONS)}"
+        )
     if own is not None and units is not None and ACCELERATIONS[own] != RECORD_UNITS[units]:
         raise ValueError(f"{says} gives the unit as {own}, but units = {units} was given; leave units out")
     values = found.values

@@ -89,7 +89,11 @@ def parse_heading(where: str, text: str) -> Heading:
     if kind in ("", "index") and unit:
         kind = UNITS[unit].dimension
     elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
-        raise ValueError(f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}")
+        suitable = [name for name, each in UNITS.items() if each.dimension in _DIMENSIONS.get(kind, {kind})]
+        raise ValueError(
+            f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}; its units are "
+            f"{', '.join(suitable)}"
+        )
     if not quantity and not unit:
         kind = "index"
     known = re.fullmatch(r"pg[avd]", quantity, re.I)

@@ -98,7 +98,7 @@ def measured(motion: Accelerogram, measure: str, period: float | None, damping: 
     if measure not in simple:
         raise ValueError(f"scaled_to: measure must be one of {', '.join((*simple, 'Sa'))}, got {measure!r}")
     if period is not None:
-        raise ValueError(f"scaled_to: period has no meaning for {measure}")
+        raise ValueError(f"scaled_to: period is for Sa only; leave it out for {measure}")
     find, power = simple[measure]
     return find(), power
 

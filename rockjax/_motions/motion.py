@@ -96,7 +96,9 @@ class Motion(Accelerogram):
         """
         dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
-            raise ValueError(f"resampled: dt = {dt:g} s leaves fewer than two samples of {self.duration:g} s")
+            raise ValueError(
+                f"resampled: dt = {dt:g} s exceeds the duration of {self.duration:g} s; give a shorter one"
+            )
         ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
         if not 0 < ratio.numerator <= _RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
             raise ValueError(
@@ -155,7 +157,9 @@ class Motion(Accelerogram):
             )
         spent = energy(self)
         if spent[-1] == 0:
-            raise ValueError(f"trimmed: {self.name} is zero throughout")
+            raise ValueError(
+                f"trimmed: {self.name} is zero throughout, so it has no strong part; leave it out"
+            )
         first = int(np.searchsorted(spent, lower * spent[-1], side="right")) - 1
         last = int(np.searchsorted(spent, upper * spent[-1]))
         part = slice(max(first, 0), max(last, first + 1) + 1)
@@ -309,7 +313,10 @@ class Motions(Sequence[Motion]):
         def scaled(motion: Motion) -> Motion:
             present, power = measured(motion, measure, period, damping)
             if present == 0:
-                raise ValueError(f"scaled_to: {measure} of {motion.name} is zero")
+                raise ValueError(
+                    f"scaled_to: {measure} of {motion.name} is zero, so no factor changes it; leave the "
+                    "motion out"
+                )
             return motion.scaled((value / present) ** (1 / power))
 
         return self.map(scaled)

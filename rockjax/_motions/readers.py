@@ -96,7 +96,7 @@ def read_suite(
                 pattern,
             )
     elif pattern is not None:
-        raise ValueError(f"{path}: is not a folder; pattern has no meaning")
+        raise ValueError(f"{path}: is a file; leave pattern out, which is for folders")
     return _all(path, _table(path), units, dt, scale, component, "")
 
 
@@ -130,13 +130,16 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         )
     _, names = rows[0]
     if len(set(names)) != len(names):
-        raise ValueError(f"{path}:{rows[0][0]}: has a heading twice")
+        raise ValueError(f"{path}:{rows[0][0]}: names a column twice; rename or remove one")
     if len(rows) == 1:
-        raise ValueError(f"{path}: lists no file")
+        raise ValueError(f"{path}: lists no file; give one a line under the headings")
     found = []
     for line, cells in rows[1:]:
         if len(cells) > len(names):
-            raise ValueError(f"{path}:{line}: has {len(cells)} cells where there are {len(names)} headings")
+            raise ValueError(
+                f"{path}:{line}: has {len(cells)} cells, but there are {len(names)} headings; quote cells "
+                "that contain commas"
+            )
         row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
         if "file" not in row:
             raise ValueError(f"{path}:{line}: file is missing")

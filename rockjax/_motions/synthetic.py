@@ -191,7 +191,9 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:
         raise ValueError(
-            f"synthetic_motions: a pulse of {2 * half:g} s does not fit into a duration of {t[-1]:g} s"
+            f"synthetic_motions: a pulse of {2 * half:g} s does not fit into a duration of {t[-1]:g} s; "
+            "raise the "
+            "duration or shorten the pulse"
         )
     since = t - min(max(peak * t[-1], half), t[-1] - half)
     acts = np.abs(since) <= half

@@ -41,7 +41,8 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
     twice = clash(names)
     if twice is not None:
         raise ValueError(
-            f"{owner}: sensitivities name {twice[0]} and {twice[1]}, of which one at a time can vary"
+            f"{owner}: sensitivities name {twice[0]} and {twice[1]}, which cannot vary at the same time; "
+            "give one of them"
         )
 
 

@@ -78,7 +78,7 @@ def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
     values = {known[name].name: value for name, value in values.items()}
     twice = clash(values)
     if twice is not None:
-        raise ValueError(f"{twice[0]} and {twice[1]} say the same of a podium: give one of them")
+        raise ValueError(f"{twice[0]} and {twice[1]} describe the same quantity; give one of them")
     places = {entry.name: entry.place for entry in known.values() if entry.place}
     kept = {places[name]: value for name, value in values.items() if name in places}
     if "tan_alpha" in values:

@@ -159,7 +159,7 @@ def _rates(
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
         if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
-            raise ValueError(f"{quoted}: rates must be annual; 'annual_rate' says so")
+            raise ValueError(f"{quoted}: rates must be annual; call the column 'annual_rate'")
         return x, values
     if heading.kind == "return period":
         if np.any(values <= 0):

@@ -75,7 +75,11 @@ class Hazard(Module):
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)
         if np.any(np.diff(log_rate) == 0):
-            raise ValueError("Hazard.intensity_at: the curve is flat somewhere, and has no inverse there")
+            raise ValueError(
+                "Hazard.intensity_at: the curve has points of equal annual_rate, where it has no "
+                "inverse; leave "
+                "out all but one of them"
+            )
         i = np.clip(np.searchsorted(-log_rate, -np.log(rate)) - 1, 0, log_x.size - 2)
         slope = np.diff(log_x)[i] / np.diff(log_rate)[i]
         return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))

@@ -55,7 +55,9 @@ class AbstractLimitState(abc.ABC):
         if bad.any():
             at = u[np.argmax(bad)]
             raise ValueError(
-                f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin"
+                f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin; "
+                "return a "
+                "finite value for every u, negative for failure"
             )
         return value
 

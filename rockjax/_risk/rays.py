@@ -164,7 +164,7 @@ def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float
             break
     raise ValueError(
         f"no motions up to {FARTHEST_FACTOR:g} times as strong or as weak fail with a probability near "
-        f"{probability:g}"
+        f"{probability:g}; give another probability, limit or podium"
     )
 
 

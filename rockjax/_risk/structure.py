@@ -74,7 +74,7 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         name, value = limit
         kind = LIMITS[name]
         if podium is not None and not OWNERS[kind.of](podium):
-            raise ValueError(f"{owner}: limit {name!r} is of {kind.of}, and this podium has none")
+            raise ValueError(f"{owner}: limit {name!r} needs {kind.of}; this podium has none")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")

@@ -335,7 +335,7 @@ class Podium(Module):
         top = self.superstructure
         found = None if top is None else top.oscillators
         if found is None:
-            raise ValueError(f"Podium.{name}: only something elastic oscillates, such as Elastic(...)")
+            raise ValueError(f"Podium.{name} needs an elastic superstructure, such as Elastic(...)")
         return found
 
     def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
@@ -356,7 +356,8 @@ class Podium(Module):
         """
         if self.vibrates:
             raise ValueError(
-                "Podium.equivalent_block: a frame with an elastic superstructure has no equivalent block"
+                "Podium.equivalent_block: a frame with an elastic superstructure has no equivalent "
+                "block; make it Rigid"
             )
         gamma = self.gamma + self.eta
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
@@ -416,7 +417,8 @@ def _without_building(owner: str, **given: object) -> None:
     for name, value in given.items():
         if value is not None:
             raise ValueError(
-                f"{owner}: {name} is of a building; give stories, or story_masses and story_stiffnesses, as "
+                f"{owner}: {name} is for buildings only; give stories, or story_masses and "
+                "story_stiffnesses, as "
                 f"well, got {name} = {shown(value)} alone"
             )
 
@@ -429,14 +431,15 @@ def _building(
     if stories is not None:
         if masses is not None or stiffnesses is not None or period is None:
             raise ValueError(
-                f"{owner}: stories needs top_mass and period, and is instead of story_masses and "
-                "story_stiffnesses"
+                f"{owner}: stories needs top_mass and period, and excludes story_masses and story_stiffnesses"
             )
         return ShearBuilding.uniform(stories, eta, period, damping, modes, height=heights)
     if masses is None or stiffnesses is None:
-        raise ValueError(f"{owner}: story_masses and story_stiffnesses are needed both")
+        raise ValueError(f"{owner}: story_masses and story_stiffnesses must be given together")
     if period is not None or np.any(concrete(eta)):
-        raise ValueError(f"{owner}: story_masses and story_stiffnesses are instead of top_mass and period")
+        raise ValueError(
+            f"{owner}: story_masses and story_stiffnesses exclude top_mass and period; give one pair"
+        )
     masses, stiffnesses = (
         as_float(y, f"{owner}: {name}") / columns_mass[..., None]
         for name, y in (("story_masses", masses), ("story_stiffnesses", stiffnesses))

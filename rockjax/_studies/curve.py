@@ -204,8 +204,8 @@ def _of_stripes(
     if lost:
         raise ValueError(
             f"fragility: no interval: without one of "
-            f"{lost} of the {len(others)} records the counts do not say the "
-            "dispersion any more; use more records or closer levels, or confidence=None for the curve alone"
+            f"{lost} of the {len(others)} records the counts do not determine the "
+            "dispersion; use more records or closer levels, or confidence=None for the curve alone"
         )
 
     def estimates(fits: Lognormal) -> np.ndarray:

@@ -275,7 +275,10 @@ def check_resumes(
         raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
     for name, values in axes.items():
         if name not in known.coords or not np.array_equal(known[name].values, values):
-            raise ValueError(f"{owner}: the spectrum to resume has another axis {name}")
+            raise ValueError(
+                f"{owner}: the spectrum to resume has another axis {name}; repeat the call that was "
+                "interrupted"
+            )
     for name, value in attributes.items():
         found = known.attrs.get(name)
         if found != value:
@@ -287,7 +290,9 @@ def check_resumes(
 def check_resumed_parameters(owner: str, known: xarray.Dataset, sensitivities: Sequence[str]) -> None:
     """Raise `ValueError` unless a spectrum to resume has sensitivities to these parameters."""
     if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
-        raise ValueError(f"{owner}: the spectrum to resume has other sensitivities")
+        raise ValueError(
+            f"{owner}: the spectrum to resume has other sensitivities; repeat the call that was interrupted"
+        )
 
 
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:

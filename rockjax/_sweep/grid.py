@@ -140,7 +140,7 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
     twice = clash(names)
     if twice is not None:
         raise ValueError(
-            f"grid: {twice[0]} and {twice[1]} say the same of a scene: give one of them as an axis"
+            f"grid: {twice[0]} and {twice[1]} describe the same quantity; give one of them as an axis"
         )
 
 

@@ -305,7 +305,9 @@ class Store:
         with _readable(self.path):
             about = _about(_zarr().open_group(_zarr_store(self.path), mode="r"))
         if about != self.about:
-            raise RuntimeError(f"{self.path}: another sweep has taken the place of this one")
+            raise RuntimeError(
+                f"{self.path}: another sweep has replaced this one; give each sweep a path of its own"
+            )
         box = self.layout.box(k)
         parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
         for name, values in parts.items():

@@ -117,7 +117,7 @@ def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
     differences = list(_differences(found.about, study.about(layout)))
     if differences:
         raise ValueError(
-            f"{found.path}: is of another sweep: "
+            f"{found.path}: holds another sweep: "
             f"{'; '.join(differences[:4])}; give another path, remove it, or make the "
             "call that it was made with"
         )

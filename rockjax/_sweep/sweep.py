@@ -116,7 +116,7 @@ def sweep(
         raise Interrupted(message, data) from stopped
     failed = int(np.nansum(found.rows()[:, -1]))
     if failed:
-        message = f"{failed} of {study.scenes} scenes ended without an answer; their result says why"
+        message = f"{failed} of {study.scenes} scenes did not finish; their variable 'result' names the cause"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
     return data
 

@@ -143,7 +143,7 @@ def test_what_is_no_parameter_is_refused():
         (["weight"], "must be some of"),
         (["T_s"], "must be some of"),
         (["alpha", "alpha"], "twice"),
-        (["alpha", "width"], "one at a time"),
+        (["alpha", "width"], "at the same time"),
         ("alpha", "a list of texts"),
     ):
         with pytest.raises(ValueError, match=f"peak_responses: sensitivities .*{words}"):

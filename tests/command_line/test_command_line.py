@@ -123,7 +123,7 @@ def test_a_scene_without_an_answer_is_one(run, tmp_path):
     code, out, err = run("response", "short.toml", "--quiet", "-o", "a")
     assert code == 1
     assert out == ""
-    assert err == "rockjax: the scene ended without an answer: out_of_steps\n"
+    assert err.startswith("rockjax: the scene did not finish. out_of_steps: ")
     assert (tmp_path / "a.nc").exists()
 
 
@@ -269,7 +269,7 @@ WRONG = [  # each message once
     ("fragility good.toml --motions b", "motions.b: holds pulses; only records are wanted"),
     ("fragility good.toml bad.toml", "bad.toml: is a second problem file; give one"),
     ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
-    ("fragility --synthetic 3 --measure-period 1", "--measure-period: has no meaning for PGA"),
+    ("fragility --synthetic 3 --measure-period 1", "--measure-period: is for Sa only"),
     ("fragility --synthetic 3 record.txt", "--synthetic: give files or synthetic motions, not both"),
     ("plot none.nc", "none.nc: there is no such file"),
     ("quake", "No such command 'quake'"),

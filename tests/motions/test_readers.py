@@ -567,7 +567,7 @@ def test_units_in_a_heading(tmp_path):
             [":3:", "holds velocity"],
         ),
         ("a.DT2", AT2.replace("ACCELERATION TIME SERIES", ""), {"units": "g"}, ["displacement", "not acc"]),
-        ("a.AT2", AT2.replace("OF G", "OF CM/S"), {"units": "cm/s2"}, ["CM/S", "no unit of acceleration"]),
+        ("a.AT2", AT2.replace("OF G", "OF CM/S"), {"units": "cm/s2"}, ["CM/S", "not a unit of acceleration"]),
         ("a.v2", "1 2\n3 4\n", {}, [":1:", "neither", "CSMIP", "COSMOS"]),
         ("a.v2c", cosmos(CHANNELS, interval_ms=-999.0), {"component": 1}, [":25:", "value 62", "> 0 ms"]),
         ("a.v2c", cosmos(CHANNELS).replace("acceleration  ", "velocity  "), {}, [":1:", "holds velocity"]),

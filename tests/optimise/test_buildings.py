@@ -186,9 +186,7 @@ def test_limit_states_of_buildings_take_the_worst_story():
 
 def test_limit_states_of_stories_need_stories():
     for name in ("drift", "floor acceleration"):
-        words = re.escape(
-            f"limit {name!r} is of a building of stories, a rockjax.ShearBuilding, and this podium"
-        )
+        words = re.escape(f"limit {name!r} needs a building of stories, a rockjax.ShearBuilding; this podium")
         with pytest.raises(ValueError, match=words):
             limit_of("test", (name, 0.1), PODIUM.replace(superstructure=rj.Elastic(8.0, 0.5, 0.05)))
         assert limit_of("test", (name, 0.1), PODIUM).value == 0.1

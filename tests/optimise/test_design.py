@@ -140,12 +140,12 @@ def test_scaling_meets_the_bounds_and_inverts():
         (
             BLOCK,
             {"alpha": (0.1, 0.2), "width": (0.1, 0.2)},
-            "alpha and width, which say the same of a column",
+            "alpha and width, which describe the same dimension",
         ),
         (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
         (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
         (BLOCK, {"alpha": 0.2}, "must be a pair"),
-        (BLOCK, {"alpha": (0.1, 2.0)}, "leaves the possible: Podium: alpha"),
+        (BLOCK, {"alpha": (0.1, 2.0)}, "exceeds the possible range: Podium: alpha"),
         (BLOCK, {"superstructure.eta": (1.0, 2.0)}, "no superstructure"),
         (
             BLOCK.replace(superstructure=rj.Rigid(1.0)),
@@ -656,7 +656,7 @@ def test_fit_refuses_what_it_cannot_use():
         optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0])
     with pytest.raises(ValueError, match="times ascending"):
         optimise.fit(BLOCK, vary, motion, [1.0, 0.0], [0.0, 0.0])
-    with pytest.raises(ValueError, match="cannot tell"):
+    with pytest.raises(ValueError, match="do not determine"):
         optimise.fit(BLOCK, {**vary, "R": (1, 2), "gamma": (0, 1)}, motion, [0.0, 1.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="after the scene does"):
         optimise.fit(BLOCK, vary, motion, [-9.0, 1.0], [0.0, 0.0])

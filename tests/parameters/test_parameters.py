@@ -55,7 +55,7 @@ def test_width_and_height_are_slenderness_and_size():
     )
     wider = variants.varied(BARE, {"width": 0.6})
     assert float(wider.height) == pytest.approx(float(BARE.height), rel=1e-14)
-    with pytest.raises(ValueError, match="R and width say the same"):
+    with pytest.raises(ValueError, match="R and width describe the same"):
         variants.varied(BARE, {"width": 0.6, "R": 2.0})
 
 

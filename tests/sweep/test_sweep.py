@@ -136,7 +136,7 @@ def test_several_motions_are_an_axis():
     assert pulses.shape == (2, 3)
     for bad, words in (
         ([rj.Ricker(1.0, 0.5), rj.OneSine(1.0, 0.5)], "one kind, got OneSine, Ricker"),
-        ([], "holds no motion: at least one is needed"),
+        ([], "must hold at least one motion, got none"),
         (rj.Ricker([1.0, 2.0], 0.5), "a_p is an array"),
         ("file.csv", r"must be a rockjax motion .* got 'file.csv'; rockjax.read_motion\(path\) reads"),
     ):
@@ -147,9 +147,9 @@ def test_several_motions_are_an_axis():
 @pytest.mark.parametrize(
     ("axes", "words"),
     [
-        ({"alpha": [0.1], "tan_alpha": [0.1]}, "alpha and tan_alpha say the same"),
-        ({"width": [0.1], "R": [1.0]}, "R and width say the same"),
-        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio say the same"),
+        ({"alpha": [0.1], "tan_alpha": [0.1]}, "alpha and tan_alpha describe the same"),
+        ({"width": [0.1], "R": [1.0]}, "R and width describe the same"),
+        ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio describe the same"),
         ({"T_s": [0.5]}, "axes must be some of"),
         ({"restitution": [0.9]}, "axes must be some of"),
         ({"alpha": [[0.1]]}, "one-dimensional"),
@@ -350,7 +350,7 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
         return peaks
 
     monkeypatch.setattr(_chunks, "solved", replaced)
-    with pytest.raises(RuntimeError, match="another sweep has taken the place of this one"):
+    with pytest.raises(RuntimeError, match="another sweep has replaced this one"):
         sweep(store)
     same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
 
@@ -382,7 +382,7 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
         return create(*args)
 
     monkeypatch.setattr(Store, "create", another)
-    with pytest.raises(ValueError, match=r"b\.zarr: is of another sweep: the numbers of structures.gamma"):
+    with pytest.raises(ValueError, match=r"b\.zarr: holds another sweep: the numbers of structures.gamma"):
         sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
@@ -449,7 +449,7 @@ def test_costly_chunks_come_first(tmp_path, counted):
 
 def test_scenes_without_an_answer_are_counted(tmp_path):
     options = rj.Options(outputs=OUTPUTS, max_steps=25)
-    with pytest.warns(RuntimeWarning, match="of 1200 scenes ended without an answer"):
+    with pytest.warns(RuntimeWarning, match="of 1200 scenes did not finish"):
         data = sweep(tmp_path / "a.zarr", options=options)
     assert 0 < int((data["result"] == 3).sum()) < 1200
 

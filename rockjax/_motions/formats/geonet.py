@@ -37,7 +37,7 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
     start = starts[chosen]
     step = _STEP.search(_line(lines, start + 10))
     if step is None:
-        raise ValueError(f"{path}:{start + 11}: does not say at what intervals the data are")
+        raise ValueError(f"{path}:{start + 11}: gives no sampling interval, such as DATA AT 0.02 SEC")
     dt = interval(path, start + 11, step[1], "the interval")
     peak = re.search(r"ACCELERATION:\s+PEAK\s+\S+\s+(\S+)", _line(lines, start + 13), re.I)
     said = peak[1] if peak else None

@@ -64,7 +64,10 @@ def _joined(path: Path, pieces: list[Any]) -> Any:
 
     stream = obspy.Stream(pieces)
     if len({piece.stats.delta for piece in pieces}) > 1:
-        raise ValueError(f"{path}: {pieces[0].id} changes its sampling interval")
+        raise ValueError(
+            f"{path}: {pieces[0].id} changes its sampling interval; resample it, or cut out the part that "
+            "holds the motion"
+        )
     if gaps := stream.get_gaps():
         start, end, missing = gaps[0][4], gaps[0][5], int(gaps[0][7])
         found = f"{len(gaps)} gaps" if missing > 0 else f"{len(gaps)} overlaps"
