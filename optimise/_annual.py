@@ -17,9 +17,9 @@ from rockjax.internal import (
     as_motions,
     fit_capacities,
     measured_as,
-    of_kind,
-    several,
-    single,
+    require_instance,
+    require_number,
+    single_motions,
 )
 
 from ._fresh import FreshSamples
@@ -66,14 +66,14 @@ class AnnualFrequency(AbstractScaleTarget):
         owner = type(self).__name__
         check_limit(owner, "at_most", at_most)
         check_limit(owner, "width", width, below=0.1)
-        of_kind(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
+        require_instance(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
         if hazard.units != hazard.in_si().units:
             raise ValueError(
                 f"{owner}: the hazard must be in SI units, got {hazard.units!r}; convert it with "
                 "hazard.in_si()"
             )
         highest = float(hazard.intensity[-1]) if max_intensity is None else max_intensity
-        highest = single(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
+        highest = require_number(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
         often = float(hazard(jnp.asarray(float(highest))))
         if often >= at_most:
             raise ValueError(
@@ -96,7 +96,7 @@ class AnnualFrequency(AbstractScaleTarget):
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
         # Scaled to unit intensity, so that a factor on a motion is its intensity.
-        members = several(owner, given, "suite").members
+        members = single_motions(owner, given, "suite").members
         unit = [motion.scaled(1 / size) for motion, size in zip(members, sizes, strict=True)]
         drawn = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
         self.suite = Suite.of(drawn, owner, "suite")

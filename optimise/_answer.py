@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import UNTIL_OVERTURNING, Module, html, lines, of_kind
+from rockjax.internal import UNTIL_OVERTURNING, Module, html, lines, require_instance
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -117,7 +117,7 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
 
 def check_design(owner: str, design) -> None:
     """Raise `ValueError` unless `design` is a `Design`."""
-    of_kind(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
+    require_instance(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
 
 
 def table(design: Design) -> str:

@@ -14,11 +14,11 @@ from rockjax.internal import (
     as_float,
     as_pulse,
     describe_options,
-    of_kind,
+    format_value,
     require,
+    require_instance,
+    require_whole,
     scan,
-    shown,
-    whole,
 )
 
 from ._variables import Structure, as_podium, parameter, replaced, variables
@@ -74,9 +74,9 @@ def design_chart(
         raise ValueError(f'{owner}: vary must be like ("alpha", (0.1, 0.3)), got {vary!r}') from None
     variables(podium, {name: (low, high)}, owner)
     pulse = as_pulse(owner, pulse)
-    of_kind(owner, "options", options, rj.Options, "rockjax.Options")
+    require_instance(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _axes(owner, T_p, a_p)
-    whole(owner, "resolution", resolution, 4)
+    require_whole(owner, "resolution", resolution, 4)
     rows, least, cost = [], [], []
     for amplitude in amplitudes:
 
@@ -133,7 +133,7 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     Dots are the other boundaries. Returns the axes.
     """
     if "least_safe" not in getattr(chart, "data_vars", ()):
-        raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {shown(chart)}")
+        raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, STYLES

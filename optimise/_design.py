@@ -10,7 +10,7 @@ import numpy as np
 
 import rockjax as rj
 from rockjax.internal import bar as bar_of
-from rockjax.internal import of_kind, shown, single, whole
+from rockjax.internal import format_value, require_instance, require_number, require_whole
 
 from ._answer import Design, Effort, Found, Sampled, answer_of
 from ._descent import End, Evaluation, Iterate, Rules, prepared, rank, scale_of
@@ -78,14 +78,14 @@ def design(
     """
     began = time.perf_counter()
     transformation = transformation_of(method)
-    of_kind("design", "options", options, rj.Options, "rockjax.Options")
+    require_instance("design", "options", options, rj.Options, "rockjax.Options")
     targets = (targets,) if isinstance(targets, AbstractTarget) else targets
     if isinstance(targets, str) or not isinstance(targets, Iterable):
         raise ValueError(
-            f"design: targets must be targets such as optimise.PeakRotation, got {shown(targets)}"
+            f"design: targets must be targets such as optimise.PeakRotation, got {format_value(targets)}"
         )
     targets = tuple(targets)
-    whole("design", "seed", seed, 0)
+    require_whole("design", "seed", seed, 0)
     _check(starts, tolerance, max_iterations, targets, minimise)
     varied = variables(podium, vary)
     objective = (
@@ -265,10 +265,10 @@ def _check_fresh(
 
 
 def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
-    whole("design", "starts", starts, 1)
+    require_whole("design", "starts", starts, 1)
     if max_iterations is not None:
-        whole("design", "max_iterations", max_iterations, 1)
-    single("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
+        require_whole("design", "max_iterations", max_iterations, 1)
+    require_number("design", "tolerance", tolerance, lambda v: 1e-10 <= v <= 1e-2, "in [1e-10, 1e-2]")
     for k, target in enumerate(targets):
         if not isinstance(target, AbstractTarget):
             raise ValueError(

@@ -29,9 +29,9 @@ from rockjax.internal import (
     Module,
     as_excitation,
     displayed,
-    of_kind,
+    format_value,
     of_motion,
-    shown,
+    require_instance,
 )
 
 from ._variables import Structure, as_podium, numbers_as_arrays, parameter, replaced, value_of, variables
@@ -151,9 +151,10 @@ def explore(
     """
     if not isinstance(structure, Structure):
         raise ValueError(
-            f"explore: structure must be a rockjax.Podium or an optimise.Dimensions, got {shown(structure)}"
+            "explore: structure must be a rockjax.Podium or an optimise.Dimensions, got "
+            f"{format_value(structure)}"
         )
-    of_kind("explore", "options", options, rj.Options, "rockjax.Options")
+    require_instance("explore", "options", options, rj.Options, "rockjax.Options")
     excitation = as_excitation("explore", excitation)
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError(
@@ -283,12 +284,12 @@ class _Grid(NamedTuple):
         place = (value - self.low) / self.step
         return abs(place - round(place)) < 1e-6
 
-    def read(self, shown: float, given: float) -> float:
+    def read(self, shown_value: float, given: float) -> float:
         """Return the value of a slider: the given one, if the browser has only rounded that."""
-        if not self.holds(shown):
-            return shown
-        shown = float(f"{shown:.12g}")  # browsers compute positions in floating point
-        return given if abs(shown - given) <= 0.5001 * self.step else shown
+        if not self.holds(shown_value):
+            return shown_value
+        shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
+        return given if abs(shown_value - given) <= 0.5001 * self.step else shown_value
 
 
 def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.FloatSlider:

@@ -21,11 +21,11 @@ from rockjax.internal import (
     factor_of,
     limit_of,
     limit_state,
-    of_kind,
     probability_at,
     rays_at,
-    single,
-    whole,
+    require_instance,
+    require_number,
+    require_whole,
 )
 
 from ._suite import Margins
@@ -74,11 +74,13 @@ class FailureProbability(AbstractTarget):
     ):
         owner = type(self).__name__
         check_limit(owner, "at_most", at_most)
-        self.at_most = float(single(owner, "at_most", at_most, lambda v: 1e-9 <= v <= 0.3, "in [1e-9, 0.3]"))
-        of_kind(owner, "motion", motion, rj.GaussianMotion, "a rockjax.GaussianMotion")
-        self.cov = float(single(owner, "cov", cov, lambda v: 0.02 <= v <= 0.5, "in [0.02, 0.5]"))
-        whole(owner, "rays", rays, 8)
-        whole(owner, "seed", seed, 0)
+        self.at_most = float(
+            require_number(owner, "at_most", at_most, lambda v: 1e-9 <= v <= 0.3, "in [1e-9, 0.3]")
+        )
+        require_instance(owner, "motion", motion, rj.GaussianMotion, "a rockjax.GaussianMotion")
+        self.cov = float(require_number(owner, "cov", cov, lambda v: 0.02 <= v <= 0.5, "in [0.02, 0.5]"))
+        require_whole(owner, "rays", rays, 8)
+        require_whole(owner, "seed", seed, 0)
         limit_of(owner, limit)
         self.motion, self.limit, self.rays, self.seed, self.name = motion, limit, rays, seed, name
 

@@ -13,7 +13,15 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax.internal import AnyMotion, Module, as_excitation, as_float, of_kind, single, whole
+from rockjax.internal import (
+    AnyMotion,
+    Module,
+    as_excitation,
+    as_float,
+    require_instance,
+    require_number,
+    require_whole,
+)
 
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, variables
@@ -107,11 +115,11 @@ def fit(
     began = time.perf_counter()
     varied = variables(podium, vary, "fit")
     excitation = as_excitation("fit", excitation)
-    of_kind("fit", "options", options, rj.Options, "rockjax.Options")
-    single("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
-    whole("fit", "seed", seed, 0)
+    require_instance("fit", "options", options, rj.Options, "rockjax.Options")
+    require_number("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
+    require_whole("fit", "seed", seed, 0)
     times, theta = _measured(times, theta)
-    whole("fit", "starts", starts, 1)
+    require_whole("fit", "starts", starts, 1)
     if len(times) < len(vary):
         raise ValueError(
             f"fit: {len(times)} measurements do not determine {len(vary)} variables; give more "

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import AnyMotions, records_of, several, shown, whole
+from rockjax.internal import AnyMotions, format_value, records_of, require_whole, single_motions
 
 STEP, SAMPLE = 1, 2  # streams of random numbers: batches of a search, and independent samples
 
@@ -33,9 +33,9 @@ class FreshSamples:
         self, motions: rj.GaussianMotion | AnyMotions, batch: int = 16, *, verify: int = 256, seed: int = 0
     ):
         owner = type(self).__name__
-        whole(owner, "batch", batch, 2)
-        whole(owner, "verify", verify, batch)
-        whole(owner, "seed", seed, 0)
+        require_whole(owner, "batch", batch, 2)
+        require_whole(owner, "verify", verify, batch)
+        require_whole(owner, "seed", seed, 0)
         if verify % batch:
             raise ValueError(f"{owner}: verify must be a multiple of batch = {batch}, got verify = {verify}")
         self.batch, self.verify, self.seed = batch, verify, seed
@@ -43,13 +43,13 @@ class FreshSamples:
         if isinstance(motions, rj.GaussianMotion):
             self.motions, self.members = motions, ()
             return
-        members = several(owner, motions, "motions").members
+        members = single_motions(owner, motions, "motions").members
         self.members = tuple(motion for motion in members if isinstance(motion, rj.Record))
         for k, motion in enumerate(members):
             if not isinstance(motion, rj.Record):
                 raise ValueError(
                     f"{owner}: motions must be a rockjax.GaussianMotion or records, but entry {k} is "
-                    f"{shown(motion)}"
+                    f"{format_value(motion)}"
                 )
         if len(self.members) < 2:
             raise ValueError(f"{owner}: motions must hold two records or more, got one")

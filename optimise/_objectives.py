@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 import rockjax as rj
-from rockjax.internal import Module, of_kind
+from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
@@ -162,7 +162,7 @@ class ExpectedLoss(AbstractObjective):
         if not callable(function):
             raise ValueError(f"{owner}: function must be a function of a podium, got {function!r}")
         check_limit(owner, "loss", loss)
-        of_kind(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
+        require_instance(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
         self.cost, self.loss, self.risk = OfPodium(function), float(loss), risk
 
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:

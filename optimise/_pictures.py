@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, displayed, find, of_kind
+from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, displayed, find, require_instance
 
 from ._answer import Design, check_design
 
@@ -71,7 +71,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
     """Plot the rotation over α before and after the design under one motion, and the motion."""
     check_design("before_after", design)
-    of_kind("before_after", "before", before, rj.Podium, "a rockjax.Podium")
+    require_instance("before_after", "before", before, rj.Podium, "a rockjax.Podium")
     excitation = as_excitation("before_after", excitation)
     import matplotlib.pyplot as plt
 

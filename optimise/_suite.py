@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 import rockjax as rj
-from rockjax.internal import PEAKS, AbstractPeak, AnyMotions, Module, array_module, as_array, several
+from rockjax.internal import PEAKS, AbstractPeak, AnyMotions, Module, array_module, as_array, single_motions
 
 from ._fresh import FreshSamples
 
@@ -33,7 +33,7 @@ class Suite(Module):
         """Return a suite. Raises `ValueError` for an empty set and for members that are no ground motions."""
         if isinstance(excitations, FreshSamples):
             return cls((excitations.draw(0),), tuple(range(excitations.batch)), excitations)
-        motions = several(owner, excitations, name).members
+        motions = single_motions(owner, excitations, name).members
         kinds: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
             if isinstance(motion, rj.Record):

@@ -15,6 +15,7 @@ from ._excitations.pulses import OneSine as OneSine
 from ._excitations.pulses import Ricker as Ricker
 from ._excitations.wavelets import Gabor as Gabor
 from ._excitations.wavelets import MavroeidisPapageorgiou as MavroeidisPapageorgiou
+from ._lognormal import Lognormal as Lognormal
 from ._motions.accelerogram import RecordWarning as RecordWarning
 from ._motions.measures import intensity_measures as intensity_measures
 from ._motions.motion import Motion as Motion
@@ -68,7 +69,6 @@ from ._studies.curve import fragility as fragility
 from ._studies.fragility import Measure as Measure
 from ._studies.fragility import incremental_dynamic_analysis as incremental_dynamic_analysis
 from ._studies.fragility import overturning_distribution as overturning_distribution
-from ._studies.lognormal import Lognormal as Lognormal
 from ._studies.overturning_spectrum import overturning_spectrum as overturning_spectrum
 from ._studies.record_spectra import record_spectrum as record_spectrum
 from ._studies.spectra import minimum_overturning as minimum_overturning

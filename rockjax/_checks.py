@@ -36,21 +36,21 @@ def as_float(x, what: str = "it") -> Array:
         return x  # pyright: ignore[reportReturnType]
     refuse_gaps(what, x)
     try:
-        if x is None or isinstance(x, str | bytes) or _holds_text(x):
+        if x is None or isinstance(x, str | bytes) or _contains_text(x):
             raise TypeError
-        here = isinstance(x, float | int | np.ndarray | np.generic) or _all_of_python(x)
-        if here and np.asarray(x).dtype.kind in "fiub":
-            found = np.array(x, float_type())
-            if found.ndim:
-                return as_array(found)
-            found.flags.writeable = False
-            return found  # pyright: ignore[reportReturnType]
+        is_plain = isinstance(x, float | int | np.ndarray | np.generic) or _is_python_numbers(x)
+        if is_plain and np.asarray(x).dtype.kind in "fiub":
+            array = np.array(x, float_type())
+            if array.ndim:
+                return as_array(array)
+            array.flags.writeable = False
+            return array  # pyright: ignore[reportReturnType]
         return jnp.asarray(x, dtype=float_type())
     except (TypeError, ValueError):
-        raise ValueError(f"{what} must be a number or an array of numbers, got {shown(x)}") from None
+        raise ValueError(f"{what} must be a number or an array of numbers, got {format_value(x)}") from None
 
 
-def known_or_traced(x, what: str = "it") -> Any:
+def as_numpy_unless_traced(x, what: str = "it") -> Any:
     """Return `as_float(x)` as a NumPy array unless `x` is traced: outside jit every jnp call compiles."""
     x = as_float(x, what)
     return x if isinstance(x, Tracer) else np.asarray(x)
@@ -138,12 +138,12 @@ def _first_run(at: np.ndarray) -> str:
     return f"sample {first}" if last == first else f"samples {first} to {last}"
 
 
-def _all_of_python(x) -> bool:
-    return isinstance(x, list | tuple) and all(isinstance(y, float | int) or _all_of_python(y) for y in x)
+def _is_python_numbers(x) -> bool:
+    return isinstance(x, list | tuple) and all(isinstance(y, float | int) or _is_python_numbers(y) for y in x)
 
 
-def _holds_text(x) -> bool:
-    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _holds_text(y) for y in x)
+def _contains_text(x) -> bool:
+    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _contains_text(y) for y in x)
 
 
 def as_number(what: str) -> Callable[..., Array]:
@@ -201,14 +201,14 @@ def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], ac
     if value is None and any(isinstance(y, Tracer) for y in jax.tree.leaves(x)):
         return
     if value is None or isinstance(x, str | bytes):
-        raise ValueError(f"{owner}: {name} must be {accepted}, got {shown(x)}")
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {format_value(x)}")
     good = np.isfinite(value) & ok(value)
     if not good.all():
         bad = value if value.ndim == 0 else value[~good].ravel()[0]
         raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
 
 
-def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
+def require_number(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
     """Return one finite number that is `ok`, on the host; else raise a `ValueError` as [`require`][] does.
 
     - `owner`, `name`: class or function and argument, for the error
@@ -219,47 +219,49 @@ def single(owner: str, name: str, value, ok: Callable[[float], bool], accepted: 
     except (TypeError, ValueError):
         number = float("nan")
     if not (np.isfinite(number) and ok(number)):
-        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {shown(value)}")
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {format_value(value)}")
     return number
 
 
-def whole(owner: str, name: str, value, least: int) -> int:
+def require_whole(owner: str, name: str, value, least: int) -> int:
     """Return a whole number ≥ `least`; else raise a `ValueError` that names argument and value.
 
     - `owner`, `name`: class or function and argument, for the error
     - `value`: the number; `least`: smallest accepted number
     """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {name} = {shown(value)}")
+        raise ValueError(
+            f"{owner}: {name} must be a whole number >= {least}, got {name} = {format_value(value)}"
+        )
     return int(value)
 
 
 def texts(owner: str, name: str, values) -> tuple[str, ...]:
     """Return a list of texts as a tuple. Raises a `ValueError` for anything else, also for a single text."""
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ValueError(f"{owner}: {name} must be a list of texts, got {shown(values)}")
+        raise ValueError(f"{owner}: {name} must be a list of texts, got {format_value(values)}")
     return tuple(values)
 
 
-def positive(owner: str, **arguments) -> None:
+def require_positive(owner: str, **arguments) -> None:
     """Require that all numbers are finite and > 0."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v > 0, "finite and > 0")
 
 
-def not_negative(owner: str, **arguments) -> None:
+def require_not_negative(owner: str, **arguments) -> None:
     """Require that all numbers are finite and ≥ 0."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v >= 0, "finite and >= 0")
 
 
-def finite(owner: str, **arguments) -> None:
+def require_finite(owner: str, **arguments) -> None:
     """Require that all numbers are finite."""
     for name, x in arguments.items():
         require(owner, name, x, np.isfinite, "finite")
 
 
-def shown(value) -> str:
+def format_value(value) -> str:
     """Return the text of a value for an error, or its type if the text is long."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
@@ -267,11 +269,11 @@ def shown(value) -> str:
     return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
 
 
-def of_kind(owner: str, name: str, value, kind: Any, wanted: str) -> None:
-    """Raise a `ValueError` that names argument and value unless `value` is an instance of `kind`.
+def require_instance(owner: str, name: str, value, accepted_type: Any, wanted: str) -> None:
+    """Raise a `ValueError` unless `value` is an instance of `accepted_type`.
 
     - `owner`, `name`: class or function and argument, for the error
-    - `value`: the value; `kind`: accepted type or union; `wanted`: the accepted type in words
+    - `value`: the value; `accepted_type`: type or union; `wanted`: the accepted type in words
     """
-    if not isinstance(value, kind):
-        raise ValueError(f"{owner}: {name} must be {wanted}, got {shown(value)}")
+    if not isinstance(value, accepted_type):
+        raise ValueError(f"{owner}: {name} must be {wanted}, got {format_value(value)}")

@@ -3,11 +3,21 @@
 from ._boundaries.boundary import BOUNDARY
 from ._boundaries.crossings import scan
 from ._boundaries.margin import DEFAULT_WIDTH
-from ._checks import array_module, as_array, as_float, concrete, of_kind, require, shown, single, whole
+from ._checks import (
+    array_module,
+    as_array,
+    as_float,
+    concrete,
+    format_value,
+    require,
+    require_instance,
+    require_number,
+    require_whole,
+)
 from ._excitations.pulses import PULSES
 from ._files import as_json, write_figure, write_whole
 from ._lognormal import fit_capacities
-from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, several
+from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, single_motions
 from ._motions.intensity import measured_as
 from ._options import PEAKS
 from ._parameters.table import (
@@ -76,6 +86,7 @@ __all__ = [
     "factor_of",
     "find",
     "fit_capacities",
+    "format_value",
     "has",
     "html",
     "limit_of",
@@ -85,7 +96,6 @@ __all__ = [
     "measured_as",
     "models",
     "numbered",
-    "of_kind",
     "of_motion",
     "parameters_of",
     "periods",
@@ -96,12 +106,12 @@ __all__ = [
     "readable",
     "records_of",
     "require",
+    "require_instance",
+    "require_number",
+    "require_whole",
     "scan",
-    "several",
-    "shown",
-    "single",
+    "single_motions",
     "varied",
-    "whole",
     "write_figure",
     "write_whole",
 ]

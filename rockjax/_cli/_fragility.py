@@ -65,7 +65,7 @@ def fragility(
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions.convert import distinct
+    from rockjax._motions.convert import make_unique
     from rockjax._structures import g_tan_alpha
 
     to = outputs(output, "rockjax-fragility").check(("fragility", "ida"))
@@ -92,7 +92,7 @@ def fragility(
             found,
             x,
             measure=measure,
-            names=distinct(found.names),
+            names=make_unique(found.names),
             sensitivities=levels.sensitivities,
             options=options,
             progress=bar,

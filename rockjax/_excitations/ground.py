@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import concrete, shown, single
+from rockjax._checks import concrete, format_value, require_number
 from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead, Shaking
@@ -35,7 +35,7 @@ def _component(name: str) -> Callable[[Any], AbstractExcitation]:
         if isinstance(motion, GroundMotion):
             raise ValueError(f"GroundMotion: {name} must be one component, got a GroundMotion")
         if not isinstance(motion, AbstractExcitation):
-            raise ValueError(f"GroundMotion: {name} must be a rockjax motion, got {shown(value)}")
+            raise ValueError(f"GroundMotion: {name} must be a rockjax motion, got {format_value(value)}")
         return motion
 
     return convert
@@ -197,7 +197,7 @@ class Proportional:
     ratio: float
 
     def __post_init__(self):
-        single("GroundMotion.in_proportion", "ratio", self.ratio, math.isfinite, "finite")
+        require_number("GroundMotion.in_proportion", "ratio", self.ratio, math.isfinite, "finite")
 
     @property
     def __name__(self) -> str:

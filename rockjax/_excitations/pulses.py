@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax import _sincos as sincos
-from rockjax._checks import as_number, concrete, finite, positive, product
+from rockjax._checks import as_number, concrete, product, require_finite, require_positive
 from rockjax._roots import bisect, newton
 from rockjax._types import Index, Number, Value
 from rockjax._unit_warnings import doubt
@@ -123,8 +123,8 @@ class AbstractPulse(AbstractExcitation):
     turning: ClassVar[tuple[float, ...]]  # interior extrema of the shape
 
     def __check_init__(self):
-        finite(type(self).__name__, a_p=self.a_p)
-        positive(type(self).__name__, T_p=self.T_p)
+        require_finite(type(self).__name__, a_p=self.a_p)
+        require_positive(type(self).__name__, T_p=self.T_p)
         size = concrete(self.a_p)
         if size is not None and size.ndim == 0 and abs(size) > LARGEST:
             in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_number, finite, positive, product, require
+from rockjax._checks import as_number, product, require, require_finite, require_positive
 from rockjax._sincos import cos, sin
 from rockjax._types import Index, Number, Value
 
@@ -105,8 +105,8 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     nu: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: nu"), default=0.0)
 
     def __check_init__(self):
-        finite("MavroeidisPapageorgiou", A=self.A, nu=self.nu)
-        positive("MavroeidisPapageorgiou", f_p=self.f_p)
+        require_finite("MavroeidisPapageorgiou", A=self.A, nu=self.nu)
+        require_positive("MavroeidisPapageorgiou", f_p=self.f_p)
         require("MavroeidisPapageorgiou", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
 
     @property
@@ -168,8 +168,8 @@ class Gabor(AbstractExcitation):
     phi: Number = eqx.field(converter=as_number("Gabor: phi"), default=0.0)
 
     def __check_init__(self):
-        finite("Gabor", a_p=self.a_p, phi=self.phi)
-        positive("Gabor", T_p=self.T_p, gamma=self.gamma)
+        require_finite("Gabor", a_p=self.a_p, phi=self.phi)
+        require_positive("Gabor", T_p=self.T_p, gamma=self.gamma)
 
     @property
     def support(self) -> tuple[Number, Number]:

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from rockjax._checks import as_float, require_finite_samples, single
+from rockjax._checks import as_float, require_finite_samples, require_number
 from rockjax._unit_warnings import PlausibilityWarning, doubt
 from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
 # Least PGA of a file that only the user declares to be in m/s²; smaller numbers look like g.
-UNSAID_PGA = 0.05 * STANDARD_GRAVITY
+LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # s
 RAW = "raw"  # how metadata["processing"] begins for uncorrected data
 DRIFT = 0.2  # share of PGV; a larger final velocity means that a record was cut or not corrected
@@ -48,7 +48,7 @@ class Accelerogram:
                 f"Motion: acceleration must have the shape (n,) with n >= 2, got {samples.shape}"
             )
         require_finite_samples("Motion", samples)
-        single("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
+        require_number("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
         samples.flags.writeable = False
         for name, value in {
             "acceleration": samples,
@@ -116,13 +116,15 @@ class Accelerogram:
         return float(np.abs(np.append(inside, self.displacement[-1])).max())
 
 
-def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = False) -> None:
+def warn_if_implausible(
+    motion: Accelerogram, where: str, stacklevel: int, *, unit_from_user: bool = False
+) -> None:
     """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong.
 
     - `motion`: the motion
     - `where`: name of the file, for messages
     - `stacklevel`: of the warnings
-    - `unsaid`: whether the file does not state its unit
+    - `unit_from_user`: whether only the user states the unit
     """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         doubt(
@@ -130,7 +132,7 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
             stacklevel,
             RecordWarning,
         )
-    elif unsaid and motion.metadata.get("units") == "m/s2" and motion.pga < UNSAID_PGA:
+    elif unit_from_user and motion.metadata.get("units") == "m/s2" and motion.pga < LOWEST_USER_PGA:
         doubt(
             f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is "
             f"read with "
@@ -160,11 +162,11 @@ def check(motion: Accelerogram, where: str, stacklevel: int, *, unsaid: bool = F
             RecordWarning,
         )
         return
-    left = abs(float(motion.velocity[-1]))
-    if left > DRIFT * motion.pgv:
+    final_velocity = abs(float(motion.velocity[-1]))
+    if final_velocity > DRIFT * motion.pgv:
         doubt(
             f"{where}: ends with a velocity of "
-            f"{left:.3g} m/s, {left / motion.pgv:.0%} of PGV: its baseline drifts, or "
+            f"{final_velocity:.3g} m/s, {final_velocity / motion.pgv:.0%} of PGV: its baseline drifts, or "
             "it is cut; Motion.baseline_corrected() takes it out",
             stacklevel,
             RecordWarning,

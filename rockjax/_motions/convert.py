@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import concrete, of_kind, shown
+from rockjax._checks import concrete, format_value, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
@@ -32,7 +32,7 @@ AnyMotion = AbstractExcitation | Motion | Motions
 AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
-class Several(NamedTuple):
+class SingleMotions(NamedTuple):
     """Single motions, and their names; None if one of them has no name."""
 
     members: Sequence[AbstractExcitation]
@@ -44,7 +44,7 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
     one motion."""
     if isinstance(value, AbstractExcitation):
         return value
-    members = several(owner, value, name).members
+    members = single_motions(owner, value, name).members
     if len(members) != 1:
         raise ValueError(
             f"{owner}: {name} must be one motion, got "
@@ -62,7 +62,7 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
     return (
         value
         if isinstance(value, AbstractExcitation)
-        else together(owner, several(owner, value, name).members, name)
+        else combine_motions(owner, single_motions(owner, value, name).members, name)
     )
 
 
@@ -73,22 +73,22 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
         traced = which is None or scale is None
-        whole = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
-        return (value if whole else Records.of(_rows(owner, value, name))), None
-    members, names = several(owner, value, name)
+        is_whole_table = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
+        return (value if is_whole_table else Records.of(_records_of_table(owner, value, name))), None
+    members, names = single_motions(owner, value, name)
     pairs = [member for member in members if isinstance(member, GroundMotion)]
-    if pairs and len(pairs) == len(members) and all(map(_of_records, pairs)):
+    if pairs and len(pairs) == len(members) and all(map(_is_record_pair, pairs)):
         return RecordPairs.of(pairs), names
     for k, member in enumerate(members):
         if not isinstance(member, Record):
             raise ValueError(
-                f"{owner}: {name} must be records, but entry {k} is {shown(member)}; "
+                f"{owner}: {name} must be records, but entry {k} is {format_value(member)}; "
                 "rockjax.Record(motion(t), dt) samples a motion at times t"
             )
     return Records.of([member for member in members if isinstance(member, Record)]), names
 
 
-def _of_records(pair: GroundMotion) -> bool:
+def _is_record_pair(pair: GroundMotion) -> bool:
     return isinstance(pair.horizontal, Record) and isinstance(pair.vertical, Record)
 
 
@@ -106,46 +106,46 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         return found
     found = []
-    for k, member in enumerate(several(owner, value, name).members):
+    for k, member in enumerate(single_motions(owner, value, name).members):
         member = member.horizontal if isinstance(member, GroundMotion) else member
         samples = concrete(member.acceleration) if isinstance(member, Record) else None
         if samples is None or not isinstance(member, Record):
             raise ValueError(
-                f"{owner}: {name} must be rockjax.Motion, Motions or records, got {shown(member)}; "
+                f"{owner}: {name} must be rockjax.Motion, Motions or records, got {format_value(member)}; "
                 "rockjax.Motion(motion(t), dt) samples a motion at times t"
             )
         found.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k + 1}"))
     return found
 
 
-def several(owner: str, value, name: str) -> Several:
+def single_motions(owner: str, value, name: str) -> SingleMotions:
     """Return all single motions of an argument: one, several, or a list of any of these."""
     if isinstance(value, Motion):
-        return Several([value.record()], [value.name])
+        return SingleMotions([value.record()], [value.name])
     if isinstance(value, Motions):
         if not len(value):
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        return Several(list(value.records()), distinct(value.names))
+        return SingleMotions(list(value.records()), make_unique(value.names))
     if isinstance(value, Records):
-        return Several(_rows(owner, value, name), None)
+        return SingleMotions(_records_of_table(owner, value, name), None)
     if isinstance(value, AbstractExcitation):
-        return Several([_single(owner, value, name)], None)
-    if isinstance(value, list | tuple) or (isinstance(value, Iterable) and not _is_other(value)):
-        parts = [several(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
+        return SingleMotions([_require_single(owner, value, name)], None)
+    if isinstance(value, list | tuple) or (isinstance(value, Iterable) and not _is_no_motion(value)):
+        parts = [single_motions(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
         members = [member for part in parts for member in part.members]
         if not members:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         named = [part.names for part in parts if part.names is not None]
-        return Several(
-            members, distinct([y for names in named for y in names]) if len(named) == len(parts) else None
+        return SingleMotions(
+            members, make_unique([y for names in named for y in names]) if len(named) == len(parts) else None
         )
-    raise ValueError(f"{owner}: {name} must be {WANTED}, got {shown(value)}{_advice(value)}")
+    raise ValueError(f"{owner}: {name} must be {ACCEPTED_MOTIONS}, got {format_value(value)}{_advice(value)}")
 
 
-WANTED = "a rockjax motion (Record, Motion, a pulse …), Motions, Records or a list of them"
+ACCEPTED_MOTIONS = "a rockjax motion (Record, Motion, a pulse …), Motions, Records or a list of them"
 
 
-def _is_other(value) -> bool:
+def _is_no_motion(value) -> bool:
     return isinstance(value, str | bytes | Path | np.ndarray | jax.Array | dict | type)
 
 
@@ -160,10 +160,10 @@ def _advice(value) -> str:
     return ""
 
 
-def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
+def _require_single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
     if isinstance(motion, GroundMotion):
         for part in PARTS:
-            _single(owner, getattr(motion, part), f"{name}.{part}")
+            _require_single(owner, getattr(motion, part), f"{name}.{part}")
         return motion
     for field in dataclasses.fields(motion):
         value = getattr(motion, field.name)
@@ -178,7 +178,7 @@ def _single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcita
     return motion
 
 
-def _rows(owner: str, records: Records, name: str) -> list[Record]:
+def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
     """Return the selected records of a table, each by itself."""
     which, counts = concrete(records.which), concrete(records.counts)
     if which is None or counts is None:
@@ -195,12 +195,12 @@ def _rows(owner: str, records: Records, name: str) -> list[Record]:
     return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
 
 
-def together(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
+def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
     """Return records in one table; motions of one other kind as one with arrays."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):
-        both = [together(owner, [getattr(member, part) for member in members], name) for part in PARTS]
+        both = [combine_motions(owner, [getattr(member, part) for member in members], name) for part in PARTS]
         pairs = all(isinstance(part, Records) for part in both)
         return RecordPairs(*both) if pairs else GroundMotion(*both)  # pyright: ignore[reportArgumentType]
     kinds = sorted({type(member).__name__ for member in members})
@@ -214,20 +214,21 @@ def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], Abs
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
-        kind = type(value).__name__
+        class_name = type(value).__name__
         raise ValueError(
-            f"{owner}: {name} must be {PULSE}, got the instance {shown(value)}; give the class rockjax.{kind}"
+            f"{owner}: {name} must be {ACCEPTED_PULSES}, got the instance {format_value(value)}; give the "
+            f"class rockjax.{class_name}"
         )
     if isinstance(value, AbstractExcitation | Motion | Motions | type) or not callable(value):
-        raise ValueError(f"{owner}: {name} must be {PULSE}, got {shown(value)}")
-    return value if isinstance(value, _Pulse) else _Pulse(owner, name, value)
+        raise ValueError(f"{owner}: {name} must be {ACCEPTED_PULSES}, got {format_value(value)}")
+    return value if isinstance(value, _CheckedPulse) else _CheckedPulse(owner, name, value)
 
 
-PULSE = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → excitation"
+ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → excitation"
 
 
 @dataclasses.dataclass(frozen=True)
-class _Pulse:
+class _CheckedPulse:
     """A user's function of (a_p, T_p); equal to others of the same function, so that compiled programs are
     reused."""
 
@@ -244,21 +245,21 @@ class _Pulse:
             inspect.signature(self.function).bind(a_p, T_p)
         except TypeError as error:
             raise ValueError(
-                f"{self.owner}: {self.name} must be {PULSE}; called with (a_p, T_p): {error}"
+                f"{self.owner}: {self.name} must be {ACCEPTED_PULSES}; called with (a_p, T_p): {error}"
             ) from None
         except ValueError:  # a builtin without a signature
             pass
         motion = self.function(a_p, T_p)
-        of_kind(
+        require_instance(
             self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion"
         )
         return motion
 
 
-def distinct(labels: Sequence[str]) -> list[str]:
+def make_unique(labels: Sequence[str]) -> list[str]:
     """Return labels that are unique if files of different folders have the same name."""
-    total, seen, found = Counter(labels), Counter(), []
+    total, used, found = Counter(labels), Counter(), []
     for label in labels:
-        seen[label] += 1
-        found.append(f"{label} ({seen[label]})" if total[label] > 1 else label)
+        used[label] += 1
+        found.append(f"{label} ({used[label]})" if total[label] > 1 else label)
     return found

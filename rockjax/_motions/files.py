@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockjax._checks import of_kind, refuse_sentinels, shown, single
+from rockjax._checks import format_value, refuse_sentinels, require_instance, require_number
 from rockjax._units import ACCELERATIONS, RECORD_UNITS, unit_of
 
 from .accelerogram import RAW, Accelerogram
@@ -20,11 +20,13 @@ def check_reading(path: Path, units, dt, component) -> None:
       name of a channel, or None
     """
     if not isinstance(component, int | str | None):
-        raise ValueError(f"{path}: component must be the number or name of a channel, got {shown(component)}")
+        raise ValueError(
+            f"{path}: component must be the number or name of a channel, got {format_value(component)}"
+        )
     if units is not None and units not in RECORD_UNITS:
-        raise ValueError(f"{path}: units must be one of {', '.join(RECORD_UNITS)}, got {shown(units)}")
+        raise ValueError(f"{path}: units must be one of {', '.join(RECORD_UNITS)}, got {format_value(units)}")
     if dt is not None:
-        single(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
+        require_number(str(path), "dt", dt, lambda v: v > 0, "finite and > 0 s")
 
 
 def read(
@@ -39,7 +41,7 @@ def read(
 
     Raises `ValueError` that names the file, the line and the cause.
     """
-    of_kind("read_motion", "path", path, str | Path, "the path of a file")
+    require_instance("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)
     check_reading(path, units, dt, component)
     try:
@@ -51,35 +53,41 @@ def read(
     if not content.strip():
         raise ValueError(f"{path}: is empty")
     found = parse(path, content, component)
-    own = found.units
-    if own is None and units is None:
-        said = f"gives the unit as {found.said!r}" if found.said else "does not say in what units"
-        said = (
+    file_units = found.units
+    if file_units is None and units is None:
+        unit_problem = (
+            f"gives the unit as {found.stated_unit!r}" if found.stated_unit else "does not say in what units"
+        )
+        unit_problem = (
             "its header does not give the unit"
-            if found.metadata["format"] == "PEER" and not found.said
-            else said
+            if found.metadata["format"] == "PEER" and not found.stated_unit
+            else unit_problem
         )
         raise ValueError(
-            f"{path}: {said}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
+            f"{path}: {unit_problem}; give units (on the command line --units): one of "
+            f"{', '.join(RECORD_UNITS)}"
         )
-    says = found.says_units or f"{path}: its header"
-    other = unit_of(found.said)
-    if own is None and other is not None:
+    unit_place = found.units_place or f"{path}: its header"
+    other_unit = unit_of(found.stated_unit)
+    if file_units is None and other_unit is not None:
         raise ValueError(
-            f"{says} gives the unit as {found.said}, which is not a unit of acceleration; known are "
+            f"{unit_place} gives the unit as {found.stated_unit}, which is not a unit of acceleration; "
+            "known are "
             f"{', '.join(ACCELERATIONS)}"
         )
-    if own is not None and units is not None and ACCELERATIONS[own] != RECORD_UNITS[units]:
-        raise ValueError(f"{says} gives the unit as {own}, but units = {units} was given; leave units out")
+    if file_units is not None and units is not None and ACCELERATIONS[file_units] != RECORD_UNITS[units]:
+        raise ValueError(
+            f"{unit_place} gives the unit as {file_units}, but units = {units} was given; leave units out"
+        )
     values = found.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
     if found.dt is None and dt is None:
-        cause = found.says_dt or f"{path}: has one column and no times"
+        cause = found.dt_place or f"{path}: has one column and no times"
         raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")
     if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
-        raise ValueError(f"{found.says_dt}, but dt = {dt:g} s was given; leave dt out")
-    unit = units or own
+        raise ValueError(f"{found.dt_place}, but dt = {dt:g} s was given; leave dt out")
+    unit = units or file_units
     assert unit is not None
     refuse_sentinels(str(path), values)
     with np.errstate(over="ignore"):
@@ -87,5 +95,5 @@ def read(
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
     step = found.dt if found.dt is not None else float(dt or 0)
-    notes = {"units": unit} | ({"processing": f"{RAW} ({found.raw})"} if found.raw else {})
+    notes = {"units": unit} | ({"processing": f"{RAW} ({found.raw_place})"} if found.raw_place else {})
     return Accelerogram(values, step, path.stem, path, found.metadata | notes)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockjax._checks import as_float, of_kind, single
+from rockjax._checks import as_float, require_instance, require_number
 from rockjax._files import CONVENTIONS
 from rockjax._structures import Podium, g_tan_alpha
 from rockjax._units import STANDARD_GRAVITY
@@ -137,7 +137,7 @@ def intensity_measures(
     owner = "intensity_measures"
     given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
     T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
-    single(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
+    require_number(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
         "duration": ("s", "duration", [m.duration for m in motions]),
@@ -160,7 +160,7 @@ def intensity_measures(
     }
     attrs: dict[str, float] = {"damping_ratio": damping}
     if podium is not None:
-        of_kind(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
+        require_instance(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
         unit, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Self, overload
 
 import numpy as np
 
-from rockjax._checks import shown, single
+from rockjax._checks import format_value, require_number
 from rockjax._excitations.ground import GroundMotion
 from rockjax._files import write_whole
 from rockjax._structures import Podium
@@ -54,7 +54,9 @@ class Motion(Accelerogram):
     def __post_init__(self):
         super().__post_init__()
         if not isinstance(self.vertical, Motion | None):
-            raise ValueError(f"Motion: vertical must be a rockjax.Motion or None, got {shown(self.vertical)}")
+            raise ValueError(
+                f"Motion: vertical must be a rockjax.Motion or None, got {format_value(self.vertical)}"
+            )
 
     def record(self, scale: float = 1.0) -> Record | GroundMotion:
         """Return the [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–].
@@ -67,7 +69,7 @@ class Motion(Accelerogram):
     def scaled(self, factor: float) -> Self:
         """Return the motion times `factor` [–]; the product of all factors is stored in
         `metadata["scale"]`."""
-        factor = single("scaled", "factor", factor, math.isfinite, "finite")
+        factor = require_number("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         scaled = self._changed(factor * self.acceleration, **note)
         return scaled._and_vertical(lambda vertical: vertical.scaled(factor))
@@ -94,7 +96,7 @@ class Motion(Accelerogram):
         Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and if the two intervals
         are not in a ratio of whole numbers up to 1000.
         """
-        dt = single("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
+        dt = require_number("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
             raise ValueError(
                 f"resampled: dt = {dt:g} s exceeds the duration of {self.duration:g} s; give a shorter one"
@@ -150,7 +152,7 @@ class Motion(Accelerogram):
         `ValueError` unless 0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
         """
         for name, value in (("lower", lower), ("upper", upper)):
-            single("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
+            require_number("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
         if not lower < upper:
             raise ValueError(
                 f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}"
@@ -251,11 +253,11 @@ class Motions(Sequence[Motion]):
 
     def __post_init__(self):
         if isinstance(self.motions, Motion) or not isinstance(self.motions, Iterable):
-            raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(self.motions)}")
+            raise ValueError(f"Motions: motions must hold rockjax.Motion, got {format_value(self.motions)}")
         motions = tuple(self.motions)
         for motion in motions:
             if not isinstance(motion, Motion):
-                raise ValueError(f"Motions: motions must hold rockjax.Motion, got {shown(motion)}")
+                raise ValueError(f"Motions: motions must hold rockjax.Motion, got {format_value(motion)}")
         object.__setattr__(self, "motions", motions)
 
     @overload
@@ -307,8 +309,8 @@ class Motions(Sequence[Motion]):
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
         """
-        single("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
-        single("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
+        require_number("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
+        require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
             present, power = measured(motion, measure, period, damping)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, of_kind, single, texts
+from rockjax._checks import as_float, concrete, require_instance, require_number, texts
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import KeptProgram
 from rockjax._text.reading import read_text
@@ -134,8 +134,10 @@ def fit_pulse(
         raise ValueError(f"{owner}: motion must be one motion, got {len(found)}; call it once for each")
     if quantity not in QUANTITIES:
         raise ValueError(f"{owner}: quantity must be 'velocity' or 'displacement', got {quantity!r}")
-    shortest = single(owner, "shortest", shortest, lambda v: v > 0, "finite and > 0 s")
-    longest = single(owner, "longest", longest, lambda v: v > shortest, "finite and longer than shortest")
+    shortest = require_number(owner, "shortest", shortest, lambda v: v > 0, "finite and > 0 s")
+    longest = require_number(
+        owner, "longest", longest, lambda v: v > shortest, "finite and longer than shortest"
+    )
     one = found[0]
     if not np.any(one.velocity):
         raise ValueError(f"{owner}: {one.name} is zero throughout")
@@ -143,20 +145,20 @@ def fit_pulse(
     starts = _starts(one.velocity, one.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
     # Equally many for every record, so that one program serves all.
     starts += starts[:1] * (STARTS - len(starts))
-    side_by_side = jax.tree.map(lambda *ys: np.stack(ys), *starts)
-    found = _refitted(one.acceleration, one.dt, side_by_side, quantity=quantity)
+    stacked_starts = jax.tree.map(lambda *ys: np.stack(ys), *starts)
+    found = _refit_stacked(one.acceleration, one.dt, stacked_starts, quantity=quantity)
     form = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
     fits = jax.tree.unflatten(form, [np.asarray(y) for y in found])
     best = int(np.nanargmax(fits.share))
     return jax.tree.map(lambda y: as_float(y[best]), fits)
 
 
-def _leaves_of_fits(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
+def _refit_leaves(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
     fits = jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
     return jax.tree.leaves(fits)  # a tree of modules cannot be returned
 
 
-_refitted = KeptProgram(_leaves_of_fits)
+_refit_stacked = KeptProgram(_refit_leaves)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
@@ -166,9 +168,9 @@ def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[Pu
     best = [max(_best_place(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
     shares = np.array([explained for explained, *_ in best]) / total
     # Local maxima of the share over the period.
-    tops = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
+    maxima = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
     found = []
-    for k in sorted(tops, key=lambda k: -shares[k])[:STARTS]:
+    for k in sorted(maxima, key=lambda k: -shares[k])[:STARTS]:
         _, time, A, gamma, nu = best[k]
         pulse = MavroeidisPapageorgiou(A, float(frequencies[k]), gamma, nu)
         found.append(PulseFit(pulse, as_float(time), as_float(shares[k]), "velocity"))
@@ -209,27 +211,27 @@ def refit_pulse(
     import optimistix as optx
 
     quantity = quantity or start.quantity
-    of_kind("refit_pulse", "start", start, PulseFit, "a rockjax.PulseFit")
+    require_instance("refit_pulse", "start", start, PulseFit, "a rockjax.PulseFit")
     acceleration = jnp.asarray(acceleration, float)
     t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
-    wanted = _integral(acceleration, dt)
+    target = _integral(acceleration, dt)
     if quantity == "displacement":
         # The integral of a parabola between samples.
-        parts = dt * (0.5 * (wanted[1:] + wanted[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
-        wanted = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
-    size = jax.lax.stop_gradient(jnp.max(jnp.abs(wanted)))
+        parts = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
+        target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
+    size = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
     shape = _velocity if quantity == "velocity" else _displacement
 
-    def residual(y, wanted):
-        return (shape(_pulse(y), t - y[4]) - wanted) / size
+    def residual(y, target):
+        return (shape(_pulse(y), t - y[4]) - target) / size
 
     pulse = start.pulse
     y = jnp.stack([pulse.A, jnp.log(pulse.f_p), jnp.log(pulse.gamma - 1), pulse.nu, jnp.asarray(start.time)])
     solver = optx.LevenbergMarquardt(1e-10, 1e-10)
-    found = optx.least_squares(residual, solver, jax.lax.stop_gradient(y), wanted, max_steps=200, throw=False)
-    left = residual(found.value, wanted)
-    share = 1 - jnp.sum(left**2) / jnp.sum((wanted / size) ** 2)
-    return PulseFit(_tidy(_pulse(found.value)), found.value[4], share, quantity)
+    found = optx.least_squares(residual, solver, jax.lax.stop_gradient(y), target, max_steps=200, throw=False)
+    remainder = residual(found.value, target)
+    share = 1 - jnp.sum(remainder**2) / jnp.sum((target / size) ** 2)
+    return PulseFit(_normalise(_pulse(found.value)), found.value[4], share, quantity)
 
 
 def _integral(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
@@ -241,10 +243,10 @@ def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
     return MavroeidisPapageorgiou(y[0], jnp.exp(y[1]), 1 + jnp.exp(y[2]), y[3])
 
 
-def _tidy(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
+def _normalise(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
     """Return an equal pulse with A ≥ 0 and −π < ν ≤ π."""
-    turned = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
-    nu = turned - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(turned / (2 * math.pi) - 0.5))
+    phase = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
+    nu = phase - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(phase / (2 * math.pi) - 0.5))
     return dataclasses.replace(pulse, A=jnp.abs(pulse.A), nu=nu)
 
 
@@ -260,11 +262,11 @@ def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float
     """Return ∫v dt from before the pulse, shape (n,) [m]."""
     half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
 
-    def upto(t):
+    def integral(t):
         terms = ((0.5, omega), (0.25, omega * (1 + 1 / pulse.gamma)), (0.25, omega * (1 - 1 / pulse.gamma)))
         return sum(
             (weight / rate * jnp.sin(rate * t + pulse.nu) for weight, rate in terms), jnp.zeros_like(t)
         )
 
     inside = jnp.clip(t, -half, half)
-    return pulse.A * (upto(inside) - upto(-half))
+    return pulse.A * (integral(inside) - integral(-half))

@@ -87,12 +87,12 @@ def largest_displacement(load: np.ndarray, dt: float, period: float, damping: fl
         dt = dt / finer
     oscillator = _Oscillator(2 * math.pi / period, damping)
     z = oscillator.at_samples(load, dt)
-    known = max(float(np.abs(oscillator.displacement(z)).max()), _free(oscillator, z[-1]))
-    return _inside(oscillator, z, load[:-1], np.diff(load) / dt, dt, known)
+    largest_so_far = max(float(np.abs(oscillator.displacement(z)).max()), _largest_free(oscillator, z[-1]))
+    return _largest_inside(oscillator, z, load[:-1], np.diff(load) / dt, dt, largest_so_far)
 
 
-def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) -> float:
-    """Return the largest |u| where u̇ = 0 inside an interval, or `known` if none exceeds it."""
+def _largest_inside(oscillator: _Oscillator, z, load, slope, dt: float, largest_so_far: float) -> float:
+    """Return the largest |u| where u̇ = 0 inside an interval, or `largest_so_far` if none exceeds it."""
     start, end = z[:-1], z[1:]
     # u̇ is monotone on both sides of a zero of ü, and an interval contains at most one.
     middle = oscillator.turn(start, load, slope)
@@ -102,14 +102,14 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
     between[turns] = oscillator.after(start[turns], load[turns], slope[turns], middle[turns])
     velocity = [oscillator.velocity(y) for y in (start, between, end)]
     times = [np.zeros_like(middle), middle, np.full_like(middle, dt)]
-    reach = np.abs(oscillator.displacement(start)) + dt * np.max(np.abs(velocity), axis=0)
-    largest = known
+    bound = np.abs(oscillator.displacement(start)) + dt * np.max(np.abs(velocity), axis=0)
+    largest = largest_so_far
     for k in range(2):
-        at = np.flatnonzero((velocity[k] * velocity[k + 1] < 0) & (reach > known))
+        at = np.flatnonzero((velocity[k] * velocity[k + 1] < 0) & (bound > largest_so_far))
         if not at.size:
             continue
-        of = start[at], load[at], slope[at]
-        sign, after = np.sign(velocity[k][at]), functools.partial(oscillator.after, *of)
+        motion = start[at], load[at], slope[at]
+        sign, after = np.sign(velocity[k][at]), functools.partial(oscillator.after, *motion)
         before = lambda tau, sign=sign, after=after: sign * oscillator.velocity(after(tau)) > 0
         low, high = bisect(before, times[k][at], times[k + 1][at], _HALVINGS)
         u = oscillator.displacement(after(0.5 * (low + high)))
@@ -117,7 +117,7 @@ def _inside(oscillator: _Oscillator, z, load, slope, dt: float, known: float) ->
     return largest
 
 
-def _free(oscillator: _Oscillator, z: complex) -> float:
+def _largest_free(oscillator: _Oscillator, z: complex) -> float:
     """Return the largest |u| of free vibration after `z`: at its first turning point."""
     u, v = oscillator.displacement(z), oscillator.velocity(z)
     b = oscillator.damping * oscillator.omega

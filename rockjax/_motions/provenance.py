@@ -31,7 +31,7 @@ def describe_record(record: Record) -> dict[str, Any]:
     }
 
 
-def origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
+def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
     """Return name, source, factor and seed of a `Motion` and of its vertical one, for the attributes of a
     file; empty for other excitations."""
     if not isinstance(motion, Motion):
@@ -42,7 +42,7 @@ def origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
     for key in ("scale", "seed"):
         if key in motion.metadata:
             found[f"record_{key}"] = motion.metadata[key]
-    vertical = origin(motion.vertical)
+    vertical = describe_origin(motion.vertical)
     return (*found.items(), *((f"vertical_{name}", value) for name, value in vertical))
 
 
@@ -53,24 +53,24 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
         assert isinstance(record, Record)
-        return describe_record(record) | dict(origin(excitations))
+        return describe_record(record) | dict(describe_origin(excitations))
     if isinstance(excitations, Motions):
         rows = [describe_motions(motion) for motion in excitations]
         return {name: [row.get(name, "") for row in rows] for name in rows[0]} if rows else {}
     if isinstance(excitations, Records | RecordPairs):
-        about = record_coords(excitations)
+        coords = record_coords(excitations)
         names = {"dt": "record_dt_s", "PGA": "record_pga_m_s2", "sha256": "record_sha256"}
-        return {name: np.asarray(about[key][1]).tolist() for key, name in names.items()}
+        return {name: np.asarray(coords[key][1]).tolist() for key, name in names.items()}
     single = isinstance(excitations, Record) and np.ndim(excitations.acceleration) == 1
     return describe_record(excitations) if single and not np.ndim(excitations.scale) else {}
 
 
-def _several(given: Any) -> list[Motion]:
+def _named_motions(given: Any) -> list[Motion]:
     """Return the motions with names and sources in an argument of records."""
     if isinstance(given, Motion):
         return [given]
     return (
-        [each for part in given for each in _several(part)]
+        [each for part in given for each in _named_motions(part)]
         if isinstance(given, list | tuple | Motions)
         else []
     )
@@ -86,15 +86,15 @@ def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str
         for row, count in zip(np.asarray(table.acceleration), np.asarray(table.counts), strict=True)
     ]
     pga = np.array([np.abs(row).max(initial=0.0) for row in rows])
-    about = {"units": "m s-2", "long_name": "largest ground acceleration of the record"}
-    known = [dict(origin(motion)) for motion in _several(given)]
-    further = {}
+    pga_attrs = {"units": "m s-2", "long_name": "largest ground acceleration of the record"}
+    origins = [dict(describe_origin(motion)) for motion in _named_motions(given)]
+    optional = {}
     for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
-        values = [each[f"record_{name}"] for each in known if f"record_{name}" in each]
+        values = [each[f"record_{name}"] for each in origins if f"record_{name}" in each]
         if len(values) == len(rows):
-            further[name] = ("record", values, {"long_name": long_name})
-    return further | {
+            optional[name] = ("record", values, {"long_name": long_name})
+    return optional | {
         "dt": ("record", np.asarray(table.intervals), {"units": "s", "long_name": "sampling interval"}),
-        "PGA": ("record", pga, about),
+        "PGA": ("record", pga, pga_attrs),
         "sha256": ("record", list(map(sha256, rows)), {"long_name": "SHA-256 of the samples, <f8 in m/s²"}),
     }

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rockjax._checks import of_kind, single
+from rockjax._checks import require_instance, require_number
 from rockjax._text.reading import decode, read_text
 
-from .accelerogram import check
+from .accelerogram import warn_if_implausible
 from .files import check_reading, read
 from .motion import Motion, Motions
 
@@ -43,7 +43,7 @@ def read_motion(
     1e-4 s, if the file is damaged or its data are raw, and if the final velocity is more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
-    check(motion, str(path), stacklevel=3, unsaid=units is not None)
+    warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)
     return Motion(motion.acceleration, motion.dt, motion.name, motion.source, motion.metadata)
 
 
@@ -69,11 +69,11 @@ def read_suite(
 
     Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
     """
-    of_kind("read_suite", "path", path, str | Path, "the path of a folder or table")
-    of_kind("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
+    require_instance("read_suite", "path", path, str | Path, "the path of a folder or table")
+    require_instance("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
     check_reading(path, units, dt, component)
-    scale = single(str(path), "scale", scale, np.isfinite, "finite")
+    scale = require_number(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():
             path = path / TABLE
@@ -86,7 +86,7 @@ def read_suite(
                 raise ValueError(f"{path}: pattern {pattern!r} cannot be looked for: {error}") from None
             if not files:
                 raise ValueError(f"{path}: holds no file" + (f" {pattern}" if pattern else ""))
-            return _all(
+            return _read_all(
                 path,
                 [(str(file), {"file": str(file)}) for file in files],
                 units,
@@ -97,7 +97,7 @@ def read_suite(
             )
     elif pattern is not None:
         raise ValueError(f"{path}: is a file; leave pattern out, which is for folders")
-    return _all(path, _table(path), units, dt, scale, component, "")
+    return _read_all(path, _table(path), units, dt, scale, component, "")
 
 
 def is_table(path: Path) -> bool:
@@ -160,31 +160,35 @@ def _cell(where: str, row: dict[str, str], name: str) -> float | None:
     return value
 
 
-def _all(
+def _read_all(
     path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
 ) -> Motions:
     motions, problems = [], []
     for where, row in rows:
-        own = row.get("component", component)
+        own_component = row.get("component", component)
         own_dt, own_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
         try:
             motion = read(
                 row["file"],
                 row.get("units", units),
                 dt if own_dt is None else own_dt,
-                int(own) if isinstance(own, str) and own.isdecimal() and "component" in row else own,
+                int(own_component)
+                if isinstance(own_component, str) and own_component.isdecimal() and "component" in row
+                else own_component,
             )
         except ValueError as error:
             problems.append(str(error))
             continue
-        check(motion, row["file"], stacklevel=4, unsaid=row.get("units", units) is not None)
-        more = {key: value for key, value in row.items() if key not in _COLUMNS}
+        warn_if_implausible(
+            motion, row["file"], stacklevel=4, unit_from_user=row.get("units", units) is not None
+        )
+        extra_columns = {key: value for key, value in row.items() if key not in _COLUMNS}
         motion = Motion(
             motion.acceleration,
             motion.dt,
             row.get("name", motion.name),
             motion.source,
-            more | dict(motion.metadata),
+            extra_columns | dict(motion.metadata),
         )
         factor = scale * (1.0 if own_scale is None else own_scale)
         motions.append(motion.scaled(factor) if factor != 1 else motion)

@@ -15,11 +15,11 @@ from rockjax._checks import (
     as_array,
     as_number,
     concrete,
-    finite,
-    positive,
     product,
+    require_finite,
     require_finite_samples,
-    single,
+    require_number,
+    require_positive,
 )
 from rockjax._excitations.sampled import (
     OF_RECORDS,
@@ -31,7 +31,7 @@ from rockjax._excitations.sampled import (
 )
 from rockjax._types import Index, Value
 
-from .accelerogram import check
+from .accelerogram import warn_if_implausible
 
 
 class Record(AbstractSampled):
@@ -52,8 +52,8 @@ class Record(AbstractSampled):
     t_start: Float[Array, "*batch"] = eqx.field(converter=as_number("Record: t_start"), default=0.0)
 
     def __check_init__(self):
-        positive("Record", dt=self.dt)
-        finite("Record", scale=self.scale, t_start=self.t_start)
+        require_positive("Record", dt=self.dt)
+        require_finite("Record", scale=self.scale, t_start=self.t_start)
         shape = self.acceleration.shape
         if len(shape) == 0 or shape[-1] < 2:
             raise ValueError(f"Record: acceleration must hold at least two samples, got shape {shape}")
@@ -85,9 +85,9 @@ class Record(AbstractSampled):
         """
         from .files import read  # imports all formats, which few programs need
 
-        scale = single("Record.from_file", "scale", scale, np.isfinite, "finite")
+        scale = require_number("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
-        check(motion, str(path), stacklevel=3, unsaid=units is not None)
+        warn_if_implausible(motion, str(path), stacklevel=3, unsaid=units is not None)
         return cls(motion.acceleration, motion.dt, scale)
 
     @property

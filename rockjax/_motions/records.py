@@ -17,10 +17,10 @@ from rockjax._checks import (
     as_array,
     as_number,
     concrete,
+    format_value,
     product,
     refuse_gaps,
     require_finite_samples,
-    shown,
 )
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._excitations.sampled import OF_TABLES, AbstractSampled, Sampling, common_size, filled_up
@@ -64,14 +64,15 @@ class Records(AbstractSampled):
         and for batches in it."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
-                f"Records: records must be a list of rockjax.Record, or rockjax.Motions, got {shown(records)}"
+                "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
+                f"{format_value(records)}"
             )
         singles: list[Any] = [y.record() if isinstance(y, Motion) else y for y in records]
         if not singles:
             raise ValueError("Records: at least one record is needed, got none")
         for j, record in enumerate(singles):
             if not isinstance(record, Record):
-                raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {shown(record)}")
+                raise ValueError(f"Records: entry {j} must be a rockjax.Record, got {format_value(record)}")
             if record.acceleration.ndim != 1 or any(
                 jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)
             ):
@@ -103,7 +104,8 @@ class Records(AbstractSampled):
         chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
             raise ValueError(
-                f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got {shown(which)}"
+                f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got "
+                f"{format_value(which)}"
             )
         return dataclasses.replace(self, which=which, scale=1.0)
 

@@ -18,7 +18,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rockjax._checks import of_kind, shown, single, whole
+from rockjax._checks import format_value, require_instance, require_number, require_whole
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._machine.memory import require_memory
 from rockjax._units import STANDARD_GRAVITY
@@ -136,10 +136,10 @@ def synthetic_motions(
     numbers |= {"omega_g": omega_g, "zeta_g": zeta_g, "omega_f": omega_f, "zeta_f": zeta_f}
     owner = "synthetic_motions"
     for name, value in numbers.items():
-        single(owner, name, value, lambda v: v > 0, "finite and > 0")
+        require_number(owner, name, value, lambda v: v > 0, "finite and > 0")
     for name, value in {"envelope_peak": envelope_peak, "envelope_end": envelope_end}.items():
-        single(owner, name, value, lambda v: 0 < v < 1, "> 0 and < 1")
-    count, seed = whole(owner, "count", count, 1), whole(owner, "seed", seed, 0)
+        require_number(owner, name, value, lambda v: 0 < v < 1, "> 0 and < 1")
+    count, seed = require_whole(owner, "count", count, 1), require_whole(owner, "seed", seed, 0)
     samples = round(duration / dt) + 1
     if samples < 50:
         raise ValueError(
@@ -150,11 +150,11 @@ def synthetic_motions(
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
         raise ValueError(
-            f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {shown(pulse)}"
+            f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {format_value(pulse)}"
         )
     pulses = list(pulses)
     for one in pulses:
-        of_kind(
+        require_instance(
             owner, "pulse", one, MavroeidisPapageorgiou | None, "a rockjax.MavroeidisPapageorgiou or several"
         )
     if len(pulses) != count:

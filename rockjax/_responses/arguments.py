@@ -8,7 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from rockjax._checks import as_float, check_dtype, concrete, float_type, of_kind, require
+from rockjax._checks import as_float, check_dtype, concrete, float_type, require
+from rockjax._checks import require_instance as of_kind
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options

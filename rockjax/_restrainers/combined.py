@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import shown
+from rockjax._checks import format_value
 from rockjax._roots import newton
 from rockjax._types import Number
 
@@ -22,7 +22,9 @@ ROUNDS = 40  # iterations of the search for the stability angle: more than neede
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
     """Convert the argument `Podium.restrainers` to a tuple."""
     if value is None or isinstance(value, AbstractRestrainer) or not isinstance(value, tuple | list):
-        raise ValueError(f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got {shown(value)}")
+        raise ValueError(
+            f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got {format_value(value)}"
+        )
     return tuple(value)
 
 
@@ -31,7 +33,8 @@ def check_restrainers(value: tuple) -> None:
     for each in value:
         if not isinstance(each, AbstractRestrainer):
             raise ValueError(
-                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got one that is {shown(each)}"
+                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got one that is "
+                f"{format_value(each)}"
             )
 
 

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from rockjax._checks import as_float, as_number, not_negative, require
+from rockjax._checks import as_float, as_number, require, require_not_negative
 from rockjax._types import Number, Value
 
 from .base import AbstractRestrainer
@@ -55,7 +55,7 @@ class Damper(AbstractRestrainer):
     strengths = ("coefficient",)
 
     def _check(self, owner: str) -> None:
-        not_negative(owner, coefficient=self.coefficient)
+        require_not_negative(owner, coefficient=self.coefficient)
         if not self.linear:
             require(owner, "exponent", self.exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rockjax._checks import array_module, known_or_traced, not_negative, require
+from rockjax._checks import array_module, as_numpy_unless_traced, require, require_not_negative
 from rockjax._types import Number
 
 from .base import AbstractRestrainer
@@ -32,17 +32,22 @@ def restrainers_of(
         "damper_coefficient": coefficient,
         "inertance": inertance,
     }
-    not_negative(owner, **given)
+    require_not_negative(owner, **given)
     require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
     absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
     weight, found = mass * g, []
     if not (absent[0] and absent[1]):
-        found.append(Tendon(known_or_traced(force) / weight, known_or_traced(slope) * R / weight))
+        found.append(
+            Tendon(as_numpy_unless_traced(force) / weight, as_numpy_unless_traced(slope) * R / weight)
+        )
     if not absent[2]:
         speed = array_module(g, R).sqrt(0.75 * g * R)  # Rp
         found.append(
-            Damper(known_or_traced(coefficient) * speed ** known_or_traced(exponent) / weight, exponent)
+            Damper(
+                as_numpy_unless_traced(coefficient) * speed ** as_numpy_unless_traced(exponent) / weight,
+                exponent,
+            )
         )
     if not absent[3]:
-        found.append(Inerter(known_or_traced(inertance) / mass))
+        found.append(Inerter(as_numpy_unless_traced(inertance) / mass))
     return tuple(found)

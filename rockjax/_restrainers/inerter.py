@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import equinox as eqx
 
-from rockjax._checks import as_number, not_negative
+from rockjax._checks import as_number, require_not_negative
 from rockjax._types import Number
 
 from .base import AbstractRestrainer
@@ -27,7 +27,7 @@ class Inerter(AbstractRestrainer):
     strengths = ("inertance",)
 
     def _check(self, owner: str) -> None:
-        not_negative(owner, inertance=self.inertance)
+        require_not_negative(owner, inertance=self.inertance)
 
     @property
     def _apparent_mass(self) -> Number:

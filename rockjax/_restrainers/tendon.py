@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import equinox as eqx
 
-from rockjax._checks import as_number, not_negative
+from rockjax._checks import as_number, require_not_negative
 from rockjax._types import Number, Value
 
 from .base import AbstractRestrainer
@@ -30,7 +30,7 @@ class Tendon(AbstractRestrainer):
     strengths = "prestress", "stiffness"
 
     def _check(self, owner: str) -> None:
-        not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)
+        require_not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value:
         del rate, slip

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, finite, positive
+from rockjax._checks import as_float, require_finite, require_positive
 from rockjax._tree import Module
 
 
@@ -30,8 +30,8 @@ class Filter(Module):
                 raise ValueError(
                     f"Filter: {name} must be {count} numbers, got an array of shape {jnp.shape(y)}"
                 )
-        finite("Filter", numerator=self.numerator)
-        positive("Filter", denominator=self.denominator)
+        require_finite("Filter", numerator=self.numerator)
+        require_positive("Filter", denominator=self.denominator)
 
     @classmethod
     def high_pass(cls, omega: Any, zeta: Any = 0.6) -> Self:
@@ -58,7 +58,7 @@ class Filter(Module):
 
 def _oscillator(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
     omega, zeta = as_float(omega), as_float(zeta)
-    positive(f"Filter.{name}", omega=omega, zeta=zeta)
+    require_positive(f"Filter.{name}", omega=omega, zeta=zeta)
     return omega, zeta
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, finite, positive, require
+from rockjax._checks import as_float, require, require_finite, require_positive
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._lognormal import Lognormal
 from rockjax._motions.measures import intensity_measures
@@ -55,7 +55,7 @@ class Envelope(Module):
     c: Number = eqx.field(converter=as_float, default=0.6)
 
     def __check_init__(self):
-        positive("Envelope", t_1=self.t_1)
+        require_positive("Envelope", t_1=self.t_1)
         require("Envelope", "c", self.c, lambda v: v >= 0, "finite and >= 0")
         require(
             "Envelope",
@@ -94,7 +94,7 @@ class RandomPulse(Module):
             require("RandomPulse", f"{name}.median", of.median, lambda v: v > 0, "finite and > 0")
             require("RandomPulse", f"{name}.dispersion", of.dispersion, lambda v: v >= 0, "finite and >= 0")
         require("RandomPulse", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
-        finite("RandomPulse", centre=self.centre)
+        require_finite("RandomPulse", centre=self.centre)
 
     def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return ü_g of the pulse that u determines, at times t [m/s²]."""
@@ -109,7 +109,7 @@ class RandomPulse(Module):
         return jnp.where((since >= start) & (since <= end), inside(since), 0.0)
 
 
-def _several(filters: Any) -> tuple:
+def _as_tuple(filters: Any) -> tuple:
     return tuple(filters) if isinstance(filters, Iterable) else (filters,)
 
 
@@ -141,7 +141,7 @@ class GaussianMotion(Module):
     zeta_f: Number = eqx.field(converter=as_float, default=0.6)
     envelope: Any = eqx.field(default_factory=Envelope)
     pulse: RandomPulse | None = None
-    filters: tuple[Filter, ...] = eqx.field(default=(), converter=_several)
+    filters: tuple[Filter, ...] = eqx.field(default=(), converter=_as_tuple)
 
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
@@ -149,7 +149,7 @@ class GaussianMotion(Module):
         numbers = {
             name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")
         }
-        positive("GaussianMotion", **numbers)
+        require_positive("GaussianMotion", **numbers)
         if not callable(self.envelope):
             raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")
         for one in self.filters:

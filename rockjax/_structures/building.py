@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import equinox as eqx
 import numpy as np
 
-from rockjax._checks import array_module, as_float, not_negative, positive, whole
+from rockjax._checks import array_module, as_float, require_not_negative, require_positive, require_whole
 from rockjax._types import Array, Number
 
 from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
@@ -84,7 +84,7 @@ class ShearBuilding(AbstractSuperstructure):
         self.heights = None if heights is None else row(owner, "heights", heights, "story")
         count = self.masses.shape[-1]
         wanted = modes if modes is not None else count if kept is None else kept
-        self.kept = whole(owner, "modes", wanted, 0)
+        self.kept = require_whole(owner, "modes", wanted, 0)
         if self.kept > count:
             raise ValueError(f"{owner}: modes must be in 0 … {count}, the number of stories, got {wanted}")
 
@@ -102,8 +102,8 @@ class ShearBuilding(AbstractSuperstructure):
                 f"{owner}: damping must be one number or one for each of the {self.kept} modes that are "
                 f"kept, got {len(parts(self.damping))}"
             )
-        positive(owner, masses=self.masses, **rows)
-        not_negative(owner, damping=self.damping)
+        require_positive(owner, masses=self.masses, **rows)
+        require_not_negative(owner, damping=self.damping)
 
     @classmethod
     def uniform(cls, stories: int, eta, T, damping: Any = 0.05, modes=None, *, height=None) -> Self:
@@ -115,8 +115,8 @@ class ShearBuilding(AbstractSuperstructure):
         - `damping`, `modes`: as for [`rockjax.ShearBuilding`][]
         - `height`: height of each story [m]; None if unknown
         """
-        count = whole("ShearBuilding.uniform", "stories", stories, 1)
-        positive("ShearBuilding.uniform", eta=eta, T=T)
+        count = require_whole("ShearBuilding.uniform", "stories", stories, 1)
+        require_positive("ShearBuilding.uniform", eta=eta, T=T)
         eta, T = as_float(eta, "ShearBuilding.uniform: eta"), as_float(T, "ShearBuilding.uniform: T")
         lowest = 2 * math.sin(math.pi / (4 * count + 2))  # ω_1 √(m/k)
         mass = eta / count

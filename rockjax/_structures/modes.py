@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self, cast
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import array_module, as_float, concrete, not_negative, require
+from rockjax._checks import array_module, as_float, concrete, require, require_not_negative
 from rockjax._types import Array, Number
 
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators
@@ -106,7 +106,7 @@ class Modes(AbstractSuperstructure):
                 raise ValueError(
                     f"Modes: {name} must be as long as eta, which has {count} modes, got {values.shape[-1]}"
                 )
-        not_negative("Modes", eta=self.eta, zeta=self.zeta, residual=self.residual)
+        require_not_negative("Modes", eta=self.eta, zeta=self.zeta, residual=self.residual)
         require("Modes", "T", self.T, lambda v: v > 0, "finite and > 0")
 
     @classmethod

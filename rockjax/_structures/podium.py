@@ -17,12 +17,12 @@ import numpy as np
 from rockjax._checks import (
     as_float,
     as_number,
+    as_numpy_unless_traced,
     concrete,
-    known_or_traced,
-    not_negative,
-    positive,
+    format_value,
     require,
-    shown,
+    require_not_negative,
+    require_positive,
 )
 from rockjax._parameters.table import SIDES, STRUCTURE
 from rockjax._restrainers.base import AbstractRestrainer
@@ -82,8 +82,8 @@ class Podium(Module):
 
     def __check_init__(self):
         require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
-        positive("Podium", R=self.R, g=self.g)
-        not_negative("Podium", gamma=self.gamma, lam=self.lam)
+        require_positive("Podium", R=self.R, g=self.g)
+        require_not_negative("Podium", gamma=self.gamma, lam=self.lam)
         if not isinstance(self.superstructure, None | AbstractSuperstructure):
             raise ValueError(
                 "Podium: superstructure must be None, Elastic(...), Rigid(...), Modes(...) or "
@@ -145,12 +145,12 @@ class Podium(Module):
         owner = "Podium.from_dimensions"
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
             as_float(value, f"{owner}: {name}")
-        positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
-        not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
-        width, height, column_mass = map(known_or_traced, (width, height, column_mass))
+        require_positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
+        require_not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
+        width, height, column_mass = map(as_numpy_unless_traced, (width, height, column_mass))
         doubt_column(width, height, column_mass)
         columns_mass = columns * column_mass
-        eta = known_or_traced(top_mass) / columns_mass
+        eta = as_numpy_unless_traced(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
         has_stories = any(part is not None for part in building)
         if not has_stories:
@@ -166,11 +166,11 @@ class Podium(Module):
             superstructure = Rigid(eta=eta)
         alpha, R = column_of(width, height)
         numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        devices = restrainers_of(owner, column_mass, R, known_or_traced(g), *numbers)
+        devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *numbers)
         return cls(
             alpha=alpha,
             R=R,
-            gamma=known_or_traced(beam_mass) / columns_mass,
+            gamma=as_numpy_unless_traced(beam_mass) / columns_mass,
             superstructure=superstructure,
             lam=lam,
             restitution=restitution,
@@ -419,7 +419,7 @@ def _without_building(owner: str, **given: object) -> None:
             raise ValueError(
                 f"{owner}: {name} is for buildings only; give stories, or story_masses and "
                 "story_stiffnesses, as "
-                f"well, got {name} = {shown(value)} alone"
+                f"well, got {name} = {format_value(value)} alone"
             )
 
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_number, concrete, not_negative, require
+from rockjax._checks import as_number, concrete, require, require_not_negative
 from rockjax._text.cards import card, readable
 from rockjax._tree import Module
 from rockjax._types import Array, Number
@@ -92,7 +92,7 @@ class Elastic(AbstractSuperstructure):
     zeta: Number = eqx.field(converter=as_number("Elastic: zeta"), default=0.05)
 
     def __check_init__(self):
-        not_negative("Elastic", eta=self.eta, zeta=self.zeta)
+        require_not_negative("Elastic", eta=self.eta, zeta=self.zeta)
         require(
             "Elastic",
             "T_s",
@@ -137,7 +137,7 @@ class Rigid(AbstractSuperstructure):
     eta: Number = eqx.field(converter=as_number("Rigid: eta"))
 
     def __check_init__(self):
-        not_negative("Rigid", eta=self.eta)
+        require_not_negative("Rigid", eta=self.eta)
 
     @property
     def oscillators(self) -> None:

@@ -16,7 +16,7 @@ from rockjax._boundaries.boundary import check_search, overturning_boundary, pos
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
-from rockjax._checks import as_float, of_kind, require, texts
+from rockjax._checks import as_float, require, require_instance, texts
 from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_meanwhile
@@ -209,7 +209,7 @@ def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs)
         if measure not in known:
             raise ValueError(f"{owner}: measure must be 'PGA', 'scale' or a rockjax.Measure, got {measure!r}")
         measure = known[measure]()
-    of_kind(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
+    require_instance(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
     if np.shape(measure.values) != (len(records),):
         raise ValueError(
             f"{owner}: measure must hold a value for each of "

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import as_float, of_kind, require, shown, texts
+from rockjax._checks import as_float, format_value, require, require_instance, texts
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import TABLES, import_meanwhile, submit
@@ -105,7 +105,7 @@ def rocking_spectra(
     options or versions.
     """
     owner = "rocking_spectrum"
-    of_kind(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
+    require_instance(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
     for podium in podiums:
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
@@ -226,7 +226,7 @@ def _known(
 ) -> list:
     """Return the spectra solved already, checked: a spectrum or None for each podium."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
-        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {shown(resume)}")
+        raise ValueError(f"{owner}: resume must be a list of spectra or None, got {format_value(resume)}")
     known = list(resume) if resume is not None else [None] * len(podiums)
     if len(known) != len(podiums):
         raise ValueError(
@@ -272,7 +272,7 @@ def check_resumes(
     - `attributes`: name → value that its attributes must have; `axes`: name → values of its axes
     """
     if not hasattr(known, "coords"):
-        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {shown(known)}")
+        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {format_value(known)}")
     for name, values in axes.items():
         if name not in known.coords or not np.array_equal(known[name].values, values):
             raise ValueError(
@@ -326,7 +326,8 @@ def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
     does."""
     if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
         raise ValueError(
-            f"minimum_overturning: dataset must come from rockjax.rocking_spectrum, got {shown(dataset)}"
+            "minimum_overturning: dataset must come from rockjax.rocking_spectrum, got "
+            f"{format_value(dataset)}"
         )
     ratio = dataset["acceleration_ratio"].where(dataset["overturned"])
     least = ratio.min("acceleration_ratio")

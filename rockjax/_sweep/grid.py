@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._checks import as_float, of_kind
+from rockjax._checks import as_float, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.pulses import AbstractPulse
-from rockjax._motions.convert import AnyMotions, as_records, several, together
+from rockjax._motions.convert import AnyMotions, as_records, combine_motions, single_motions
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._parameters.table import MOTION, clash
@@ -78,7 +78,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     Raises `ValueError` for a podium that contains arrays already, for unknown or contradictory names, and for
     values that are not one-dimensional or outside their ranges.
     """
-    of_kind("grid", "structure", structure, Podium, "a rockjax.Podium")
+    require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(
@@ -116,12 +116,12 @@ def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
         records, _ = as_records("grid", excitation, "excitation")
         return records, np.arange(len(records))
     if isinstance(excitation, AbstractExcitation | Motion):
-        members, _ = several("grid", excitation, "excitation")
+        members, _ = single_motions("grid", excitation, "excitation")
         return members[0], None
-    members, names = several("grid", excitation, "excitation")
-    return together("grid", members, "excitation"), np.arange(len(members)) if names is None else np.array(
-        names
-    )
+    members, names = single_motions("grid", excitation, "excitation")
+    return combine_motions("grid", members, "excitation"), np.arange(
+        len(members)
+    ) if names is None else np.array(names)
 
 
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)

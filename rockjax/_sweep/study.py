@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import of_kind, texts
+from rockjax._checks import require_instance, texts
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._parameters.table import about
@@ -76,7 +76,7 @@ def study_of(
 
     Raises `ValueError` for invalid arguments.
     """
-    of_kind("sweep", "options", options, Options, "rockjax.Options")
+    require_instance("sweep", "options", options, Options, "rockjax.Options")
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
     excitations = as_batch("sweep", excitations)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._checks import of_kind, whole
+from rockjax._checks import require_instance, require_whole
 from rockjax._machine.memory import readable_bytes
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
@@ -87,8 +87,8 @@ def sweep(
     require_zarr()
     study = study_of(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
     if chunk is not None:
-        whole("sweep", "chunk", chunk, 1)
-    of_kind("sweep", "store", store, str | Path, "a folder or a URL")
+        require_whole("sweep", "chunk", chunk, 1)
+    require_instance("sweep", "store", store, str | Path, "a folder or a URL")
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Component, Format, Samples, choose, interval, number, raw, short
+from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw, parse_interval, parse_number
 
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
@@ -31,32 +31,32 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
             raise ValueError(f"{path}: its header has no {key}")
     line, count = header["NUMBER OF DATA"]
     if not re.fullmatch(r"\d{1,9}", count, re.ASCII):
-        raise ValueError(f"{path}:{line}: NUMBER OF DATA must be a whole number, got {short(count)}")
+        raise ValueError(f"{path}:{line}: NUMBER OF DATA must be a whole number, got {abbreviate(count)}")
     step_line, step = header["SAMPLING INTERVAL (sec)"]
-    dt = interval(path, step_line, step, "SAMPLING INTERVAL")
-    chosen = choose(path, list(enumerate(_COMPONENTS, start=1)), component)
+    dt = parse_interval(path, step_line, step, "SAMPLING INTERVAL")
+    chosen = choose_channel(path, list(enumerate(_COMPONENTS, start=1)), component)
     rows = []
     for k, text in enumerate(lines[end + 1 :], start=end + 2):
         words = text.split()
         if words and len(words) != len(_COMPONENTS):
             raise ValueError(f"{path}:{k}: has {len(words)} columns where three are due")
-        rows += [[number(path, k, word) for word in words]] if words else []
+        rows += [[parse_number(path, k, word) for word in words]] if words else []
     if len(rows) != int(count):
         raise ValueError(f"{path}:{line}: NUMBER OF DATA is {count}, but {len(rows)} lines of values follow")
     values = np.array(rows).reshape(-1, len(_COMPONENTS))[:, chosen]
-    own = lambda key: header.get(key, (0, ""))[1]
+    value_of = lambda key: header.get(key, (0, ""))[1]
     metadata = {
         "format": "AFAD",
-        "event": own("EPICENTER COORDINATES"),
-        "date": own("EARTHQUAKE DATE"),
-        "station": " ".join(y for y in (own("STATION ID"), own("PLACE")) if y),
+        "event": value_of("EPICENTER COORDINATES"),
+        "date": value_of("EARTHQUAKE DATE"),
+        "station": " ".join(y for y in (value_of("STATION ID"), value_of("PLACE")) if y),
         "component": _COMPONENTS[chosen],
         **{key: text for key, (_, text) in header.items() if text},
     }
-    unit = _unit(own("RAW PGA VALUES (gal)"), _COMPONENTS[chosen], values)
-    says_dt = f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s"
-    says_raw = next((f"line {line}" for key, (line, _) in header.items() if raw(key)), "")
-    return Samples(values, dt, unit, metadata, unit, says_dt, raw=says_raw)
+    unit = _unit(value_of("RAW PGA VALUES (gal)"), _COMPONENTS[chosen], values)
+    dt_place = f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s"
+    raw_place = next((f"line {line}" for key, (line, _) in header.items() if is_raw(key)), "")
+    return Samples(values, dt, unit, metadata, unit, dt_place, raw_place=raw_place)
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:

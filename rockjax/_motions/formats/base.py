@@ -40,10 +40,10 @@ class Samples:
     dt: float | None
     units: str | None
     metadata: dict[str, Any]
-    said: str | None = None  # text of the unit in the file
-    says_dt: str = ""  # place and text of dt in the file; without dt, the reason why there is none
-    says_units: str = ""  # place of the unit in the file, its header by default
-    raw: str = ""  # place of the statement that the samples are raw, such as line 3
+    stated_unit: str | None = None  # text of the unit in the file
+    dt_place: str = ""  # place and text of dt in the file; without dt, the reason why there is none
+    units_place: str = ""  # place of the unit in the file, its header by default
+    raw_place: str = ""  # place of the statement that the samples are raw, such as line 3
 
 
 class Format(NamedTuple):
@@ -58,50 +58,57 @@ class Format(NamedTuple):
     read: Callable[[Path, list[str], Component], Samples]
 
 
-def alone(path: Path, component: Component, samples: Samples) -> Samples:
-    own = samples.metadata.get("component")
-    if component is not None and (own is None or not _is_same(component, str(own))):
-        known = f"it is {own!r}" if own else "leave component out"
-        raise ValueError(f"{path}: holds one motion, not component {component!r}; {known}")
+def require_only_component(path: Path, component: Component, samples: Samples) -> Samples:
+    component_name = samples.metadata.get("component")
+    if component is not None and (
+        component_name is None or not _names_component(component, str(component_name))
+    ):
+        hint = f"it is {component_name!r}" if component_name else "leave component out"
+        raise ValueError(f"{path}: holds one motion, not component {component!r}; {hint}")
     return samples
 
 
-def _is_same(asked: int | str, name: str) -> bool:
+def _names_component(requested: int | str, name: str) -> bool:
     """Return whether a name means a component; a vertical one may have any of its usual names."""
-    if plain(asked) == plain(name):
+    if normalise_name(requested) == normalise_name(name):
         return True
-    both = is_vertical(str(asked)) and is_vertical(name)
-    return both and points_down(str(asked)) == points_down(name)
+    both_vertical = is_vertical(str(requested)) and is_vertical(name)
+    return both_vertical and points_down(str(requested)) == points_down(name)
 
 
-def raw(text: str) -> bool:
+def is_raw(text: str) -> bool:
     """Return whether a header marks the data as uncorrected."""
     return _RAW.search(text) is not None
 
 
-def plain(name: int | str) -> str:
+def normalise_name(name: int | str) -> str:
     return re.sub(r"[^a-z0-9]", "", str(name).casefold())
 
 
-def choose(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
+def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
     """Choose one of several channels (number, name) by the requested component."""
     if component is None and len(channels) == 1:
         return 0
     if isinstance(component, int):
         found = [k for k, (number, _) in enumerate(channels) if number == component]
     elif component is not None:
-        found = [k for k, (_, name) in enumerate(channels) if plain(component) == plain(name)]
-        found = found or [
-            k for k, (_, name) in enumerate(channels) if name and plain(component) == plain(name.split()[0])
+        found = [
+            k for k, (_, name) in enumerate(channels) if normalise_name(component) == normalise_name(name)
         ]
-        found = found or [k for k, (_, name) in enumerate(channels) if _is_same(component, name)]
+        found = found or [
+            k
+            for k, (_, name) in enumerate(channels)
+            if name and normalise_name(component) == normalise_name(name.split()[0])
+        ]
+        found = found or [k for k, (_, name) in enumerate(channels) if _names_component(component, name)]
     else:
         found = []
     if len(found) != 1:
-        listed = ", ".join(f"{number} ({name})" for number, name in channels)
-        asked = "" if component is None else f", {len(found) or 'none'} of them {component!r}"
+        channel_list = ", ".join(f"{number} ({name})" for number, name in channels)
+        requested = "" if component is None else f", {len(found) or 'none'} of them {component!r}"
         raise ValueError(
-            f"{path}: holds {len(channels)} channels{asked}: {listed}; choose one by its number or name, "
+            f"{path}: holds {len(channels)} channels{requested}: {channel_list}; choose one by its number "
+            "or name, "
             f"such as "
             f"component {channels[0][0]} (on the command line --component)"
         )
@@ -112,15 +119,15 @@ def first_line(error: BaseException | str) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def number(path: Path, line: int, word: str) -> float:
+def parse_number(path: Path, line: int, word: str) -> float:
     """Return a number of a file; Fortran's exponents (1D-3, 1.0-101) are accepted, Python's underscores are
     not."""
     value = _value(word)
     if value is None:
-        raise ValueError(f"{path}:{line}: {short(word)} is not a number{_cause(word)}")
+        raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a number{_cause(word)}")
     if not np.isfinite(value):
         gap = ": a gap" if np.isnan(value) else ""
-        raise ValueError(f"{path}:{line}: {short(word)} is not a finite number{gap}")
+        raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a finite number{gap}")
     return value
 
 
@@ -146,29 +153,29 @@ def _cause(word: str) -> str:
     )
 
 
-def short(word: str) -> str:
+def abbreviate(word: str) -> str:
     return repr(word if len(word) <= 40 else word[:37] + "...")
 
 
-def interval(path: Path, line: int, word: str, name: str) -> float:
+def parse_interval(path: Path, line: int, word: str, name: str) -> float:
     """Return a sampling interval of a file [s]. Raises `ValueError` unless it is > 0.
 
     - `path`, `line`: place in the file, for messages; `word`: text of the number; `name`: name of the number,
       for messages
     """
-    value = number(path, line, word)
+    value = parse_number(path, line, word)
     if not value > 0:
         raise ValueError(f"{path}:{line}: {name} must be > 0 s, got {value:g}")
     return value
 
 
-def unit(said: str | None) -> str | None:
+def unit_key(stated_unit: str | None) -> str | None:
     """Return the key of the unit that a header gives, if it is a known one."""
-    found = unit_of(said)
+    found = unit_of(stated_unit)
     return found if found in ACCELERATIONS else None
 
 
-def counted(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
+def require_count(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
     """Return values as an array. Raises `ValueError` unless their number is the `count` of the header.
 
     - `path`, `line`: place of the count in the file; `name`: name of the count, for messages
@@ -180,19 +187,19 @@ def counted(path: Path, line: int, name: str, count: int, values: list[float]) -
     return np.array(values)
 
 
-def words(path: Path, lines: list[str], start: int) -> list[float]:
+def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
     """Return all numbers from the line with index `start` on, in columns that are separated by blanks or that
     touch."""
     found: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
         if any(_value(word) is None for word in row):
-            row = _apart(line) or row
-        found += [number(path, i, word) for word in row]
+            row = _split_touching(line) or row
+        found += [parse_number(path, i, word) for word in row]
     return found
 
 
-def _apart(line: str) -> list[str] | None:
+def _split_touching(line: str) -> list[str] | None:
     """Split a line whose columns touch: by signs and exponents, or else in columns of one width with aligned
     points.
 
@@ -205,8 +212,8 @@ def _apart(line: str) -> list[str] | None:
     if at == len(line):
         return found
     points = [k for k, character in enumerate(line) if character == "."]
-    width, rest = divmod(len(line), max(1, len(points)))
-    if rest or len({k % width for k in points}) != 1:
+    width, remainder = divmod(len(line), max(1, len(points)))
+    if remainder or len({k % width for k in points}) != 1:
         return None
     return [line[k : k + width] for k in range(0, len(line), width)]
 
@@ -224,18 +231,20 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     found = _FORTRAN.search(text)
     per_line, width = (int(found[1]), int(found[2])) if found else (8, 10)
     if not (per_line and width):
-        raise ValueError(f"{path}:{start}: {short(found[0] if found else '')} is not a format of numbers")
+        raise ValueError(
+            f"{path}:{start}: {abbreviate(found[0] if found else '')} is not a format of numbers"
+        )
     values: list[float] = []
     for i in range(start, min(start + -(-count // per_line), len(lines))):
         line = lines[i].rstrip()
-        due = min(per_line, count - len(values))
+        expected = min(per_line, count - len(values))
         row = [line[k : k + width].strip() for k in range(0, len(line), width)]
-        if len(row) != due:
+        if len(row) != expected:
             raise ValueError(
-                f"{path}:{i + 1}: holds {len(row)} columns of {width} characters where {due} are due"
+                f"{path}:{i + 1}: holds {len(row)} columns of {width} characters where {expected} are due"
             )
-        values += [number(path, i + 1, word) for word in row]
-    return counted(path, start, "the number of points", count, values)
+        values += [parse_number(path, i + 1, word) for word in row]
+    return require_count(path, start, "the number of points", count, values)
 
 
 def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> tuple[int, re.Match] | None:
@@ -247,7 +256,7 @@ def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> 
     return next(((k, match) for k in range(start, end) if (match := pattern.match(lines[k]))), None)
 
 
-def corners(band: re.Match | None) -> dict[str, float]:
+def filter_corners(band: re.Match | None) -> dict[str, float]:
     """Return the corner frequencies of the filters [Hz], if both are numbers."""
     try:
         return {"high_pass_Hz": float(band[1]), "low_pass_Hz": float(band[2])} if band else {}

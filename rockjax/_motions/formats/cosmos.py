@@ -7,7 +7,17 @@ from pathlib import Path
 
 from rockjax._units import UNITS
 
-from .base import DATE, Component, Format, Samples, choose, corners, first_match, fixed_width, unit
+from .base import (
+    DATE,
+    Component,
+    Format,
+    Samples,
+    choose_channel,
+    filter_corners,
+    first_match,
+    fixed_width,
+    unit_key,
+)
 
 _COSMOS = re.compile(
     r"\s*(CORRECTED|UNCORRECTED|RAW)\s+(ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\(FORMAT V", re.I
@@ -33,13 +43,15 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
         raise ValueError(f"{path}:1: holds {sections[0][1][2].lower()}, not acceleration")
     channels = []
     for n, (start, end) in enumerate(found, start=1):
-        said = re.search(
+        channel = re.search(
             r"STA CHAN\s*(\d{1,6}|\S*?)\s*:\s*(.*?)\s*(?:\(|$)",
             " ".join(lines[start + 8 : min(start + 9, end)]),
             re.I,
         )
-        channels.append((int(said[1]) if said and said[1].isdecimal() else n, said[2] if said else ""))
-    chosen = choose(path, channels, component)
+        channels.append(
+            (int(channel[1]) if channel and channel[1].isdecimal() else n, channel[2] if channel else "")
+        )
+    chosen = choose_channel(path, channels, component)
     start, end = found[chosen]
     data = first_match(_COSMOS_DATA, lines, start, end)
     reals = first_match(re.compile(r"\s*(\d{1,9})\s+REAL-HEADER VALUES\b", re.I), lines, start, end)
@@ -60,12 +72,12 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
         "station": " ".join(station[1].split()) if station else "",
         "component": channels[chosen][1],
         "channel": channels[chosen][0],
-        **corners(band),
+        **filter_corners(band),
     }
     values = fixed_width(path, lines, k + 1, int(match[1]), lines[k])
     dt = float(header[61]) * UNITS["ms"].factor
-    says_dt = f"{path}:{r + 1}: real-header value 62 is {header[61]:g} ms"
-    return Samples(values, dt, unit(match[2]), metadata, match[2], says_dt)
+    dt_place = f"{path}:{r + 1}: real-header value 62 is {header[61]:g} ms"
+    return Samples(values, dt, unit_key(match[2]), metadata, match[2], dt_place)
 
 
 FORMAT = Format("COSMOS volume 2", lambda path, lines: bool(_COSMOS.match(lines[0])), _cosmos)

@@ -11,12 +11,12 @@ from .base import (
     Component,
     Format,
     Samples,
-    choose,
-    corners,
+    choose_channel,
+    filter_corners,
     first_match,
     fixed_width,
-    interval,
-    unit,
+    parse_interval,
+    unit_key,
 )
 
 _CSMIP = re.compile(r"\s*CORRECTED ACCELEROGRAM\b(?:.*?CHAN\s*(\d{1,6})\s*:\s*(.*?)\s*(?:FROM\s*)?$)?", re.I)
@@ -28,7 +28,7 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     displacement."""
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]
-    chosen = choose(path, channels, component)
+    chosen = choose_channel(path, channels, component)
     start = starts[chosen][0]
     end = starts[chosen + 1][0] if chosen + 1 < len(starts) else len(lines)
     found = first_match(_CSMIP_DATA, lines, start, end)
@@ -38,8 +38,8 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
             "as volume 2 of CSMIP has"
         )
     k, match = found
-    said = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)
-    said = (said[1] or said[2]).strip(" .") if said else None
+    stated_unit = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)
+    stated_unit = (stated_unit[1] or stated_unit[2]).strip(" .") if stated_unit else None
     head = [line.rstrip() for line in lines[start:k]] + [""] * 25
     band = re.search(r"FILTERED.*?([\d.]+)\s+AND\s+([\d.]+)", head[14], re.I)
     station, code = (
@@ -54,11 +54,13 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
         "station": " ".join(part for part in (code[1] if code else "", station) if part),
         "component": channels[chosen][1],
         "channel": channels[chosen][0],
-        **corners(band),
+        **filter_corners(band),
     }
     values = fixed_width(path, lines, k + 1, int(match[1]), lines[k])
-    dt = interval(path, k + 1, match[2], "the interval")
-    return Samples(values, dt, unit(said), metadata, said, f"{path}:{k + 1}: the interval is {dt:g} s")
+    dt = parse_interval(path, k + 1, match[2], "the interval")
+    return Samples(
+        values, dt, unit_key(stated_unit), metadata, stated_unit, f"{path}:{k + 1}: the interval is {dt:g} s"
+    )
 
 
 FORMAT = Format("CSMIP volume 2", lambda path, lines: bool(_CSMIP.match(lines[0])), _csmip)

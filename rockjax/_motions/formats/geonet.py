@@ -5,7 +5,16 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from .base import Component, Format, Samples, choose, corners, fixed_width, interval, unit
+from .base import (
+    Component,
+    Format,
+    Samples,
+    choose_channel,
+    filter_corners,
+    fixed_width,
+    parse_interval,
+    unit_key,
+)
 
 _START = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\s+(\S+)", re.I)
 _STEP = re.compile(r"DATA AT\s*([\d.]+)\s*S(?:EC)?\b", re.I)
@@ -33,14 +42,14 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
     for n, start in enumerate(starts, start=1):
         named = re.match(r"\s*Component\s+(\S+)", _line(lines, start + 12), re.I)
         channels.append((n, named[1] if named else ""))
-    chosen = choose(path, channels, component)
+    chosen = choose_channel(path, channels, component)
     start = starts[chosen]
     step = _STEP.search(_line(lines, start + 10))
     if step is None:
         raise ValueError(f"{path}:{start + 11}: gives no sampling interval, such as DATA AT 0.02 SEC")
-    dt = interval(path, start + 11, step[1], "the interval")
+    dt = parse_interval(path, start + 11, step[1], "the interval")
     peak = re.search(r"ACCELERATION:\s+PEAK\s+\S+\s+(\S+)", _line(lines, start + 13), re.I)
-    said = peak[1] if peak else None
+    stated_unit = peak[1] if peak else None
     integers = fixed_width(path, lines, start + _TEXTS, 10 * _INTEGERS, "(10I8)")
     count = int(integers[_COUNT])
     if count < 2:
@@ -55,10 +64,17 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
         "station": " ".join([*_line(lines, start + 1).split()[1:2], _line(lines, start + 2).strip()]),
         "component": channels[chosen][1],
         "channel": channels[chosen][0],
-        **corners(_FILTER.search(_line(lines, start + 11))),
+        **filter_corners(_FILTER.search(_line(lines, start + 11))),
     }
     values = fixed_width(path, lines, start + _TEXTS + _INTEGERS + _REALS, count, "(10F8.1)")
-    return Samples(values, dt, unit(said), metadata, said, f"{path}:{start + 11}: the interval is {dt:g} s")
+    return Samples(
+        values,
+        dt,
+        unit_key(stated_unit),
+        metadata,
+        stated_unit,
+        f"{path}:{start + 11}: the interval is {dt:g} s",
+    )
 
 
 def _line(lines: list[str], k: int) -> str:

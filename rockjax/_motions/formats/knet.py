@@ -7,7 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Component, Format, Samples, alone, counted, number, short, words
+from .base import (
+    Component,
+    Format,
+    Samples,
+    abbreviate,
+    parse_number,
+    read_numbers,
+    require_count,
+    require_only_component,
+)
 
 _KNET_KEYS = 18  # width of a key of the header
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
@@ -28,20 +37,22 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
         if key not in header:
             raise ValueError(f"{path}: its header has no {key}")
     line, text = header["Sampling Freq(Hz)"]
-    frequency = number(path, line, re.sub(r"\s*Hz$", "", text))
+    frequency = parse_number(path, line, re.sub(r"\s*Hz$", "", text))
     if not (frequency > 0 and np.isfinite(1 / frequency)):
         raise ValueError(f"{path}:{line}: the sampling frequency must be > 0 Hz, got {text}")
     factor_line, text = header["Scale Factor"]
     factor = re.fullmatch(r"(\S+?)\s*\(gal\)\s*/\s*(\S+)", text)
     if factor is None:
         raise ValueError(
-            f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {short(text)}"
+            f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {abbreviate(text)}"
         )
-    counts = number(path, factor_line, factor[2])
+    counts = parse_number(path, factor_line, factor[2])
     if not counts > 0:
-        raise ValueError(f"{path}:{factor_line}: Scale Factor must divide by a number > 0, got {short(text)}")
+        raise ValueError(
+            f"{path}:{factor_line}: Scale Factor must divide by a number > 0, got {abbreviate(text)}"
+        )
     duration_line, text = header["Duration Time(s)"]
-    count = round(min(number(path, duration_line, text) * frequency, 1e9))
+    count = round(min(parse_number(path, duration_line, text) * frequency, 1e9))
     direction = header.get("Dir.", (0, ""))[1]
     value = lambda key: header.get(key, (0, ""))[1]
     metadata = {
@@ -52,14 +63,16 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
         "component": _KIKNET.get(direction, direction),
         **{key: text for key, (_, text) in header.items() if key and text},
     }
-    values = counted(path, duration_line, "duration times frequency", count, words(path, lines, end))
+    values = require_count(
+        path, duration_line, "duration times frequency", count, read_numbers(path, lines, end)
+    )
     with np.errstate(over="ignore"):
-        values = values * np.divide(number(path, factor_line, factor[1]), counts)
-    says_dt = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
-    return alone(
+        values = values * np.divide(parse_number(path, factor_line, factor[1]), counts)
+    dt_place = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
+    return require_only_component(
         path,
         component,
-        Samples(values, 1 / frequency, "gal", metadata, "gal", says_dt, raw="as all of K-NET"),
+        Samples(values, 1 / frequency, "gal", metadata, "gal", dt_place, raw_place="as all of K-NET"),
     )
 
 

@@ -6,7 +6,20 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .base import DATE, NUMBER, Component, Format, Samples, alone, counted, interval, raw, short, unit, words
+from .base import (
+    DATE,
+    NUMBER,
+    Component,
+    Format,
+    Samples,
+    abbreviate,
+    is_raw,
+    parse_interval,
+    read_numbers,
+    require_count,
+    require_only_component,
+    unit_key,
+)
 
 _AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(rf"DT\s*=?\s*({NUMBER})", re.I)
 _AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({NUMBER})\s+NPTS\s*,?\s*DT", re.I)
@@ -44,11 +57,11 @@ def _at2(path: Path, lines: list[str]) -> Samples:
     for i, line in enumerate(lines[:k], start=1):
         if other := _OTHER.match(line):
             held = other[1].lower()
-            raise ValueError(f"{path}:{i}: holds {held} ({short(line.strip())}), not acceleration")
+            raise ValueError(f"{path}:{i}: holds {held} ({abbreviate(line.strip())}), not acceleration")
     if held := _SUFFIXES.get(path.suffix.lower()):
         raise ValueError(f"{path}: by its suffix holds {held}, not acceleration")
-    dt = interval(path, k + 1, step, "DT")
-    said = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
+    dt = parse_interval(path, k + 1, step, "DT")
+    stated_unit = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}
     title = [part.strip() for part in lines[1].split(",")] if k > 1 else []
     if len(title) >= 3:  # event and date, station, component
@@ -60,14 +73,14 @@ def _at2(path: Path, lines: list[str]) -> Samples:
             "station": title[-2],
             "component": title[-1],
         }
-    values = counted(path, k + 1, "NPTS", int(count), words(path, lines, k + 1))
-    says_raw = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if raw(line)), "")
-    says_dt = f"{path}:{k + 1}: DT is {dt:g} s"
-    return Samples(values, dt, unit(said), metadata, said, says_dt, raw=says_raw)
+    values = require_count(path, k + 1, "NPTS", int(count), read_numbers(path, lines, k + 1))
+    raw_place = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if is_raw(line)), "")
+    dt_place = f"{path}:{k + 1}: DT is {dt:g} s"
+    return Samples(values, dt, unit_key(stated_unit), metadata, stated_unit, dt_place, raw_place=raw_place)
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:
-    return alone(path, component, _at2(path, lines))
+    return require_only_component(path, component, _at2(path, lines))
 
 
 FORMAT = Format("PEER .AT2", _is_peer, _read)

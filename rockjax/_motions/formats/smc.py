@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Component, Format, Samples, alone, fixed_width, short
+from .base import Component, Format, Samples, abbreviate, fixed_width, require_only_component
 
 _KINDS = re.compile(
     r"([0-6]) (UNKNOWN|UNCORRECTED ACCELEROGRAM|CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|.*SPECTRA.*)\s*$"
@@ -23,8 +23,8 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
     kind = _KINDS.match(lines[0])
     if kind is None or kind[1] != "2":
         held = kind[2].strip().lower() if kind else "?"
-        says = f"{short(held)}{', raw data' if kind and kind[1] == '1' else ''}"
-        raise ValueError(f"{path}:1: is SMC and holds {says}; a corrected accelerogram can be read")
+        description = f"{abbreviate(held)}{', raw data' if kind and kind[1] == '1' else ''}"
+        raise ValueError(f"{path}:1: is SMC and holds {description}; a corrected accelerogram can be read")
     reals_at = _TEXTS + _INTEGERS
     start = reals_at + _REALS
     integers = fixed_width(path, lines, _TEXTS, 48, "(8I10)")
@@ -51,8 +51,10 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
         "comments": " ".join(line.lstrip("|").strip() for line in lines[start : start + comments]).strip(),
     }
     values = fixed_width(path, lines, start + comments, count, "(8F10)")
-    says_dt = f"{path}:{reals_at + 1}: real 2 is {rate:g} samples a second"
-    return alone(path, component, Samples(np.asarray(values), 1 / rate, "cm/s2", metadata, "cm/s2", says_dt))
+    dt_place = f"{path}:{reals_at + 1}: real 2 is {rate:g} samples a second"
+    return require_only_component(
+        path, component, Samples(np.asarray(values), 1 / rate, "cm/s2", metadata, "cm/s2", dt_place)
+    )
 
 
 FORMAT = Format("SMC", lambda path, lines: bool(_KINDS.match(lines[0])), _smc)

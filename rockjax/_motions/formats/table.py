@@ -13,7 +13,19 @@ import numpy as np
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._units import UNITS, unit_of
 
-from .base import EVEN, Component, Format, Samples, alone, choose, first_line, number, raw, short, unit
+from .base import (
+    EVEN,
+    Component,
+    Format,
+    Samples,
+    abbreviate,
+    choose_channel,
+    first_line,
+    is_raw,
+    parse_number,
+    require_only_component,
+    unit_key,
+)
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
@@ -28,7 +40,7 @@ class _Table(NamedTuple):
 
     - `rows`: shape (rows, columns); `numbers`: the line of each row; `cells`: text of the rows
     - `headings`: of each column, if there are any; `line`: the line of the last of them
-    - `raw`: the line that states that the data are raw
+    - `raw_place`: the line that states that the data are raw
     """
 
     rows: np.ndarray
@@ -36,7 +48,7 @@ class _Table(NamedTuple):
     cells: list[list[str]] | None = None
     headings: list[Heading] | None = None
     line: int = 0
-    raw: str = ""
+    raw_place: str = ""
 
 
 def _array(path: Path) -> np.ndarray:
@@ -102,7 +114,8 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
         cells = _heading_cells(text, count)
         if cells is None or len(lines) > _MOST_HEADINGS:
             raise ValueError(
-                f"{path}:{i}: the heading {short(text.strip())} does not name {count} columns; give each a "
+                f"{path}:{i}: the heading {abbreviate(text.strip())} does not name {count} columns; give "
+                "each a "
                 "name and a unit, such as time [s],acceleration [g], begin other lines with #, and write "
                 "decimal points, not commas"
             )
@@ -114,7 +127,7 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
     return [parse_heading(where, name) for name in names]
 
 
-def _commented(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
+def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
     """Return headings in the comment above the numbers, as NumPy writes them; None if it is another
     comment."""
     cells = _heading_cells(text, count)
@@ -132,23 +145,23 @@ def _table(path: Path, lines: list[str]) -> _Table:
     """Return the numbers of a table, with its headings."""
     rows: list[list[float]] = []
     numbers: list[int] = []
-    written: list[list[str]] = []
+    texts: list[list[str]] = []
     headings: list[tuple[int, str]] = []
     comment: tuple[int, str] | None = None
-    says_raw, marks = "", set()
+    raw_place, marks = "", set()
     for i, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text[0] in "#%!":
             if text and not rows:
                 comment = i, text
-                says_raw = says_raw or (f"line {i}" if raw(text) else "")
+                raw_place = raw_place or (f"line {i}" if is_raw(text) else "")
             continue
         cells = _cells(text)
         while len(cells) > (len(rows[0]) if rows else 1) and not cells[-1]:
             cells.pop()  # empty cell after a separator at the end of the line
         if not rows and _is_heading(cells):
             headings.append((i, line))
-            says_raw = says_raw or (f"line {i}" if raw(text) else "")
+            raw_place = raw_place or (f"line {i}" if is_raw(text) else "")
             continue
         if not any(cells):
             raise ValueError(f"{path}:{i}: holds no number")
@@ -159,27 +172,27 @@ def _table(path: Path, lines: list[str]) -> _Table:
                 "points, and nothing between thousands"
             )
         cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
-        row = [number(path, i, cell) for cell in cells]
+        row = [parse_number(path, i, cell) for cell in cells]
         if rows and len(row) != len(rows[0]):
             raise ValueError(f"{path}:{i}: has {len(row)} columns where the lines before have {len(rows[0])}")
         rows.append(row)
         numbers.append(i)
-        written.append(cells)
+        texts.append(cells)
     if not rows:
         raise ValueError(f"{path}: holds no numbers")
     found, count = None, len(rows[0])
     if headings:
         found = _headings(path, headings, count)
     elif comment:
-        headings, found = [comment], _commented(path, comment[1], comment[0], count)
-    return _Table(np.array(rows), numbers, written, found, headings[-1][0] if headings else 0, says_raw)
+        headings, found = [comment], _headings_of_comment(path, comment[1], comment[0], count)
+    return _Table(np.array(rows), numbers, texts, found, headings[-1][0] if headings else 0, raw_place)
 
 
 def _samples(path: Path, table: _Table, component: Component) -> Samples:
     """Return the acceleration in a table, and its interval if it has times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
-    kinds = [each.kind for each in headings] if headings else _guessed(path, rows, component)
+    kinds = [each.kind for each in headings] if headings else _guess_kinds(path, rows, component)
     where = f"{path}:{table.line}" if table.line else f"{path}"
     clock = next((k for k in columns if kinds[k] == "time"), None)
     chosen = [k for k in columns if kinds[k] in ("acceleration", "counts")]
@@ -187,46 +200,48 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
     if headings and not chosen:
         held = ", ".join(repr(each.text.strip()) for each in headings)
         raise ValueError(f"{where}: holds no acceleration; its headings are {held}")
-    if headings and clock is None and len(columns) > 1 and not kinds[0] and _rises(rows[:, 0]):
+    if headings and clock is None and len(columns) > 1 and not kinds[0] and _is_rising(rows[:, 0]):
         raise ValueError(
             f"{where}: the heading {headings[0].text.strip()!r} is not known, and its column rises evenly; "
             "call it time [s] if it holds times"
         )
-    names = [_channel(headings[k].quantity) if headings else f"column {k + 1}" for k in chosen]
+    names = [_direction(headings[k].quantity) if headings else f"column {k + 1}" for k in chosen]
     if headings and isinstance(component, str):  # also by the full heading
         component = next((n for n, k in enumerate(chosen, 1) if component == headings[k].quantity), component)
-    n = choose(path, list(enumerate(names, start=1)), component) if len(chosen) > 1 else 0
+    n = choose_channel(path, list(enumerate(names, start=1)), component) if len(chosen) > 1 else 0
     own, metadata = chosen[n], {"format": "table"}
     if len(chosen) > 1 or (headings and component is not None):
         metadata["component"] = names[n]
     if len(chosen) == 1 and not (headings and component == 1):
-        alone(path, component, Samples(rows, None, None, metadata))
+        require_only_component(path, component, Samples(rows, None, None, metadata))
     heading = headings[own] if headings else None
-    said = heading.unit if heading else None
-    samples = Samples(rows[:, own], None, unit(said), metadata, said, raw=table.raw)
-    if heading and said:
-        samples.says_units = f"{where}: its heading {heading.text.strip()!r}"
-        if unit(said) is None:
+    stated_unit = heading.unit if heading else None
+    samples = Samples(
+        rows[:, own], None, unit_key(stated_unit), metadata, stated_unit, raw_place=table.raw_place
+    )
+    if heading and stated_unit:
+        samples.units_place = f"{where}: its heading {heading.text.strip()!r}"
+        if unit_key(stated_unit) is None:
             raise ValueError(
-                f"{samples.says_units} gives raw {said}, which must be converted to acceleration"
+                f"{samples.units_place} gives raw {stated_unit}, which must be converted to acceleration"
             )
     if clock is not None:
         factor = UNITS[headings[clock].unit or "s"].factor if headings else 1.0
         samples.dt = _interval(path, table, factor, clock)
-        samples.says_dt = f"{path}: the times in it are {samples.dt:g} s apart" if samples.dt else ""
+        samples.dt_place = f"{path}: the times in it are {samples.dt:g} s apart" if samples.dt else ""
     elif len(columns) > 1:
-        samples.says_dt = f"{where}: has no column of times" + (
+        samples.dt_place = f"{where}: has no column of times" + (
             " (one that counts samples, or has no name, is none)" if "index" in kinds else ""
         )
     return samples
 
 
-def _channel(quantity: str) -> str:
+def _direction(quantity: str) -> str:
     """Return the direction in a heading such as Acc N-S, or the full heading."""
     return re.sub(r"^acc[a-z]*[\s_.:-]+", "", quantity, flags=re.I).strip("() ") or quantity
 
 
-def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
+def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     """Return the kinds of the columns of a table without headings: acceleration, preceded by times or a
     count."""
     count = rows.shape[1]
@@ -242,10 +257,10 @@ def _guessed(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     counts = np.array_equal(first, first[0] + np.arange(len(first))) and first[0] in (0, 1) and len(first) > 2
     if counts:
         return ["index", *["acceleration"] * (count - 1)]
-    return ["time" if count == 2 or _rises(first) else "acceleration", *["acceleration"] * (count - 1)]
+    return ["time" if count == 2 or _is_rising(first) else "acceleration", *["acceleration"] * (count - 1)]
 
 
-def _rises(values: np.ndarray) -> bool:
+def _is_rising(values: np.ndarray) -> bool:
     """Return whether a column rises in about equal steps, as times do."""
     steps = np.diff(values)
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
@@ -277,33 +292,33 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         return None
     step = (values[-1] - values[0]) / (count - 1)
     off = np.abs(values - values[0] - step * np.arange(count))
-    written = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
-    digit = max(written, _FLOAT32 * float(np.abs(values).max()))
+    rounding = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
+    digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
     allowed = max(EVEN * step, min(digit, _COARSE * step))
     if digit <= _COARSEST * step and digit < EVEN * (values[-1] - values[0]) and np.diff(values).min() >= 0:
         allowed = max(allowed, digit)
     if not step > 0 or off.max() > allowed:
-        usual = float(np.median(np.diff(values)))
-        uneven = np.flatnonzero(~(np.abs(np.diff(values) - usual) <= max(0.5 * usual, 2 * digit)))
+        median_step = float(np.median(np.diff(values)))
+        uneven = np.flatnonzero(~(np.abs(np.diff(values) - median_step) <= max(0.5 * median_step, 2 * digit)))
         k = int(uneven[0]) + 1 if len(uneven) else max(1, int(off.argmax()))
         where = f"{path}:{table.numbers[k]}" if table.numbers else f"{path}: row {k + 1}"
-        missing = (values[k] - values[k - 1]) / usual - 1 if usual > 0 else 0.0
+        missing = (values[k] - values[k - 1]) / median_step - 1 if median_step > 0 else 0.0
         gap = missing > 0.5 and abs(missing - round(missing)) < 0.1 and count > 3
-        whole = table.rows[:, 0] == np.round(table.rows[:, 0])
+        is_integer = table.rows[:, 0] == np.round(table.rows[:, 0])
         raise ValueError(
             f"{where}: times must rise in equal steps, got {factor * values[k - 1]:.9g} s and then "
             f"{factor * values[k]:.9g} s where the mean step is {factor * step:.6g} s; "
             + (f"{round(missing)} samples are missing (a gap)" if gap else "resample the record")
             + (
                 "; or are its commas decimal?"
-                if whole.all() and table.rows.shape[1] == 2 and not step > 0
+                if is_integer.all() and table.rows.shape[1] == 2 and not step > 0
                 else ""
             )
         )
-    return factor * _simplest(values, step, digit if table.cells else 0.0, factor)
+    return factor * _simplest_step(values, step, digit if table.cells else 0.0, factor)
 
 
-def _simplest(values: np.ndarray, step: float, digit: float, factor: float) -> float:
+def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float) -> float:
     """Return the step whose inverse has the fewest digits among those that explain rounded times about as
     well as `step`; `step` itself if none does."""
     k, rate = np.arange(len(values)), 1 / (factor * step)

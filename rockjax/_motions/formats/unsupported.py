@@ -9,7 +9,7 @@ from pathlib import Path
 from .base import Component, Format, Samples
 
 
-def _refused(why: str) -> Callable[[Path, list[str], Component], Samples]:
+def _refuse(why: str) -> Callable[[Path, list[str], Component], Samples]:
     def read(path: Path, lines: list[str], component: Component) -> Samples:
         raise ValueError(f"{path}:1: {why}")
 
@@ -21,10 +21,10 @@ def _is_raw(path: Path, lines: list[str]) -> bool:
 
 
 def _is_spectra(path: Path, lines: list[str]) -> bool:
-    said = any(
+    has_title = any(
         re.match(r"(?!\s*[#%!]).*\b(?:RESPONSE|FOURIER)\b.*\bSPECTRA\b", line, re.I) for line in lines[:2]
     )
-    return said or path.suffix.lower() in (".v3", ".v3c")
+    return has_title or path.suffix.lower() in (".v3", ".v3c")
 
 
 def _is_usc(path: Path, lines: list[str]) -> bool:
@@ -36,30 +36,30 @@ def _is_usc(path: Path, lines: list[str]) -> bool:
     return bool(re.search(r"\bCORRECTED ACCELEROGRAM", lines[0], re.I)) and of_usc and not of_csmip
 
 
-_RAW = _refused("is volume 1, uncorrected (raw) data; volume 2 (.V2) can be read")
+_RAW = _refuse("is volume 1, uncorrected (raw) data; volume 2 (.V2) can be read")
 FORMATS = (
     Format("volume 1", _is_raw, _RAW),
     Format(
         "volume 3",
         _is_spectra,
-        _refused("is volume 3, response or Fourier spectra, not a motion; volume 2 (.V2) can be read"),
+        _refuse("is volume 3, response or Fourier spectra, not a motion; volume 2 (.V2) can be read"),
     ),
     Format(
         "USC volume 2",
         _is_usc,
-        _refused("is volume 2 of USC, which is not read; volume 2 of CSMIP or COSMOS (.V2) can be read"),
+        _refuse("is volume 2 of USC, which is not read; volume 2 of CSMIP or COSMOS (.V2) can be read"),
     ),
 )
 VOLUME_1 = Format("volume 1", lambda path, lines: path.suffix.lower() in (".v0", ".v1", ".v0c", ".v1c"), _RAW)
 VOLUME_2 = Format(
     "volume 2",
     lambda path, lines: path.suffix.lower() in (".v2", ".v2c", ".v2a"),
-    _refused("is neither 'Corrected accelerogram' (CSMIP, GeoNet) nor 'Corrected acceleration' (COSMOS)"),
+    _refuse("is neither 'Corrected accelerogram' (CSMIP, GeoNet) nor 'Corrected acceleration' (COSMOS)"),
 )
 ITACA = Format(
     "ITACA",
     lambda path, lines: path.name.lower().endswith((".cor.acc", ".unp.acc")),
-    _refused(
+    _refuse(
         "by its name is of ITACA before it had headers of KEY: value, which is not read; get it as ESM or "
         "ITACA write it "
         "today (ASCII), or take its header off and give units and dt"

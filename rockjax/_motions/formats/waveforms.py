@@ -9,9 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from .base import Component, Samples, choose, first_line
+from .base import Component, Samples, choose_channel, first_line
 
-_ABOUT_CODE = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning, ResourceWarning)
+_CODE_WARNINGS = (
+    DeprecationWarning,
+    PendingDeprecationWarning,
+    FutureWarning,
+    ImportWarning,
+    ResourceWarning,
+)
 WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "GSE2"}
 
 
@@ -26,7 +32,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             f"{path}: {path.suffix} is read by ObsPy; install it with: pip install 'rockjax[records]'"
         ) from None
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # plug-ins may raise anything
@@ -37,8 +43,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     pieces: dict[str, list[Any]] = {}  # of each channel
     for trace in traces:
         pieces.setdefault(trace.id, []).append(trace)
-    channels = [(k, of[0].stats.channel) for k, of in enumerate(pieces.values(), start=1)]
-    trace = _joined(path, list(pieces.values())[choose(path, channels, component)])
+    channels = [(k, channel[0].stats.channel) for k, channel in enumerate(pieces.values(), start=1)]
+    trace = _joined(path, list(pieces.values())[choose_channel(path, channels, component)])
     is_counts = trace.data.dtype.kind in "iu" and trace.stats.calib == 1
     metadata = {
         "format": str(trace.stats.get("_format", "")),
@@ -46,16 +52,18 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
         "station": f"{trace.stats.network}.{trace.stats.station}".strip("."),
         "component": trace.stats.channel,
     }
-    about_data = [each for each in said if not issubclass(each.category, _ABOUT_CODE)]
+    data_warnings = [each for each in caught if not issubclass(each.category, _CODE_WARNINGS)]
     beyond = len(content) % trace.stats.mseed.record_length if "mseed" in trace.stats else 0
-    if about_data:
-        metadata["damaged"] = f"ObsPy warns {len(about_data)} times: {first_line(about_data[0].message)}"
+    if data_warnings:
+        metadata["damaged"] = (
+            f"ObsPy warns {len(data_warnings)} times: {first_line(data_warnings[0].message)}"
+        )
     elif beyond:
         metadata["damaged"] = f"its last {beyond} bytes are no whole record; it was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
-    says_dt = f"{path}: the sampling interval is {dt:g} s"
-    return Samples(values, dt, None, metadata, None, says_dt, raw="whole numbers" if is_counts else "")
+    dt_place = f"{path}: the sampling interval is {dt:g} s"
+    return Samples(values, dt, None, metadata, None, dt_place, raw_place="whole numbers" if is_counts else "")
 
 
 def _joined(path: Path, pieces: list[Any]) -> Any:
