@@ -33,10 +33,12 @@ def slow(session: nox.Session) -> None:
 
 @nox.session(default=True)
 def lint(session: nox.Session) -> None:
-    """Style and formatting."""
-    session.install("ruff>=0.14")
+    """Style, formatting, spelling and prose."""
+    session.install("ruff>=0.14", "codespell>=2.4")
     session.run("ruff", "check", ".", *session.posargs)
     session.run("ruff", "format", "--check", ".")
+    session.run("codespell")
+    session.run("python", "tests/documentation/prose.py")
 
 
 @nox.session(default=True)

@@ -84,7 +84,6 @@ def recorded(folder: Path, count: int) -> rj.Records:
 
 def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
     """Whether scales of one record overturn; those that are close to it at the full accuracy."""
-
     looked = peaks(podium, records, j, scales, LOOKING)
     over = np.array(looked.overturned)
     near = np.flatnonzero(np.abs(np.asarray(looked.margin)) < NEAR)

@@ -1,3 +1,5 @@
+"""`python -m rockjax`: the command line."""
+
 from ._cli import main
 
 if __name__ == "__main__":

@@ -52,7 +52,6 @@ def write_dataset(
     path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
 ) -> Path:
     """Write a dataset as netCDF, and others as groups of the same file, atomically."""
-
     data.attrs.setdefault("Conventions", CONVENTIONS)
 
     def write(name: str) -> None:

@@ -19,8 +19,8 @@ _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
 
 
 def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
-    """A power series in z, shortened by Chebyshev polynomials on [0, _LIMIT] (Lanczos): nearly the best of
-    its length."""
+    """Return a power series in z shortened by Chebyshev polynomials on [0, _LIMIT] (Lanczos), nearly the best
+    of its length."""
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1
@@ -103,7 +103,7 @@ def _cos_jvp(primals, tangents):
 
 
 def _half_turns(x: Value) -> tuple[Value, Value]:
-    """The nearest whole number of half turns in x, and the sign that they give."""
+    """Return the nearest whole number of half turns in x, and the sign that they give."""
     turns = jnp.round(x * (1 / math.pi))
     return turns, 1.0 - 2.0 * (turns - 2.0 * jnp.floor(0.5 * turns))
 

@@ -1,10 +1,10 @@
-"""What a SciPy user would write: `solve_ivp` with terminal events, one phase of contact after another.
+r"""What a SciPy user would write: `solve_ivp` with terminal events, one phase of contact after another.
 
 | phase | state | ends by |
 |---|---|---|
 | full contact, rigid | – | uplift, a root of the pulse: nothing is integrated |
 | full contact, elastic | u_t, u̇_t | the demand rising to the uplift's; little energy after the pulse |
-| rocking, rigid | θ, θ̇ | θ = 0 (impact), \\|θ\\| = α (overturned); little energy after the pulse |
+| rocking, rigid | θ, θ̇ | θ = 0 (impact), \|θ\| = α (overturned); little energy after the pulse |
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
 `solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase

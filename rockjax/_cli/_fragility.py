@@ -45,7 +45,7 @@ def fragility(
     ] = None,
     output: Output = "rockjax-fragility",
 ) -> None:
-    """A fragility curve: the probability that a suite of records overturns the structure, over their
+    """Compute a fragility curve: the probability that a suite of records overturns the structure, over their
     intensity.
 
     Every record is scaled to all levels, and the least intensity that overturns is found for each

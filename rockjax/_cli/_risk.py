@@ -15,7 +15,7 @@ from ._run import Report, command
 
 @command(options_of(models.Risk))
 def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
-    """The mean annual frequency of overturning: a fragility curve over the hazard of a site.
+    """Compute the mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
     fragility has them. Writes OUTPUT.nc (hazard, fragility and the contribution of each intensity) and

@@ -16,7 +16,7 @@ def schema(
     report: Report,
     output: Annotated[Path | None, option("--output", "-o", panel=OUTPUT, help="File to write.")] = None,
 ) -> None:
-    """The JSON schema of problem files, for completion and checks in editors.
+    """Write the JSON schema of problem files, for completion and checks in editors.
 
     \b
     Examples:

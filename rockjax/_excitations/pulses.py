@@ -40,7 +40,6 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     Bisection, Newton steps, and final bisection, which takes more than a few steps only if f is flat at its
     root.
     """
-
     above = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & above(hi), lo, hi)
     hi, lo = bisect(above, hi, lo, _HALVINGS, jnp)

@@ -361,9 +361,9 @@ class Options(Keys):
     overturn_ratio: Positive | None = key(None, "Limit state max|θ|/α [–].", ACCURACY, "--limit")
     rest_velocity: Positive | None = key(None, "Speed at which impacts end [–].")
     max_steps: Count | None = key(None, "Most trial steps of a scene.")
-    outputs: list[str] | None = key(None, "Wanted answers.")
+    outputs: list[str] | None = key(None, "Requested outputs.")
     history: Count | None = key(None, "Steps that a history can hold under jit.")
-    throw: bool | None = key(None, "Raise where a scene ends without an answer.")
+    throw: bool | None = key(None, "Raise an error if a scene does not finish.")
 
 
 class _OneMotion(Keys):

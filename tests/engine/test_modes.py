@@ -371,7 +371,6 @@ def test_twenty_stories():
 
 def test_what_a_mode_costs():
     """Modes are rows: how many there are changes nothing in the program but their length."""
-
     of_trial = lambda top: operations_of_trial(podium(top), rj.OneSine(3.0, 1.0), rj.Options())
     one = of_trial(rj.Elastic(30.0, 0.5))
     assert of_trial(rj.Modes([30.0], [0.5])) == one

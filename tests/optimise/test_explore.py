@@ -132,7 +132,7 @@ def test_buildings_under_both_components():
     ("vary", "said"),
     [
         ({}, "must name at least one number"),
-        ({"widht": (0.2, 1.0)}, "widht"),
+        ({"widht": (0.2, 1.0)}, "widht"),  # codespell:ignore
         ({"width": 0.5}, "must be a pair"),
         ({"width": (0.5, 1.0)}, "must be a range around the present 0.45"),
         ({"a_p": "no"}, "must be a pair"),
