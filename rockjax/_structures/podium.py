@@ -81,7 +81,13 @@ class Podium(Module):
     restrainers: tuple[AbstractRestrainer, ...] = eqx.field(converter=as_restrainers, default=())
 
     def __check_init__(self):
-        require("Podium", "alpha", self.alpha, lambda v: (v > 0) & (v < np.pi / 2), "in (0, π/2) rad")
+        require(
+            "Podium",
+            "alpha",
+            self.alpha,
+            lambda v: (v > 0) & (v < np.pi / 2),
+            "in (0, π/2) rad, not in degrees",
+        )
         require_positive("Podium", R=self.R, g=self.g)
         require_not_negative("Podium", gamma=self.gamma, lam=self.lam)
         if not isinstance(self.superstructure, None | AbstractSuperstructure):
