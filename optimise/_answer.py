@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import UNTIL_OVERTURNING, Module, html, lines, require_instance
+from rockjax.internal import UNTIL_OVERTURNING, Module, align_rows, html, require_instance
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
@@ -124,16 +124,16 @@ def table(design: Design) -> str:
     """Return the design as text: variables, targets with worst margins and shadow prices, and its cost."""
     check_design("table", design)
     headline, variables, targets = _account(design)
-    lines = [f"Design: {headline}"]
+    text = [f"Design: {headline}"]
     for rows in (variables, targets):
-        lines += aligned(rows)
-    lines += [f"  {sentence}" for sentence in _remarks(design)]
-    return "\n".join(lines)
+        text += aligned(rows)
+    text += [f"  {sentence}" for sentence in _remarks(design)]
+    return "\n".join(text)
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
     """Return aligned lines of a table, none if it has only its heading."""
-    return [f"  {line}" for line in lines(rows)] if len(rows) > 1 else []
+    return [f"  {line}" for line in align_rows(rows)] if len(rows) > 1 else []
 
 
 def _remarks(design: Design) -> list[str]:

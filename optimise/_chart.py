@@ -10,7 +10,6 @@ import numpy as np
 import rockjax as rj
 from rockjax.internal import (
     BOUNDARY,
-    about,
     as_float,
     as_pulse,
     describe_options,
@@ -19,6 +18,7 @@ from rockjax.internal import (
     require_instance,
     require_whole,
     scan,
+    variable_attributes,
 )
 
 from ._variables import Structure, as_podium, parameter, replaced, variables
@@ -112,7 +112,10 @@ def design_chart(
                 unit | {"long_name": f"{name} where survival changes"},
             ),
         },
-        coords={"a_p": ("a_p", amplitudes, about("a_p")), "T_p": ("T_p", periods, about("T_p"))},
+        coords={
+            "a_p": ("a_p", amplitudes, variable_attributes("a_p")),
+            "T_p": ("T_p", periods, variable_attributes("T_p")),
+        },
     )
     data.attrs = {
         "title": "Design chart",

@@ -33,7 +33,7 @@ def design_command(
     an interrupted search returns the best design so far.
     """
     import rockjax as rj
-    from rockjax.internal import as_json, write_figure, write_whole
+    from rockjax.internal import as_json, write_atomically, write_figure
 
     from ._pictures import before_after, convergence
     from ._variables import as_podium
@@ -46,7 +46,7 @@ def design_command(
             raise
         design, stopped = interrupted.partial, interrupted
     text = as_json(account(design)) + "\n"
-    written = [write_whole(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
+    written = [write_atomically(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
     written.append(write_figure(f"{output}-convergence{suffix}", figure))
     motions = [motion for group in problem.motions.values() for motion in group]

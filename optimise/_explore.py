@@ -30,7 +30,7 @@ from rockjax.internal import (
     as_excitation,
     displayed,
     format_value,
-    of_motion,
+    motion_parameter,
     require_instance,
 )
 
@@ -218,7 +218,7 @@ class _Study(Module):
     def now(self, name: str) -> tuple[float, str]:
         """Return the present value of a number and its unit."""
         if name in _moved(self.structure, self.excitation, self.names):
-            return float(getattr(self.excitation, name)), displayed(of_motion(name).unit)
+            return float(getattr(self.excitation, name)), displayed(motion_parameter(name).unit)
         value: Any = value_of(self.structure, name)
         return float(value), displayed(parameter(self.structure, name).unit)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, displayed, find, require_instance
+from rockjax.internal import DIMENSIONS, AnyMotion, as_excitation, displayed, find_parameter, require_instance
 
 from ._answer import Design, check_design
 
@@ -59,7 +59,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
     reached = f"design: {design.objective:.4g}"
     entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
-    entry = find(design.minimised) or DIMENSIONS.get(design.minimised)
+    entry = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
     unit = displayed(entry.unit) if entry else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax.internal import PULSES, Reader, load_table, models, parameters_of, periods, read, readable
+from rockjax.internal import PULSES, Reader, format_call, load_table, models, parameters_of, periods, read
 from rockjax.internal import problem_key as key
 
 from ._annual import AnnualFrequency
@@ -225,7 +225,7 @@ def _described(asked: Problem) -> str:
         *([target.name or target.describe(), str(target.scenes)] for target in asked.targets),
     ]
     sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
-    lines = [f"Problem: {least}", f"  {readable(asked.podium)}"]
+    lines = [f"Problem: {least}", f"  {format_call(asked.podium)}"]
     return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import parameters_of, read, varied
+from rockjax.internal import parameters_of, read, with_values
 
 from ._answer import Sampled as SampledAnswer
 from ._failure import FailureProbability, Sampled
@@ -48,7 +48,7 @@ class _Numbers:
         moves = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
         zero = [name for name, value, m in zip(self.names, y, moves, strict=True) if m and value == 0]
-        podium = varied(podium, dict.fromkeys(zero, SMALLEST)) if zero else podium
+        podium = with_values(podium, dict.fromkeys(zero, SMALLEST)) if zero else podium
         y = np.where(y == 0, SMALLEST, y)
         rows = zip(self.names, slope / y[:, None], moves, strict=True)
         return podium, {name: row for name, row, m in rows if m}

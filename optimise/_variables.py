@@ -28,11 +28,11 @@ from rockjax.internal import (
     as_exponent,
     as_float,
     card,
-    clash,
     displayed,
-    find,
-    numbered,
-    readable,
+    find_clash,
+    find_parameter,
+    format_call,
+    numbered_parameter,
 )
 
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
@@ -103,7 +103,7 @@ class Dimensions(Module):
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
-        return readable(self)
+        return format_call(self)
 
     def _repr_html_(self) -> str:
         return card(self)
@@ -200,7 +200,7 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
     twice = [name for name in called if called.count(name) > 1]
     if twice:
         raise ValueError(f"{owner}: vary names {twice[0]} twice")
-    twice = clash(called)
+    twice = find_clash(called)
     if twice is not None:
         raise ValueError(
             f"{owner}: vary names {twice[0]} and {twice[1]}, which describe the same dimension; vary one "
@@ -246,12 +246,12 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
     if isinstance(base, Dimensions):
         _check_dimension(owner, base, name)
         return
-    entry = find(name)
+    entry = find_parameter(name)
     if entry is None:
         hint = " (masses vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
         known = ", ".join(internal.parameters_of(base))
         raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of this podium is {known}")
-    if internal.has(base, entry):
+    if internal.has_parameter(base, entry):
         return
     if entry.name == "restitution":
         raise ValueError(_no_factor(owner, base.restitution))
@@ -267,8 +267,10 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     rows = [(entry, getattr(base, entry.place)) for entry in ROWS_OF_DIMENSIONS.values()]
-    may_vary = [entry.name for entry in DIMENSIONS.values() if not entry.whole]
-    may_vary += [numbered(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)]
+    may_vary = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
+    may_vary += [
+        numbered_parameter(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)
+    ]
     if name not in may_vary:
         raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(may_vary)}")
     if name == "restitution" and isinstance(base.restitution, str):
@@ -295,8 +297,8 @@ def parameter(base: Structure, name: str) -> Parameter:
     """Return the parameter of a variable name. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
         row, number = _in_row(name)
-        return DIMENSIONS[name] if row is None else numbered(row, number)
-    found = find(name)
+        return DIMENSIONS[name] if row is None else numbered_parameter(row, number)
+    found = find_parameter(name)
     if found is None:
         raise KeyError(name)
     return found
@@ -320,7 +322,7 @@ def value_of(base: Structure, name: str):
 def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
     """Return a variant with other values of variables."""
     if not isinstance(base, Dimensions):
-        return internal.varied(base, values)
+        return internal.with_values(base, values)
     changes: dict[str, Any] = {}
     for name, value in values.items():
         row, number = _in_row(name)

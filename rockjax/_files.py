@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
+def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     """Call `write(temporary_name)`, then move the file to `path`. On any failure nothing is left behind.
 
     `~` at the beginning of `path` is the home folder. Raises `OSError` that names the file and the cause,
@@ -56,10 +56,10 @@ def write_dataset(
 
     def write(name: str) -> None:
         data.to_netcdf(name, engine="netcdf4")
-        for group, more in (groups or {}).items():
-            more.to_netcdf(name, mode="a", group=group, engine="netcdf4")
+        for group, group_data in (groups or {}).items():
+            group_data.to_netcdf(name, mode="a", group=group, engine="netcdf4")
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def write_figure(path: str | Path, figure: Figure) -> Path:
@@ -67,7 +67,7 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     from matplotlib.pyplot import close
 
     try:
-        return write_whole(path, lambda name: figure.savefig(name, dpi=150))
+        return write_atomically(path, lambda name: figure.savefig(name, dpi=150))
     finally:
         close(figure)
 

@@ -9,19 +9,19 @@ from typing import Any
 
 from tqdm.auto import tqdm  # a widget in notebooks
 
-from ._programs.program import present_compilation
+from ._programs.program import current_compilation
 
 TICK = 1.0  # s: so long a bar may stand without its clock being moved on
 
 
-def ticking(shown: Any) -> threading.Event:
+def start_clock(shown: Any) -> threading.Event:
     """Move the clock of a bar on until the event that this returns is set, or the bar is dropped."""
-    ended, still_there = threading.Event(), weakref.ref(shown)
+    ended, bar_reference = threading.Event(), weakref.ref(shown)
 
     def tick() -> None:
-        while not ended.wait(TICK) and (bar := still_there()) is not None:
-            bar.refresh()
-            del bar
+        while not ended.wait(TICK) and (shown_bar := bar_reference()) is not None:
+            shown_bar.refresh()
+            del shown_bar
 
     if not shown.disable:
         threading.Thread(target=tick, daemon=True).start()
@@ -38,7 +38,7 @@ class Bar(tqdm):
 
     def __init__(self, **settings):
         super().__init__(desc="preparing", **settings)
-        self._ended = ticking(self)
+        self._ended = start_clock(self)
 
     def close(self) -> None:
         if hasattr(self, "_ended"):
@@ -47,7 +47,7 @@ class Bar(tqdm):
 
     def display(self, *arguments: Any, **named: Any) -> Any:
         """Instead of a count of nothing, say what is being compiled and for how long the bar has waited."""
-        what = None if self.n else present_compilation()
+        what = None if self.n else current_compilation()
         self.bar_format = what and f"compiling {what} [{{elapsed}}]"
         return super().display(*arguments, **named)
 
@@ -57,15 +57,15 @@ class Bar(tqdm):
             self.unpause()
         return super().update(n)
 
-    def __exit__(self, kind, error, trace):
-        if kind is None and not self.disable and self.total is not None and 0 < self.n < self.total:
+    def __exit__(self, error_type, error, trace):
+        if error_type is None and not self.disable and self.total is not None and 0 < self.n < self.total:
             self.total = self.n
             if (
                 widget := getattr(self, "container", None)
             ) is not None:  # of a notebook: description, bar, numbers
                 widget.children[1].max = self.n
             self.refresh()
-        return super().__exit__(kind, error, trace)
+        return super().__exit__(error_type, error, trace)
 
 
 def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
@@ -74,11 +74,11 @@ def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
     if hasattr(progress, "update"):
         return contextlib.nullcontext(progress)
     if not progress:
-        return contextlib.nullcontext(_Count())
+        return contextlib.nullcontext(_SilentBar())
     return Bar(total=total, unit=f" {unit}", **settings)
 
 
-class _Count:
+class _SilentBar:
     """A bar that is not shown: to make one that is takes as long as some scenes."""
 
     n = 0

@@ -19,7 +19,9 @@ class PlausibilityWarning(UserWarning):
     """
 
 
-def doubt(message: str, stacklevel: int, kind: type[PlausibilityWarning] = PlausibilityWarning) -> None:
+def warn_about_units(
+    message: str, stacklevel: int, category: type[PlausibilityWarning] = PlausibilityWarning
+) -> None:
     """Warn the caller `stacklevel` frames up, as `warnings.warn` counts them from here."""
     if not switched_off("ROCKJAX_PLAUSIBILITY"):
-        warnings.warn(message, kind, stacklevel + 1)
+        warnings.warn(message, category, stacklevel + 1)

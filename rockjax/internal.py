@@ -15,7 +15,7 @@ from ._checks import (
     require_whole,
 )
 from ._excitations.pulses import PULSES
-from ._files import as_json, write_figure, write_whole
+from ._files import as_json, write_atomically, write_figure
 from ._lognormal import fit_capacities
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, single_motions
 from ._motions.intensity import measured_as
@@ -25,12 +25,12 @@ from ._parameters.table import (
     ROWS_OF_DIMENSIONS,
     STRUCTURE,
     Parameter,
-    about,
-    clash,
-    numbered,
-    of_motion,
+    find_clash,
+    motion_parameter,
+    numbered_parameter,
+    variable_attributes,
 )
-from ._parameters.variants import find, has, parameters_of, read, varied
+from ._parameters.variants import find_parameter, has_parameter, parameters_of, read, with_values
 from ._problem import models
 from ._problem.models import key as problem_key
 from ._problem.reading import Reader, load_table, periods
@@ -43,8 +43,8 @@ from ._restrainers.damper import as_exponent
 from ._risk.rays import Rays, factor_of, probability_at, rays_at
 from ._risk.rocking import limit_state
 from ._risk.structure import limit_of, records_of
-from ._text.cards import card, readable
-from ._text.tables import html, lines
+from ._text.cards import card, format_call
+from ._text.tables import align_rows, html
 from ._tree import Module
 from ._units import MM_PER_M, STANDARD_GRAVITY, displayed
 
@@ -68,7 +68,7 @@ __all__ = [
     "Rays",
     "Reader",
     "TracedFunction",
-    "about",
+    "align_rows",
     "array_module",
     "as_array",
     "as_excitation",
@@ -79,31 +79,30 @@ __all__ = [
     "as_pulse",
     "bar",
     "card",
-    "clash",
     "concrete",
     "describe_options",
     "displayed",
     "factor_of",
-    "find",
+    "find_clash",
+    "find_parameter",
     "fit_capacities",
+    "format_call",
     "format_value",
-    "has",
+    "has_parameter",
     "html",
     "limit_of",
     "limit_state",
-    "lines",
     "load_table",
     "measured_as",
     "models",
-    "numbered",
-    "of_motion",
+    "motion_parameter",
+    "numbered_parameter",
     "parameters_of",
     "periods",
     "probability_at",
     "problem_key",
     "rays_at",
     "read",
-    "readable",
     "records_of",
     "require",
     "require_instance",
@@ -111,7 +110,8 @@ __all__ = [
     "require_whole",
     "scan",
     "single_motions",
-    "varied",
+    "variable_attributes",
+    "with_values",
+    "write_atomically",
     "write_figure",
-    "write_whole",
 ]

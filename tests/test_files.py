@@ -15,7 +15,7 @@ import xarray
 import rockjax as rj
 from rockjax._batch import batch as _batch
 from rockjax._cli import _checkpoint
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 
 from .scenes import PODIUMS
 
@@ -33,15 +33,15 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, error):
         raise error
 
     with pytest.raises(OSError, match=rf"x\.txt could not be written: {error}"):
-        write_whole(target, fails)
+        write_atomically(target, fails)
     assert list(target.parent.iterdir()) == []
-    write_whole(target, lambda name: Path(name).write_text("old"))
+    write_atomically(target, lambda name: Path(name).write_text("old"))
     with pytest.raises(OSError, match=str(error)):
-        write_whole(target, fails)
+        write_atomically(target, fails)
     assert [path.name for path in target.parent.iterdir()] == ["x.txt"]
     assert target.read_text() == "old"
     with pytest.raises(OSError, match=r"could not be written: (Not a directory|File exists)"):
-        write_whole(target / "below", fails)
+        write_atomically(target / "below", fails)
 
 
 @pytest.mark.slow

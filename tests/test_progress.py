@@ -10,7 +10,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import _progress
-from rockjax._programs.program import compiling, forget, present_compilation
+from rockjax._programs.program import compiling, current_compilation, forget
 from rockjax._progress import bar
 
 
@@ -106,7 +106,7 @@ def test_a_bar_says_what_is_being_compiled(monkeypatch, total):
             time.sleep(0.2)
             assert "4.00" in shown.getvalue()[before:]
             assert "compiling" not in shown.getvalue()[before:]
-    assert present_compilation() is None
+    assert current_compilation() is None
 
 
 def test_batches_say_that_they_compile(monkeypatch):

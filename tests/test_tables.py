@@ -75,8 +75,8 @@ def test_batches_and_traced_numbers_are_shown_as_such():
 
 def test_text_is_escaped_and_aligned():
     rows = [("name", "value"), ("a < b", "1.25"), ("c", "10")]
-    assert tables.lines(rows) == ["name   value", "a < b  1.25", "c      10"]
-    assert tables.lines(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
+    assert tables.align_rows(rows) == ["name   value", "a < b  1.25", "c      10"]
+    assert tables.align_rows(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
     made = tables.html(rows, caption="<x>", heads="row")
     assert "<caption>&lt;x&gt;</caption>" in made
     assert "a &lt; b" in made

@@ -30,7 +30,7 @@ from rockjax._checks import array_module, as_array, as_float, float_type, requir
 from rockjax._engine.derivatives import along, known, numbers_of, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import GroundMotion, OfAmplitude
+from rockjax._excitations.ground import GroundMotion, ScaledByAmplitude
 from rockjax._motions.convert import AnyMotion, as_excitation, as_pulse
 from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
@@ -128,7 +128,7 @@ def overturning_acceleration(
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
     if isinstance(motion, GroundMotion):  # need not be proportional to a_p
-        motion = OfAmplitude(as_float(T_p), pulse)
+        motion = ScaledByAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
     ).scale

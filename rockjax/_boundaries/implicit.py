@@ -19,7 +19,7 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
-from rockjax._parameters.sensitivities import varied
+from rockjax._parameters.sensitivities import with_factors
 from rockjax._programs.program import KeptProgram
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -135,7 +135,7 @@ def _log_slopes(
                 motion = records.pick(row["which"]).scaled(past)
             else:
                 motion = pulse(past, row["T_p"] * factors.pop("T_p", 1.0))
-            structure = varied(podium, list(factors), list(factors.values()))
+            structure = with_factors(podium, list(factors), list(factors.values()))
             return _residual(structure, motion, options, margin)
 
         slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))

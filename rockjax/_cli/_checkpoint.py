@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 
 if TYPE_CHECKING:
     import xarray
@@ -31,7 +31,7 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
             if data is not None:
                 data.to_netcdf(name, mode="a", group=f"dataset-{k}", engine="netcdf4")
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:

@@ -132,9 +132,9 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
 
 def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) -> None:
     """Print a table of motions with headings."""
-    from rockjax._text.tables import lines
+    from rockjax._text.tables import align_rows
 
-    for line in lines(
+    for line in align_rows(
         [tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)], numbers=numbers
     ):
         report.say(line)
@@ -212,7 +212,7 @@ def synthetic(
     import io
 
     from rockjax._excitations.wavelets import MavroeidisPapageorgiou
-    from rockjax._files import write_whole
+    from rockjax._files import write_atomically
     from rockjax._motions.synthetic import synthetic_motions
 
     require_writable(output / "suite.csv")
@@ -229,7 +229,7 @@ def synthetic(
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
     # Last, so that a folder with a table is complete.
     report.wrote(
-        write_whole(
+        write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")
         )
     )

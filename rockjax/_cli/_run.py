@@ -210,7 +210,7 @@ def prepare(report: Report) -> None:
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         # For programs that are traced in every run; the process belongs to the command line. Each version has
         # its own folder: programs that come from this cache cannot be stored.
-        jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source()[:16]))
+        jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)

@@ -26,10 +26,10 @@ def schema(
     import json
 
     from rockjax._extensions import extension
-    from rockjax._files import write_whole
+    from rockjax._files import write_atomically
 
     text = json.dumps(extension("design").ProblemFile.model_json_schema(), indent=1) + "\n"
     if output is None:
         report.say(text)
     else:
-        report.wrote(write_whole(output, lambda name: Path(name).write_text(text, encoding="utf-8")))
+        report.wrote(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))

@@ -126,7 +126,7 @@ def _kept() -> dict[str, dict[str, Any]]:
 
 def write() -> None:
     """Write the numbers of the installed Diffrax."""
-    from rockjax._files import write_whole
+    from rockjax._files import write_atomically as write_whole
 
     known = {name: numbers_of(solver_of(name)) for name in EXPLICIT}
     lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in known.items())

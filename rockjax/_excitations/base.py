@@ -20,7 +20,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._programs.program import nans_allowed
-from rockjax._text.cards import card, readable
+from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
@@ -175,7 +175,7 @@ class AbstractExcitation(Module):
             return jax.vmap(at)(t.ravel()).reshape(t.shape)
 
     def __repr__(self):
-        return readable(self)
+        return format_call(self)
 
     def _repr_html_(self):
         return card(self)

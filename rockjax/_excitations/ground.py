@@ -71,9 +71,9 @@ class GroundMotion(AbstractExcitation):
     @property
     def shorter(self) -> Number:
         """Duration of the shorter component [s], ignoring components without a duration."""
-        long = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
-        long = [jnp.where(duration > 0, duration, jnp.inf) for duration in long]
-        shorter = jnp.minimum(*long)
+        durations = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
+        durations = [jnp.where(duration > 0, duration, jnp.inf) for duration in durations]
+        shorter = jnp.minimum(*durations)
         return jnp.where(jnp.isfinite(shorter), shorter, 0.0)
 
     @property
@@ -82,10 +82,10 @@ class GroundMotion(AbstractExcitation):
         batch = jnp.broadcast_shapes(*(y.shape[:-1] for y in both))
         times = jnp.concatenate([jnp.broadcast_to(y, (*batch, y.shape[-1])) for y in both], axis=-1)
         times = jnp.sort(times, axis=-1)
-        again = jnp.concatenate(
+        is_repeated = jnp.concatenate(
             [jnp.zeros_like(times[..., :1], bool), times[..., 1:] == times[..., :-1]], axis=-1
         )[..., : times.shape[-1]]
-        return jnp.sort(jnp.where(again, jnp.inf, times), axis=-1)
+        return jnp.sort(jnp.where(is_repeated, jnp.inf, times), axis=-1)
 
     @property
     def most_pieces(self) -> int:
@@ -93,7 +93,7 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def last_piece(self) -> Any:
-        return self._together(self.horizontal.last_piece, self.vertical.last_piece)
+        return self._combined_index(self.horizontal.last_piece, self.vertical.last_piece)
 
     @property
     def own_dimensions(self) -> dict[str, int]:
@@ -117,7 +117,7 @@ class GroundMotion(AbstractExcitation):
             return self  # very long motions keep their own form
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
-    def _together(self, i: Any, j: Any) -> Any:
+    def _combined_index(self, i: Any, j: Any) -> Any:
         return i * self.vertical.most_pieces + j
 
     def parts(self, index: Index) -> tuple[Index, Index]:
@@ -138,21 +138,21 @@ class GroundMotion(AbstractExcitation):
         return self.horizontal.breakpoint(i), self.vertical.breakpoint(j)
 
     def locate(self, t: Value) -> Index:
-        return self._together(self.horizontal.locate(t), self.vertical.locate(t))
+        return self._combined_index(self.horizontal.locate(t), self.vertical.locate(t))
 
     def past(self, index: Index, passed: Array) -> Index:
         i, j = self.parts(index)
         first, other = jax.lax.stop_gradient(self._ends(index))
-        on = lambda flag: (passed & flag).astype(index.dtype)
-        return self._together(i + on(first <= other), j + on(other <= first))
+        advances = lambda flag: (passed & flag).astype(index.dtype)
+        return self._combined_index(i + advances(first <= other), j + advances(other <= first))
 
     def before(self, index: Index, by: Any = 1) -> Index:
         i, j = self.parts(index)
         none = -jnp.inf
         first = jnp.where(i > 0, self.horizontal.breakpoint(i - 1), none)
         other = jnp.where(j > 0, self.vertical.breakpoint(j - 1), none)
-        back = lambda flag, k: (flag & (k > 0) & (jnp.asarray(by) != 0)).astype(index.dtype)
-        return self._together(i - back(first >= other, i), j - back(other >= first, j))
+        retreats = lambda flag, k: (flag & (k > 0) & (jnp.asarray(by) != 0)).astype(index.dtype)
+        return self._combined_index(i - retreats(first >= other, i), j - retreats(other >= first, j))
 
     def tie(self, index: Index) -> tuple[Value, Index]:
         """Return the derivative-carrying offset between coinciding breakpoints, and the piece between them.
@@ -161,10 +161,10 @@ class GroundMotion(AbstractExcitation):
         """
         i, j = self.parts(index)
         first, other = self._ends(index)
-        tied = jax.lax.stop_gradient((first == other) & jnp.isfinite(first))
-        moves = [jnp.where(tied, y, 0.0) for y in (first, other)]
-        moves = [y - jax.lax.stop_gradient(y) for y in moves]
-        return moves[0] - moves[1], self._together(i + 1, j)
+        coincide = jax.lax.stop_gradient((first == other) & jnp.isfinite(first))
+        offsets = [jnp.where(coincide, y, 0.0) for y in (first, other)]
+        offsets = [y - jax.lax.stop_gradient(y) for y in offsets]
+        return offsets[0] - offsets[1], self._combined_index(i + 1, j)
 
     def __call__(self, t):
         """Return the horizontal ground acceleration ü_g(t) [m/s²]; `vertical(t)` returns v̈_g(t)."""
@@ -207,7 +207,7 @@ class Proportional:
         return GroundMotion(self.pulse(a_p, T_p), self.pulse(self.ratio * a_p, T_p))
 
 
-class OfAmplitude(AbstractExcitation):
+class ScaledByAmplitude(AbstractExcitation):
     """Motions of a function (a_p, T_p) → excitation, with a_p as their scale; a_p = 1 unscaled."""
 
     T_p: Number
@@ -270,46 +270,46 @@ class PairLookahead(AbstractLookahead):
         assert level is not None
         assert tilt is not None
         assert curvature is not None
-        motion, begin, resolution = self.motion, t, 8 * jnp.finfo(t.dtype).eps
+        motion, search_start, resolution = self.motion, t, 8 * jnp.finfo(t.dtype).eps
         curved = curvature > 0
         scale = jnp.where(curved, jnp.sqrt(level / jnp.where(curved, curvature, 1.0)), 0.0)
         start, end = motion.support
 
-        def safe(spare: Value, slope: Value) -> Value:
-            """Return the earliest time after which a signal `spare` below the level can reach it."""
-            root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(spare, 0.0))
-            rising, bend = slope + root > 0, jnp.where(curved, curvature, 1.0)
-            up = 2 * spare / jnp.where(rising, slope + root, 1.0)
+        def safe_time(clearance: Value, slope: Value) -> Value:
+            """Return the earliest time after which a signal `clearance` below the level can reach it."""
+            root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(clearance, 0.0))
+            rising, safe_curvature = slope + root > 0, jnp.where(curved, curvature, 1.0)
+            time_up = 2 * clearance / jnp.where(rising, slope + root, 1.0)
             return jnp.where(
                 slope > 0,
-                up,
-                jnp.where(curved, (root - slope) / bend, jnp.where(rising, up, jnp.inf)),
+                time_up,
+                jnp.where(curved, (root - slope) / safe_curvature, jnp.where(rising, time_up, jnp.inf)),
             )
 
         def advance(carry):
             _, t, _ = carry
-            near = self.horizontal.next_exceedance(t, motion.horizontal.locate(t))
-            comes = jnp.isfinite(near)
-            s = jnp.where(comes, near, t)
-            here = motion.locate(s)
-            now, rate = jax.jvp(motion.piece(here), (s,), (jnp.ones_like(s),))
-            sides = [(level - (side * now.horizontal - tilt * now.vertical)) for side in (1.0, -1.0)]
+            candidate = self.horizontal.next_exceedance(t, motion.horizontal.locate(t))
+            is_reached = jnp.isfinite(candidate)
+            s = jnp.where(is_reached, candidate, t)
+            current = motion.locate(s)
+            shaking, rate = jax.jvp(motion.piece(current), (s,), (jnp.ones_like(s),))
+            sides = [(level - (side * shaking.horizontal - tilt * shaking.vertical)) for side in (1.0, -1.0)]
             slopes = [side * rate.horizontal - tilt * rate.vertical for side in (1.0, -1.0)]
-            digit = resolution * jnp.maximum(jnp.abs(s), end - start)
-            least = jnp.maximum(TOUCH * scale, digit)
-            step = jnp.maximum(jnp.minimum(*map(safe, sides, slopes)), least)
-            spare = jnp.minimum(*sides)
-            found = comes & (spare < 0)
+            last_digit = resolution * jnp.maximum(jnp.abs(s), end - start)
+            least = jnp.maximum(TOUCH * scale, last_digit)
+            step = jnp.maximum(jnp.minimum(*map(safe_time, sides, slopes)), least)
+            clearance = jnp.minimum(*sides)
+            found = is_reached & (clearance < 0)
             # Back to the crossing, unless the search began above the level or the ground jumped.
             slope = jnp.where(sides[0] < sides[1], *slopes)
-            back = s + jnp.where(slope > 0, spare / jnp.where(slope > 0, slope, 1.0), 0.0)
-            last = motion.before(here)
-            jumped = jnp.where(last == here, -jnp.inf, motion.breakpoint(last))
-            floor = jnp.maximum(jnp.maximum(begin, s - 2 * least), jnp.minimum(jumped, s))
+            crossing = s + jnp.where(slope > 0, clearance / jnp.where(slope > 0, slope, 1.0), 0.0)
+            last = motion.before(current)
+            jumped = jnp.where(last == current, -jnp.inf, motion.breakpoint(last))
+            floor = jnp.maximum(jnp.maximum(search_start, s - 2 * least), jnp.minimum(jumped, s))
             # Always advance by a digit: breakpoints and comparisons that are evaluated twice may differ in
             # the last digit.
-            on = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(here)), s + digit)
-            return jnp.maximum(back, floor), jnp.where(comes, on, jnp.inf), found
+            next_time = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(current)), s + last_digit)
+            return jnp.maximum(crossing, floor), jnp.where(is_reached, next_time, jnp.inf), found
 
         t, _, found = jax.lax.while_loop(
             lambda carry: ~carry[2] & jnp.isfinite(carry[1]), advance, (t, t, jnp.zeros((), bool))

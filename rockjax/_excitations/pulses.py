@@ -19,7 +19,7 @@ from rockjax import _sincos as sincos
 from rockjax._checks import as_number, concrete, product, require_finite, require_positive
 from rockjax._roots import bisect, newton
 from rockjax._types import Index, Number, Value
-from rockjax._unit_warnings import doubt
+from rockjax._unit_warnings import warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
 from .base import AbstractExcitation, AbstractLookahead
@@ -30,7 +30,7 @@ LARGEST = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-_NOTHING = 1e-15  # over the height of a pulse: smaller ends are zero but for rounding
+_NEGLIGIBLE = 1e-15  # over the height of a pulse: smaller ends are zero but for rounding
 _HALVINGS, _NEWTON_STEPS = 10, 5
 
 
@@ -44,18 +44,20 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     lo = jnp.where((f(lo) <= 0) & above(hi), lo, hi)
     hi, lo = bisect(above, hi, lo, _HALVINGS, jnp)
     hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
-    per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
-    close = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(per_height))  # rounding of time and of height
-    for near in (z - close, z + close):
-        near = jnp.clip(near, lo, hi)
-        lo, hi = jnp.where(above(near), lo, near), jnp.where(above(near), near, hi)
+    time_per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
+    rounding = (
+        4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(time_per_height))
+    )  # rounding of time and of height
+    for trial in (z - rounding, z + rounding):
+        trial = jnp.clip(trial, lo, hi)
+        lo, hi = jnp.where(above(trial), lo, trial), jnp.where(above(trial), trial, hi)
 
-    def apart(ends):
+    def is_unresolved(ends):
         hi, lo = ends
         middle = 0.5 * (lo + hi)
         return jnp.any((lo < middle) & (middle < hi))
 
-    return jax.lax.while_loop(apart, lambda ends: bisect(above, *ends, 1, jnp), (hi, lo))[0]
+    return jax.lax.while_loop(is_unresolved, lambda ends: bisect(above, *ends, 1, jnp), (hi, lo))[0]
 
 
 class _PulseLookahead(AbstractLookahead):
@@ -83,20 +85,22 @@ class _PulseLookahead(AbstractLookahead):
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
         # The rest of the present lobe, and the complete lobes after it.
-        upto, after = velocity[-1], 0.0
+        reached, later_lobes = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):
             lobe = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
-            upto, after = (jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], upto), (lobe, after)))
-        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(upto - pulse.velocity(tau)) + after)
+            reached, later_lobes = (
+                jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], reached), (lobe, later_lobes))
+            )
+        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(reached - pulse.velocity(tau)) + later_lobes)
 
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         del piece
         # Monotone between turning points: the supremum is at t or at a later knot.
-        to_come = 0.0
+        later_peak = 0.0
         for z in self.pulse.knots():
             height = abs(float(self.pulse.shape(np.float64(z))))
-            to_come = jnp.where(t <= z * self.T_p, jnp.maximum(height, to_come), to_come)
-        return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * to_come)
+            later_peak = jnp.where(t <= z * self.T_p, jnp.maximum(height, later_peak), later_peak)
+        return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * later_peak)
 
     def highest_time(self, start: Value, end: Value) -> Value:
         # Monotone between knots: at a knot inside, or at an end.
@@ -127,7 +131,7 @@ class AbstractPulse(AbstractExcitation):
         size = concrete(self.a_p)
         if size is not None and size.ndim == 0 and abs(size) > LARGEST:
             in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
-            doubt(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
+            warn_about_units(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
 
     @staticmethod
     @abc.abstractmethod
@@ -214,7 +218,7 @@ class AbstractPulse(AbstractExcitation):
         arbitrary where the top is below the level.
         """
         knots = np.asarray(self.knots())
-        high = np.flatnonzero(np.abs(tops) > _NOTHING)
+        high = np.flatnonzero(np.abs(tops) > _NEGLIGIBLE)
         sign = np.sign(tops[high]) if rises else -np.sign(tops[high])
         threshold = level if rises else -level
         left, right = (jnp.asarray(z[high]) for z in (knots[:-1], knots[1:]))

@@ -34,12 +34,12 @@ def common_size(count: int, least: int, ratio: int) -> int:
     return size
 
 
-def filled_up(samples, *sizes: int):
+def pad_samples(samples, *sizes: int):
     """Pad samples with zeros at the end of the last axes."""
     last = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
-    room = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
+    padding = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
     # NumPy, because JAX would compile for every length.
-    return jnp.pad(samples, room) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), room)
+    return jnp.pad(samples, padding) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), padding)
 
 
 class Sampling(NamedTuple):
@@ -77,8 +77,8 @@ class AbstractSampled(AbstractExcitation):
         """Return |samples|, unscaled, zero in the padding [m/s²]."""
 
     def strength(self) -> np.ndarray:
-        highest: Any = np.abs(self.table).max(axis=-1)
-        return np.abs(np.multiply(self.of_row(highest), self.sampling.scale))
+        row_peak: Any = np.abs(self.table).max(axis=-1)
+        return np.abs(np.multiply(self.of_row(row_peak), self.sampling.scale))
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
@@ -147,13 +147,17 @@ class AbstractSampled(AbstractExcitation):
         counts = record.counts_of_rows()
         samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
         place = counts - 1 - samples
-        backwards = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
-        to_come = backwards(jnp.cumsum(jnp.where(place >= 0, backwards(areas), 0.0), axis=-1))
-        to_come = jnp.where(place >= 0, to_come, 0.0)
-        highest = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
+        reverse_rows = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
+        remaining_integral = reverse_rows(
+            jnp.cumsum(jnp.where(place >= 0, reverse_rows(areas), 0.0), axis=-1)
+        )
+        remaining_integral = jnp.where(place >= 0, remaining_integral, 0.0)
+        remaining_peak = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
         if threshold is None:
-            return SampledLookahead(record, None, to_come, highest, None)
-        return SampledLookahead(record, jax.lax.stop_gradient(threshold), to_come, highest, _tree(size))
+            return SampledLookahead(record, None, remaining_integral, remaining_peak, None)
+        return SampledLookahead(
+            record, jax.lax.stop_gradient(threshold), remaining_integral, remaining_peak, _tree(size)
+        )
 
 
 class SampledLookahead(AbstractLookahead):
@@ -162,20 +166,20 @@ class SampledLookahead(AbstractLookahead):
     record: AbstractSampled
     threshold: Value | None
     # ∫|ü_g| dt/dt from sample i on, unscaled; zero past the end of a padded row.
-    to_come: Float[Array, "*table n"]
-    highest: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
+    remaining_integral: Float[Array, "*table n"]
+    remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # of |samples|, unscaled; None without a threshold
 
-    def _from(self, table: Float[Array, "*table n"], piece: Index) -> Value:
+    def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
         _, _, count, scale = self.record.sampling
         value = jnp.abs(scale) * self.record.among(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
 
     def impulse(self, t: Value, piece: Index) -> Value:
-        return self.record.sampling.dt * self._from(self.to_come, piece)
+        return self.record.sampling.dt * self._from_piece(self.remaining_integral, piece)
 
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
-        return self._from(self.highest, piece)
+        return self._from_piece(self.remaining_peak, piece)
 
     def highest_time(self, start: Value, end: Value) -> Value:
         # Linear between samples: at a sample inside, or at an end.
@@ -218,7 +222,7 @@ class SampledLookahead(AbstractLookahead):
         count = record.sampling.count
         t = jnp.maximum(t, record.breakpoint(jnp.zeros_like(piece)))
         piece = jnp.maximum(piece, 1)
-        at_once = (piece < count) & (jnp.abs(record.piece(piece)(t)) > threshold)
+        exceeds_now = (piece < count) & (jnp.abs(record.piece(piece)(t)) > threshold)
         sample = self._next_sample(piece, threshold)
         formula = record.piece(sample)
         begin = jnp.maximum(t, record.breakpoint(sample - 1))
@@ -230,7 +234,7 @@ class SampledLookahead(AbstractLookahead):
         # The next number, to exceed the threshold. (Older versions of JAX cannot differentiate nextafter.)
         at = jax.lax.stop_gradient(crossing)
         crossing += jnp.nextafter(at, jax.lax.stop_gradient(end)) - at
-        return jnp.where(at_once, t, jnp.where(sample < count, crossing, jnp.inf))
+        return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
         """Return the first sample from `first` on that exceeds the threshold, `count` if there is none.
@@ -246,20 +250,20 @@ class SampledLookahead(AbstractLookahead):
         def exceeds(node: Index) -> Array:
             return jnp.abs(scale) * self.record.among(tree, node) > threshold
 
-        def on(carry):
+        def advance(carry):
             node, _ = carry
             inside = exceeds(node)
             # To the first child; else to the right neighbour, or from a right child to that of its parent.
-            following = jnp.where(inside, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
+            next_node = jnp.where(inside, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
             found = inside & (node >= leaves)
             past = ~inside & ((node & (node + 1)) == 0)  # the rightmost of its row
-            return jnp.where(found | past, node, following), found | past
+            return jnp.where(found | past, node, next_node), found | past
 
         # A search that begins past the end stops at once.
         begin = leaves + jnp.minimum(first, leaves - 1)
-        node, _ = jax.lax.while_loop(lambda carry: ~carry[1], on, (begin, first >= count))
-        hit = (node >= leaves) & exceeds(node) & (first < count)
-        return jnp.where(hit, node - leaves, count).astype(first.dtype)
+        node, _ = jax.lax.while_loop(lambda carry: ~carry[1], advance, (begin, first >= count))
+        is_found = (node >= leaves) & exceeds(node) & (first < count)
+        return jnp.where(is_found, node - leaves, count).astype(first.dtype)
 
 
 def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:

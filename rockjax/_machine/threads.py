@@ -34,7 +34,7 @@ def submit(work: Callable, *arguments: Any) -> Future:
     return _POOLS[0].submit(run)
 
 
-def import_meanwhile(*modules: str) -> None:
+def import_in_background(*modules: str) -> None:
     """Import modules for tables and plots in the background, while the scenes are computed."""
 
     def load() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rockjax._checks import as_float, require_finite_samples, require_number
-from rockjax._unit_warnings import PlausibilityWarning, doubt
+from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²
@@ -127,13 +127,13 @@ def warn_if_implausible(
     - `unit_from_user`: whether only the user states the unit
     """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
-        doubt(
+        warn_about_units(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?",
             stacklevel,
             RecordWarning,
         )
     elif unit_from_user and motion.metadata.get("units") == "m/s2" and motion.pga < LOWEST_USER_PGA:
-        doubt(
+        warn_about_units(
             f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is "
             f"read with "
             "units='g'",
@@ -141,21 +141,21 @@ def warn_if_implausible(
             RecordWarning,
         )
     if not SHORTEST_DT <= motion.dt <= LONGEST_DT:
-        doubt(
+        warn_about_units(
             f"{where}: its sampling interval is {motion.dt:.3g} s, which no accelerograph has: "
             "are its times in seconds?",
             stacklevel,
             RecordWarning,
         )
     if damage := motion.metadata.get("damaged"):
-        doubt(
+        warn_about_units(
             f"{where}: is damaged, and {len(motion)} samples are all that can be read: {damage}",
             stacklevel,
             RecordWarning,
         )
     processing = str(motion.metadata.get("processing", ""))
     if processing.startswith(RAW):
-        doubt(
+        warn_about_units(
             f"{where}: is {processing}, not corrected: its offset and drift are in it; "
             "Motion.baseline_corrected(1) takes an offset out",
             stacklevel,
@@ -164,7 +164,7 @@ def warn_if_implausible(
         return
     final_velocity = abs(float(motion.velocity[-1]))
     if final_velocity > DRIFT * motion.pgv:
-        doubt(
+        warn_about_units(
             f"{where}: ends with a velocity of "
             f"{final_velocity:.3g} m/s, {final_velocity / motion.pgv:.0%} of PGV: its baseline drifts, or "
             "it is cut; Motion.baseline_corrected() takes it out",

@@ -16,7 +16,7 @@ import numpy as np
 
 from rockjax._checks import format_value, require_number
 from rockjax._excitations.ground import GroundMotion
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 from rockjax._structures import Podium
 from rockjax._text import tables
 from rockjax._units import STANDARD_GRAVITY
@@ -194,7 +194,7 @@ class Motion(Accelerogram):
         if suffix not in (".at2", ".csv"):
             raise ValueError(f"{path}: a motion is saved as .AT2 or .csv, got {Path(path).suffix!r}")
         lines = self._at2() if suffix == ".at2" else self._csv()
-        return write_whole(
+        return write_atomically(
             path, lambda name: Path(name).write_text("\n".join([*lines, ""]), encoding="utf-8")
         )
 
@@ -346,7 +346,7 @@ class Motions(Sequence[Motion]):
         ]
 
     def __repr__(self) -> str:
-        return "\n  ".join([f"{len(self)} motions", *tables.lines(self._rows(), numbers=True)])
+        return "\n  ".join([f"{len(self)} motions", *tables.align_rows(self._rows(), numbers=True)])
 
     def _repr_html_(self) -> str:
         return tables.html(self._rows(), heads="row")

@@ -27,7 +27,7 @@ from rockjax._excitations.sampled import (
     AbstractSampled,
     Sampling,
     common_size,
-    filled_up,
+    pad_samples,
 )
 from rockjax._types import Index, Value
 
@@ -124,7 +124,7 @@ class Record(AbstractSampled):
         samples = self.acceleration
         count, sizes = samples.shape[-1], OF_RECORDS if samples.ndim == 1 else OF_TABLES
         return PaddedRecord(
-            filled_up(samples, common_size(count, *sizes)),
+            pad_samples(samples, common_size(count, *sizes)),
             self.dt,
             self.scale,
             self.t_start,

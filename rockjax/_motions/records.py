@@ -23,7 +23,7 @@ from rockjax._checks import (
     require_finite_samples,
 )
 from rockjax._excitations.ground import PARTS, GroundMotion
-from rockjax._excitations.sampled import OF_TABLES, AbstractSampled, Sampling, common_size, filled_up
+from rockjax._excitations.sampled import OF_TABLES, AbstractSampled, Sampling, common_size, pad_samples
 from rockjax._types import Index, Value
 
 from .motion import Motion
@@ -157,7 +157,7 @@ class Records(AbstractSampled):
         rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
-            acceleration=filled_up(
+            acceleration=pad_samples(
                 self.acceleration, rows, common_size(self.acceleration.shape[-1], *OF_TABLES)
             ),
             counts=_more(self.counts, rows, 2),

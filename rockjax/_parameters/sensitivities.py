@@ -11,7 +11,7 @@ from rockjax import _checks
 from rockjax._structures import Podium
 
 from . import variants
-from .table import clash
+from .table import find_clash
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
@@ -27,7 +27,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
     names = _checks.texts(owner, "sensitivities", names)
     parameters = variants.parameters_of(podium)
     fixed = {name for name, parameter in parameters.items() if variants.is_fixed(podium, parameter)}
-    known = [*(name for name in parameters if name not in fixed), *more]
+    valid = [*(name for name in parameters if name not in fixed), *more]
     for name in names:
         if name in fixed:
             value = float(np.max(variants.read(podium, name)))
@@ -36,19 +36,21 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
                 f"{owner}: sensitivities name {name!r}, which is fixed at {value:g} in this podium before "
                 f"tracing and has no derivative; {cure}"
             )
-        if name not in known:
-            raise ValueError(f"{owner}: sensitivities must be some of {known} for this podium, got {name!r}")
-    twice = clash(names)
-    if twice is not None:
+        if name not in valid:
+            raise ValueError(f"{owner}: sensitivities must be some of {valid} for this podium, got {name!r}")
+    clash = find_clash(names)
+    if clash is not None:
         raise ValueError(
-            f"{owner}: sensitivities name {twice[0]} and {twice[1]}, which cannot vary at the same time; "
+            f"{owner}: sensitivities name {clash[0]} and {clash[1]}, which cannot vary at the same time; "
             "give one of them"
         )
 
 
-def varied(podium: Podium, names: Sequence[str], factors: Float[Array, " n"] | Sequence[Array]) -> Podium:
+def with_factors(
+    podium: Podium, names: Sequence[str], factors: Float[Array, " n"] | Sequence[Array]
+) -> Podium:
     """Return the podium with named parameters multiplied by factors."""
-    return variants.varied(
+    return variants.with_values(
         podium,
         {name: factor * variants.read(podium, name) for name, factor in zip(names, factors, strict=True)},
     )

@@ -30,14 +30,14 @@ class Range(NamedTuple):
     @property
     def words(self) -> str:
         """The range in words, such as `> 0` or `in [0, 1]`; empty if every number is valid."""
-        low, high = (_WRITTEN.get(end, f"{end:g}") for end in (self.low, self.high))
+        low, high = (_SYMBOLS.get(end, f"{end:g}") for end in (self.low, self.high))
         if math.isinf(self.high):
             return "" if math.isinf(self.low) else f"{'>=' if self.closed[0] else '>'} {low}"
         opening, closing = "(["[self.closed[0]], ")]"[self.closed[1]]
         return f"in {opening}{low}, {high}{closing} {self.unit}".rstrip()
 
 
-_WRITTEN = {math.pi / 2: "π/2"}
+_SYMBOLS = {math.pi / 2: "π/2"}
 ANY = Range()
 POSITIVE = Range(0.0)
 NOT_NEGATIVE = Range(0.0, closed=(True, False))
@@ -55,7 +55,7 @@ class Parameter(NamedTuple):
       `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for derived parameters
     - `formula`: definition of the symbol; `note`: meaning of a special value, or of none
     - `instead_of`: parameters for the same quantity, only one of which can be given
-    - `whole`: whether it is a whole number, which neither varies nor has a derivative
+    - `is_integer`: whether it is a whole number, which neither varies nor has a derivative
     """
 
     name: str
@@ -67,7 +67,7 @@ class Parameter(NamedTuple):
     formula: str = ""
     note: str = ""
     instead_of: tuple[str, ...] = ()
-    whole: bool = False
+    is_integer: bool = False
 
     @property
     def heading(self) -> str:
@@ -76,12 +76,12 @@ class Parameter(NamedTuple):
         return f"{self.meaning[:1].upper()}{self.meaning[1:]} {symbol} [{displayed(self.unit)}]"
 
     @property
-    def about(self) -> dict[str, str]:
+    def variable_attributes(self) -> dict[str, str]:
         """Attributes of a variable in a dataset."""
         return {"units": self.unit, "long_name": f"{self.meaning} {self.symbol}"}
 
 
-def _named(*entries: Parameter) -> dict[str, Parameter]:
+def _by_name(*entries: Parameter) -> dict[str, Parameter]:
     return {entry.name: entry for entry in entries}
 
 
@@ -99,7 +99,7 @@ _STORIES, _UNIFORM = "number of stories of a building whose stories are alike", 
 _LINEAR = "1 is a linear damper"
 
 # Parameters of a podium. Stored ones have a place; the others are computed in variants.py.
-STRUCTURE = _named(
+STRUCTURE = _by_name(
     Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
     Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
     Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
@@ -120,7 +120,7 @@ STRUCTURE = _named(
 )
 
 # Parameters of superstructures with one number for each mode or story, numbered from 1, as `T_2`.
-ROWS = _named(
+ROWS = _by_name(
     _ratio("eta", "η", "mass ratio of the mode", "superstructure.eta"),
     Parameter("T", "T", "s", POSITIVE, "period of the mode", "superstructure.T"),
     _ratio("zeta", "ζ", "damping ratio of the mode", "superstructure.zeta"),
@@ -131,19 +131,19 @@ ROWS = _named(
     _ratio("story_damping", "ζ", "damping ratio of the mode", "superstructure.damping"),
 )
 # Parameters of the same superstructures as a whole.
-OF_ROWS = _named(
+OVERALL = _by_name(
     _ratio("residual", "η_r", "mass ratio of what moves with the beam", "superstructure.residual"),
     _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
 )
 
 
 # Parameters of a building with equal stories.
-BUILDING = _named(
-    Parameter("stories", "n", "1", Range(1.0, closed=(True, False)), _STORIES, _UNIFORM, whole=True)
+BUILDING = _by_name(
+    Parameter("stories", "n", "1", Range(1.0, closed=(True, False)), _STORIES, _UNIFORM, is_integer=True)
 )
 
 
-def numbered(entry: Parameter, number: int) -> Parameter:
+def numbered_parameter(entry: Parameter, number: int) -> Parameter:
     """Return the parameter of one mode or story."""
     return entry._replace(
         name=f"{entry.name}_{number}",
@@ -154,12 +154,12 @@ def numbered(entry: Parameter, number: int) -> Parameter:
 
 
 # Arguments of `Podium.from_dimensions`.
-DIMENSIONS = _named(
+DIMENSIONS = _by_name(
     STRUCTURE["width"],
     STRUCTURE["height"],
     Parameter("column_mass", "m_c", "kg", POSITIVE, "mass of one column"),
     Parameter("beam_mass", "m_b", "kg", NOT_NEGATIVE, "mass of the beam"),
-    Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", whole=True),
+    Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", is_integer=True),
     Parameter("top_mass", "m_t", "kg", NOT_NEGATIVE, "mass of the superstructure"),
     Parameter("period", "T_s", "s", POSITIVE, _PERIOD, note=_RIGID),
     _ratio("damping", "ζ", "damping ratio of the superstructure", ""),
@@ -173,13 +173,13 @@ DIMENSIONS = _named(
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
 )
 # Arguments that are rows of numbers: one for each story, numbered from 1.
-ROWS_OF_DIMENSIONS = _named(
+ROWS_OF_DIMENSIONS = _by_name(
     Parameter("story_mass", "m", "kg", POSITIVE, "mass of the floor", "story_masses"),
     Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
 )
 
 # Parameters of ground motions: fields of their classes, and ratios of pulses, computed in variants.py.
-MOTION = _named(
+MOTION = _by_name(
     Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
     Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
     Parameter("T_p", "T_p", "s", POSITIVE, "period of the pulse"),
@@ -196,31 +196,31 @@ MOTION = _named(
 )
 
 
-def attribute(parameter: Parameter) -> str:
+def attribute_name(parameter: Parameter) -> str:
     """Return the name of a parameter in the attributes of a file: its name and unit."""
     name = {"lam": "lambda"}.get(parameter.name, parameter.name)
     return name if parameter.unit == "1" else f"{name}_{parameter.unit.replace(' ', '_').replace('-', '')}"
 
 
-def of_motion(name: str) -> Parameter:
+def motion_parameter(name: str) -> Parameter:
     """Return the parameter of a ground motion; without an entry in the table it has a name only."""
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 
-def entry_of(name: str) -> Parameter | None:
+def find_entry(name: str) -> Parameter | None:
     """Return the parameter of a name or a path, such as `excitation.gamma`; None if there is none."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)
 
 
-def about(name: str) -> dict[str, str]:
+def variable_attributes(name: str) -> dict[str, str]:
     """Return the attributes of a variable or axis in a dataset; empty for a name that is not a parameter."""
-    entry = entry_of(name)
-    return {} if entry is None else entry.about
+    entry = find_entry(name)
+    return {} if entry is None else entry.variable_attributes
 
 
-def clash(names: Iterable[str]) -> tuple[str, str] | None:
+def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
     """Return two of the names that describe the same quantity, None if there are none."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):

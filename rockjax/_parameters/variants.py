@@ -11,40 +11,40 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._checks import require
-from rockjax._structures import Podium, column_of, g_tan_alpha
+from rockjax._structures import Podium, g_tan_alpha, slenderness_and_size
 from rockjax._structures.modes import joined, members, parts, with_fields
 
-from .table import MOTION, OF_ROWS, ROWS, SIDES, STRUCTURE, Parameter, clash, numbered
+from .table import MOTION, OVERALL, ROWS, SIDES, STRUCTURE, Parameter, find_clash, numbered_parameter
 
 
-def find(name: str) -> Parameter | None:
+def find_parameter(name: str) -> Parameter | None:
     """Return the parameter of a structure with this name or place, None if there is none."""
-    for table in (STRUCTURE, OF_ROWS):
+    for table in (STRUCTURE, OVERALL):
         if name in table:
             return table[name]
     row, _, number = name.rpartition("_")
     if row in ROWS and number.isdecimal():
-        return numbered(ROWS[row], int(number))
+        return numbered_parameter(ROWS[row], int(number))
     return next((entry for entry in STRUCTURE.values() if entry.place == name), None)
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Return the parameters of this podium by name, including derived ones."""
-    plain = (STRUCTURE | OF_ROWS).items()
-    found = {name: entry for name, entry in plain if not entry.whole and has(podium, entry)}
+    entries = (STRUCTURE | OVERALL).items()
+    found = {name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)}
     top = podium.superstructure
     for entry in ROWS.values() if top is not None and top.rows else ():
         values = getattr(top, entry.place.rpartition(".")[2], None)
         row = members(values) if values is not None else ()
-        each = [numbered(entry, k + 1) for k in range(len(row) if isinstance(row, tuple) else 0)]
+        each = [numbered_parameter(entry, k + 1) for k in range(len(row) if isinstance(row, tuple) else 0)]
         found |= {parameter.name: parameter for parameter in each}
     return found
 
 
-def has(podium: Podium, parameter: Parameter) -> bool:
+def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     """Return whether this podium has a parameter."""
     try:
-        _kept(podium, parameter.place)
+        _stored_value(podium, parameter.place)
     except AttributeError:
         return False
     return True
@@ -54,7 +54,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
     """Return whether a parameter of this podium is fixed before tracing, such as the exponent of a linear
     damper. It then has no derivative."""
     try:
-        return not jax.tree.leaves(_kept(podium.split(), parameter.place))
+        return not jax.tree.leaves(_stored_value(podium.split(), parameter.place))
     except AttributeError:  # a residual mass of 0 is left out
         return True
 
@@ -62,37 +62,37 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
 def read(podium: Podium, name: str) -> Any:
     """Return the value of a parameter of this podium. Raises `ValueError` for names that are not its
     parameters."""
-    parameter = _known(podium, name)
+    parameter = _require_parameter(podium, name)
     if parameter.place:
-        return _kept(podium, parameter.place)
+        return _stored_value(podium, parameter.place)
     return jnp.tan(podium.alpha) if parameter.name == "tan_alpha" else getattr(podium, parameter.name)
 
 
-def varied(podium: Podium, values: Mapping[str, Any]) -> Podium:
+def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     """Return the podium with some of its parameters changed.
 
     Raises `ValueError` for names that are not its parameters, for two names of the same quantity, and for
     numbers out of range.
     """
-    known = {name: _known(podium, name) for name in values}
-    values = {known[name].name: value for name, value in values.items()}
-    twice = clash(values)
-    if twice is not None:
-        raise ValueError(f"{twice[0]} and {twice[1]} describe the same quantity; give one of them")
-    places = {entry.name: entry.place for entry in known.values() if entry.place}
-    kept = {places[name]: value for name, value in values.items() if name in places}
+    parameters = {name: _require_parameter(podium, name) for name in values}
+    values = {parameters[name].name: value for name, value in values.items()}
+    clash = find_clash(values)
+    if clash is not None:
+        raise ValueError(f"{clash[0]} and {clash[1]} describe the same quantity; give one of them")
+    places = {entry.name: entry.place for entry in parameters.values() if entry.place}
+    stored = {places[name]: value for name, value in values.items() if name in places}
     if "tan_alpha" in values:
-        kept["alpha"] = jnp.arctan(values["tan_alpha"])
+        stored["alpha"] = jnp.arctan(values["tan_alpha"])
     if any(name in values for name in SIDES):
         width, height = (values.get(name, getattr(podium, name)) for name in SIDES)
-        kept["alpha"], kept["R"] = column_of(width, height)
-    return _replaced(podium, {tuple(place.split(".")): value for place, value in kept.items()})
+        stored["alpha"], stored["R"] = slenderness_and_size(width, height)
+    return _with_changes(podium, {tuple(place.split(".")): value for place, value in stored.items()})
 
 
 def check_values(owner: str, values: Mapping[str, Any]) -> None:
     """Raise `ValueError` for parameters of a structure or a pulse that are out of range."""
     for name, value in values.items():
-        allowed = (MOTION.get(name) or find(name) or STRUCTURE[name]).range
+        allowed = (MOTION.get(name) or find_parameter(name) or STRUCTURE[name]).range
         words = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
         require(owner, name, value, allowed.holds, words.removesuffix(" and "))
 
@@ -107,20 +107,20 @@ def pulse_period(p: Any, frequency_ratio: Any) -> Any:
     return 2 * math.pi / (frequency_ratio * p)
 
 
-def _known(podium: Podium, name: str) -> Parameter:
-    parameter = find(name)
-    if parameter is None or not has(podium, parameter):
+def _require_parameter(podium: Podium, name: str) -> Parameter:
+    parameter = find_parameter(name)
+    if parameter is None or not has_parameter(podium, parameter):
         raise ValueError(f"parameters of this podium are {', '.join(parameters_of(podium))}; got {name!r}")
     return parameter
 
 
-def _kept(holder: Any, place: str) -> Any:
+def _stored_value(holder: Any, place: str) -> Any:
     """Return the value stored in a place. Raises `AttributeError` if the place does not exist."""
     for step in place.split(".") if place else ():
         if step.isdecimal():
-            holder = _of_row(holder, int(step))
+            holder = _row_member(holder, int(step))
         elif isinstance(holder, tuple):
-            holder = holder[_member(holder, step)]
+            holder = holder[_index_of_class(holder, step)]
         else:
             rows = getattr(holder, "rows", ())
             holder = getattr(holder, step)
@@ -131,7 +131,7 @@ def _kept(holder: Any, place: str) -> Any:
     return holder
 
 
-def _of_row(values: Any, number: int) -> Any:
+def _row_member(values: Any, number: int) -> Any:
     """Return a member of a row, counted from 1."""
     if members(values) is values and not isinstance(values, tuple):
         raise AttributeError("one number stands for all")
@@ -141,29 +141,29 @@ def _of_row(values: Any, number: int) -> Any:
     return row[number - 1]
 
 
-def _member(members: tuple, kind: str) -> int:
+def _index_of_class(members: tuple, class_name: str) -> int:
     """Return the position of the only member of a tuple with this class."""
-    found = [k for k, member in enumerate(members) if type(member).__name__ == kind]
+    found = [k for k, member in enumerate(members) if type(member).__name__ == class_name]
     if len(found) != 1:
-        raise AttributeError(f"{len(found)} of class {kind}")
+        raise AttributeError(f"{len(found)} of class {class_name}")
     return found[0]
 
 
-def _replaced(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
+def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     """Return a variant of a dataclass, or of a tuple of them, with new values in some places."""
-    below: dict[str, dict[tuple[str, ...], Any]] = {}
+    by_step: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
-        below.setdefault(step, {})[tuple(rest)] = value
+        by_step.setdefault(step, {})[tuple(rest)] = value
     new: dict[str, Any] = {}
-    for step, inner in below.items():
+    for step, inner in by_step.items():
         if () in inner:
             new[step] = inner[()]
         elif step in getattr(holder, "rows", ()):
             new[step] = _with_members(getattr(holder, step), {int(k): y for (k,), y in inner.items()})
         else:
-            new[step] = _replaced(_kept(holder, step), inner)
+            new[step] = _with_changes(_stored_value(holder, step), inner)
     if isinstance(holder, tuple):
-        places = {_member(holder, step): value for step, value in new.items()}
+        places = {_index_of_class(holder, step): value for step, value in new.items()}
         return tuple(places.get(k, member) for k, member in enumerate(holder))
     if any(isinstance(getattr(holder, field), tuple) for field in getattr(holder, "rows", ())):
         return with_fields(holder, new)  # split, in a program

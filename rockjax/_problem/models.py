@@ -133,7 +133,7 @@ def one_of(given: Mapping[str, Any], *names: str) -> str:
 
 def kind_of(entry: table.Parameter) -> Any:
     """Return the type of the key of a parameter, with its range."""
-    if entry.whole:
+    if entry.is_integer:
         return Count
     closed, (low, high) = entry.range.closed, entry.range[:2]
     ends = {"ge" if closed[0] else "gt": low, "le" if closed[1] else "lt": high}

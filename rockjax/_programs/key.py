@@ -22,14 +22,14 @@ from typing import Any
 import jax
 import numpy as np
 
-_OWN = ("rockjax", "optimise")  # identified by their source
+_OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # by their versions
-_NO_PROGRAMS = ("_cli", "plots")  # folders whose source is part of no program
+_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source is part of no program
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
-_IRRELEVANT = ("cache", "log", "dump", "traceback", "profil", "hash")  # in names of JAX's settings
+_IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")  # in names of JAX's settings
 
 
-class Unknown(Exception):
+class NoKeyError(Exception):
     """Raised for objects without a key that means the same in every process."""
 
 
@@ -59,18 +59,18 @@ class TracedFunction:
 
 
 def describe(value: Any) -> str:
-    """Return the key of a static part of the arguments. Raises `Unknown` if it has none."""
+    """Return the key of a static part of the arguments. Raises `NoKeyError` if it has none."""
     if value is None:
         return "None"
     if isinstance(value, TracedFunction):
         return f"traced:{value.text}"
     if isinstance(value, type | FunctionType):
-        return _name(value)
+        return _qualified_name(value)
     if isinstance(value, np.dtype):
         return value.str
     if isinstance(value, jax.tree_util.PyTreeDef):
         return _structure(value)
-    name = _name(type(value))
+    name = _qualified_name(type(value))
     if isinstance(value, bool | int | float | complex | str | bytes):
         return f"{name}:{value!r}"
     if isinstance(value, tuple | list | frozenset):
@@ -81,19 +81,19 @@ def describe(value: Any) -> str:
     if getattr(value, "__dict__", None) or any(
         getattr(base, "__slots__", ()) for base in type(value).__mro__
     ):
-        raise Unknown(f"{value!r}")
+        raise NoKeyError(f"{value!r}")
     return f"{name}()"  # an object without fields
 
 
-def _name(thing: Any) -> str:
+def _qualified_name(thing: Any) -> str:
     """Return the full name of a class or function at the top level of a module with known source or
     version."""
     module, name = thing.__module__ or "", thing.__qualname__  # None in code run from a text
     found = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
-    if module.split(".")[0] not in (*_OWN, *_LIBRARIES, "builtins") or found is not thing:
-        raise Unknown(f"{module}.{name}")
+    if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or found is not thing:
+        raise NoKeyError(f"{module}.{name}")
     return f"{module}.{name}"
 
 
@@ -101,29 +101,31 @@ def _structure(tree: Any) -> str:
     node = tree.node_data()
     if node is None:
         return "*" if tree.num_leaves else "-"
-    kind, static = node
+    node_type, static = node
     children = ",".join(map(_structure, tree.children()))
-    return "None" if kind is type(None) else f"{_name(kind)}[{describe(static)}]({children})"
+    return (
+        "None" if node_type is type(None) else f"{_qualified_name(node_type)}[{describe(static)}]({children})"
+    )
 
 
-def shapes(leaves: Iterable[Any]) -> str:
+def describe_shapes(leaves: Iterable[Any]) -> str:
     """Return shapes and types of arrays and numbers as text."""
     kinds = map(jax.typeof, leaves)
-    return ";".join(f"{kind.dtype}{kind.shape}{'~' if kind.weak_type else ''}" for kind in kinds)
+    return ";".join(f"{type_.dtype}{type_.shape}{'~' if type_.weak_type else ''}" for type_ in kinds)
 
 
-def machine() -> str:
+def describe_machine() -> str:
     """Return everything a program depends on besides its trace: versions, settings, processor."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
-        if not any(word in name for word in _IRRELEVANT)
+        if not any(word in name for word in _IGNORED_SETTINGS)
     ]
-    return f"{_versions()}\n{os.environ.get('XLA_FLAGS', '')} {settings!r}"
+    return f"{_describe_versions()}\n{os.environ.get('XLA_FLAGS', '')} {settings!r}"
 
 
 @functools.cache
-def _versions() -> str:
+def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
     try:  # the features a compiler uses; on other systems the name of the machine
@@ -132,27 +134,27 @@ def _versions() -> str:
     except OSError:
         processor = []
     processor = processor or [platform.processor(), platform.node()]
-    return f"{libraries} {sys.version}\n{platform.system()} {platform.machine()} {processor} " + (
+    return f"{libraries} {sys.version}\n{platform.system()} {platform.describe_machine()} {processor} " + (
         f"{device.device_kind} {device.client.platform_version}"
     )
 
 
 @functools.cache
-def source() -> str:
+def source_hash() -> str:
     """Return a hash of the package's source and of its tables of numbers.
 
-    Raises `Unknown` if the source cannot be read.
+    Raises `NoKeyError` if the source cannot be read.
     """
     digest = hashlib.sha256()
-    for package in _OWN:
+    for package in _OWN_PACKAGES:
         spec = find_spec(package)
         origin = spec.origin if spec else None
         if origin is None or not Path(origin).is_file():
-            raise Unknown(f"no source of {package}")
+            raise NoKeyError(f"no source of {package}")
         folder = Path(origin).parent
         for file in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
             part = file.relative_to(folder)
-            if part.parts[0] not in _NO_PROGRAMS:
+            if part.parts[0] not in _WITHOUT_PROGRAMS:
                 digest.update(f"{package}/{part.as_posix()}\0".encode())
                 digest.update(file.read_bytes())
     return digest.hexdigest()

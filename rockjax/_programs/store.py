@@ -73,10 +73,10 @@ def _why_unsafe(path: Path) -> str | None:
     read."""
     if not hasattr(os, "geteuid"):
         return None  # Windows: the user's folders have access lists of their own
-    found = path.stat()
-    if found.st_uid != os.geteuid():
+    status = path.stat()
+    if status.st_uid != os.geteuid():
         return f"{path} belongs to another user"
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"others can write to {path}; chmod go-w makes it usable"
     return None
 
@@ -129,14 +129,14 @@ def read(key: str) -> bytes | None:
 def write(key: str, data: bytes) -> None:
     """Store data under a key, and delete old programs beyond the size limit. Raises `OSError` on failure,
     such as a full disk."""
-    place, most = folder(), limit()
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.mkdir(mode=0o700, exist_ok=True)
-    if unsafe := _why_unsafe(place):
+    path, limit_bytes = folder(), limit()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.mkdir(mode=0o700, exist_ok=True)
+    if unsafe := _why_unsafe(path):
         raise PermissionError(unsafe)
-    if len(data) + _DIGEST > most:
+    if len(data) + _DIGEST > limit_bytes:
         return
-    handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=place)  # for this user only
+    handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path)  # for this user only
     try:
         with os.fdopen(handle, "wb") as opened:
             opened.write(_digest(key, data) + data)
@@ -144,10 +144,10 @@ def write(key: str, data: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-    found = entries()
-    size = sum(entry.size for entry in found)
-    for entry in found:
-        if size > most:
+    stored = entries()
+    size = sum(entry.size for entry in stored)
+    for entry in stored:
+        if size > limit_bytes:
             size -= entry.size
             entry.path.unlink(missing_ok=True)
 
@@ -160,17 +160,17 @@ def discard(key: str) -> None:
 
 def entries() -> list[Entry]:
     """Return all stored programs, the least recently used first."""
-    found = []
+    stored = []
     for path in folder().glob("*"):  # includes partial files of killed processes
         with contextlib.suppress(OSError):  # another process has just deleted it
-            about = path.stat()
-            found.append(Entry(path, about.st_size, about.st_mtime))
-    return sorted(found, key=lambda entry: entry.used)
+            status = path.stat()
+            stored.append(Entry(path, status.st_size, status.st_mtime))
+    return sorted(stored, key=lambda entry: entry.used)
 
 
 def clear() -> int:
     """Delete all stored programs and return their number. Raises `OSError` if one cannot be deleted."""
-    found = entries()
-    for entry in found:
+    stored = entries()
+    for entry in stored:
         entry.path.unlink(missing_ok=True)
-    return len(found)
+    return len(stored)

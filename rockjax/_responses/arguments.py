@@ -16,7 +16,7 @@ from rockjax._options import Options
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
 from rockjax._structures.modes import as_many, parts, with_fields
-from rockjax._unit_warnings import doubt
+from rockjax._unit_warnings import warn_about_units as doubt
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:

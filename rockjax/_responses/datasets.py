@@ -19,7 +19,8 @@ from rockjax._motions.provenance import describe_record
 from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
-from rockjax._parameters.table import attribute, of_motion
+from rockjax._parameters.table import attribute_name as attribute
+from rockjax._parameters.table import motion_parameter as of_motion
 from rockjax._programs.program import ARRAYS, KeptProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer

@@ -17,7 +17,8 @@ from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._options import PEAKS
-from rockjax._parameters.sensitivities import check_parameters, varied
+from rockjax._parameters.sensitivities import check_parameters
+from rockjax._parameters.sensitivities import with_factors as varied
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
 from rockjax._tree import Module

@@ -18,7 +18,7 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 
 from rockjax._checks import concrete
-from rockjax._text.cards import card, readable
+from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Number, Value
 
@@ -81,21 +81,23 @@ class AbstractRestrainer(Module):
         """
 
     @property
-    def reach(self) -> float:
+    def elongation_ratio(self) -> float:
         """The device's own elongation over that of both joints."""
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
         """Return the force over m_c g that does the device's work along the elongation of both joints."""
-        return self.reach * self._force(self.reach * stretch, self.reach * rate, self.reach * slip)
+        return self.elongation_ratio * self._force(
+            self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
+        )
 
     def potential(self, stretch: Value) -> Value | float:
         """Return the stored energy over m_c g R, at a stretch of both joints."""
-        return self._potential(self.reach * stretch)
+        return self._potential(self.elongation_ratio * stretch)
 
     def power(self, rate: Value, slip: Value) -> Value | float:
         """Return the dissipated power over m_c g R p, at a rate of both joints."""
-        return self._power(self.reach * rate, self.reach * slip)
+        return self._power(self.elongation_ratio * rate, self.elongation_ratio * slip)
 
     def static_force(self, stretch: Value) -> Value | float:
         """Return the force over m_c g of a device that is held at a stretch of both joints."""
@@ -122,16 +124,16 @@ class AbstractRestrainer(Module):
     def apparent_mass(self) -> Number | None:
         """Inertance over m_c of the equivalent device over both joints, None if there is none."""
         own = self._apparent_mass
-        return None if own is None else self.reach**2 * own
+        return None if own is None else self.elongation_ratio**2 * own
 
     @property
     def slope(self) -> Number | None:
         """Stiffness K R/(m_c g) of the equivalent device over both joints, None if there is none."""
         own = self._stiffness
-        return None if own is None else self.reach**2 * own
+        return None if own is None else self.elongation_ratio**2 * own
 
     def __repr__(self):
-        return readable(self)
+        return format_call(self)
 
     def _repr_html_(self):
         return card(self)

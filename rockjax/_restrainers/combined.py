@@ -66,19 +66,21 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     `weight` is w = γ+η+½. Up to α both restore, so the root lies between α and π/2, where V' of (C5) falls
     through zero at most once.
     """
-    holding = [each for each in restrainers if each.stores]
-    if not holding:
+    with_static_force = [each for each in restrainers if each.stores]
+    if not with_static_force:
         return alpha
-    return _search(alpha, weight, holding)
+    return _find_stability_angle(alpha, weight, with_static_force)
 
 
 @jax.jit
-def _search(alpha: Number, weight: Number, holding: Sequence[AbstractRestrainer]) -> Number:
+def _find_stability_angle(
+    alpha: Number, weight: Number, with_static_force: Sequence[AbstractRestrainer]
+) -> Number:
     def moment(angle):
         """Return V'(A)/(Rg)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
         return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
-            each.static_force(stretch) for each in holding
+            each.static_force(stretch) for each in with_static_force
         )
 
     top = jnp.full_like(moment(alpha), math.pi / 2)

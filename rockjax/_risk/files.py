@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._text.reading import read_text
 from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of
@@ -286,7 +286,7 @@ def write_fragility_model(
         moments = {"mean": repr(mean), "stddev": repr(mean * math.sqrt(math.expm1(dispersion**2)))}
         ET.SubElement(function, f"{{{NRML}}}params", {"ls": "overturning", **moments})
     ET.indent(root)
-    return write_whole(
+    return write_atomically(
         path, lambda name: ET.ElementTree(root).write(name, encoding="utf-8", xml_declaration=True)
     )
 

@@ -3,7 +3,7 @@
 from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding, superstructure_of
-from .column import column_of, g_tan_alpha
+from .column import g_tan_alpha, slenderness_and_size
 from .modes import Modes
 from .podium import Podium
 from .restitution import GivenRestitution
@@ -24,7 +24,7 @@ __all__ = [
     "Podium",
     "Rigid",
     "ShearBuilding",
-    "column_of",
     "g_tan_alpha",
+    "slenderness_and_size",
     "superstructure_of",
 ]

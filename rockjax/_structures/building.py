@@ -65,7 +65,7 @@ class ShearBuilding(AbstractSuperstructure):
     stiffnesses: Row
     damping: Row
     heights: Row | None
-    kept: int = eqx.field(static=True)
+    retained: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class ShearBuilding(AbstractSuperstructure):
         modes: int | None = None,
         *,
         heights: Any = None,
-        kept: int | None = None,
+        retained: int | None = None,
     ):
         owner = "ShearBuilding"
         self.masses = row(owner, "masses", masses, "story")
@@ -83,9 +83,9 @@ class ShearBuilding(AbstractSuperstructure):
         self.damping = as_float(damping, f"{owner}: damping")
         self.heights = None if heights is None else row(owner, "heights", heights, "story")
         count = self.masses.shape[-1]
-        wanted = modes if modes is not None else count if kept is None else kept
-        self.kept = require_whole(owner, "modes", wanted, 0)
-        if self.kept > count:
+        wanted = modes if modes is not None else count if retained is None else retained
+        self.retained = require_whole(owner, "modes", wanted, 0)
+        if self.retained > count:
             raise ValueError(f"{owner}: modes must be in 0 … {count}, the number of stories, got {wanted}")
 
     def __check_init__(self):
@@ -97,9 +97,9 @@ class ShearBuilding(AbstractSuperstructure):
                     f"{owner}: {name} must be as long as masses, which has {count} stories, got "
                     f"{len(parts(values))}"
                 )
-        if as_many(self.damping, 1) is self.damping and len(parts(self.damping)) != self.kept:
+        if as_many(self.damping, 1) is self.damping and len(parts(self.damping)) != self.retained:
             raise ValueError(
-                f"{owner}: damping must be one number or one for each of the {self.kept} modes that are "
+                f"{owner}: damping must be one number or one for each of the {self.retained} modes that are "
                 f"kept, got {len(parts(self.damping))}"
             )
         require_positive(owner, masses=self.masses, **rows)
@@ -133,27 +133,29 @@ class ShearBuilding(AbstractSuperstructure):
     @property
     def modes(self) -> Modes:
         """The retained modes, with the mass ratio of the others as the residual."""
-        found, kept = self._analysis(), self.kept
-        residual = found.eta[..., kept:].sum(axis=-1) if kept < self.stories else 0.0
-        return Modes(found.eta[..., :kept], 2 * math.pi / found.omega[..., :kept], self.damping, residual)
+        found, retained = self._analysis(), self.retained
+        residual = found.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0
+        return Modes(
+            found.eta[..., :retained], 2 * math.pi / found.omega[..., :retained], self.damping, residual
+        )
 
     @property
     def frequencies(self) -> Array:
         """Fixed-base circular frequencies ω_i of the retained modes [rad/s]."""
-        return self._analysis().omega[..., : self.kept]
+        return self._analysis().omega[..., : self.retained]
 
     @property
     def shapes(self) -> Array:
         """Γ_i φ_ji of the floors j and, along the last axis, the retained modes i [–], (C11): a floor moves
         by Σ Γ_i φ_ji (u_i − u_b) relative to the beam."""
-        return self._analysis().shapes[..., : self.kept]
+        return self._analysis().shapes[..., : self.retained]
 
     def _analysis(self) -> ModalAnalysis:
         return modal_analysis(joined(self.masses), joined(self.stiffnesses))
 
     @property
     def count(self) -> int:
-        return self.kept
+        return self.retained
 
     @property
     def oscillators(self) -> Elastic | Oscillators | None:
@@ -169,11 +171,11 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def elastic(self) -> bool:
-        return self.kept > 0
+        return self.retained > 0
 
     @property
     def several(self) -> bool:
-        return self.kept > 0
+        return self.retained > 0
 
     @property
     def floors(self) -> Array:
@@ -186,16 +188,16 @@ class ShearBuilding(AbstractSuperstructure):
         return with_fields(self, values)
 
     def resolved(self) -> AbstractSuperstructure:
-        if not self.kept:
+        if not self.retained:
             return Rigid(self.mass_ratio)
-        found, kept = self._analysis(), self.kept
-        residual = None if kept == self.stories else found.eta[..., kept:].sum(axis=-1)
+        found, retained = self._analysis(), self.retained
+        residual = None if retained == self.stories else found.eta[..., retained:].sum(axis=-1)
         return Oscillators(
-            found.eta[..., :kept],
-            2 * math.pi / found.omega[..., :kept],
+            found.eta[..., :retained],
+            2 * math.pi / found.omega[..., :retained],
             joined(self.damping),
             residual,
-            found.shapes[..., :kept],
+            found.shapes[..., :retained],
         )
 
 

@@ -7,13 +7,13 @@ import numpy as np
 
 from rockjax._checks import array_module, concrete
 from rockjax._types import Number
-from rockjax._unit_warnings import doubt
+from rockjax._unit_warnings import warn_about_units
 
 LARGEST_R = 100.0  # m, beyond any plausible column
 DENSITIES = 300.0, 8000.0  # kg/m³, from light timber or a hollow section to steel
 
 
-def doubt_column(width, height, mass) -> None:
+def check_column_units(width, height, mass) -> None:
     """Warn of a size that suggests mm, or a mass that suggests tonnes. The depth of a column is unknown and
     taken as its width."""
     sides, mass = (concrete(width), concrete(height)), concrete(mass)
@@ -22,28 +22,28 @@ def doubt_column(width, height, mass) -> None:
     R = float(np.max(0.5 * np.hypot(*sides)))
     if R > LARGEST_R:
         size = f"a column of {np.max(sides[0]):g} m by {np.max(sides[1]):g} m has R = {R:.4g} m"
-        doubt(
+        warn_about_units(
             f"Podium.from_dimensions: {size}; width and height are in m, were they meant in mm?", stacklevel=3
         )
     elif mass is not None:
-        _doubt_density(*np.broadcast_arrays(*sides, mass))
+        _check_density(*np.broadcast_arrays(*sides, mass))
 
 
-def _doubt_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> None:
+def _check_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> None:
     density = mass / (width**2 * height)
     low, high = DENSITIES
-    odd = (density < low) | (density > high)
-    if odd.any():
-        b, h, m, found = (float(y[odd].flat[0]) for y in (width, height, mass, density))
+    is_unlikely = (density < low) | (density > high)
+    if is_unlikely.any():
+        b, h, m, found = (float(y[is_unlikely].flat[0]) for y in (width, height, mass, density))
         column = f"a square column of {b:g} m by {b:g} m by {h:g} m"
-        doubt(
+        warn_about_units(
             f"Podium.from_dimensions: column_mass = {m:g} kg makes {column} {found:.3g} kg/m³ dense, outside "
             f"{low:g} to {high:g}; masses are in kg, were they meant in t?",
             stacklevel=4,
         )
 
 
-def column_of(width: Number, height: Number) -> tuple[Number, Number]:
+def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]:
     """Return slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m],
     Eq. (1)."""
     numpy = array_module(width, height)

@@ -50,8 +50,8 @@ def joined(values: Row | tuple[Number, ...]) -> Array:
     if isinstance(values, tuple):
         xp = array_module(values)
         return xp.stack(xp.broadcast_arrays(*values), axis=-1)
-    known = concrete(values)
-    return values if known is None else cast(Array, known.astype(values.dtype))
+    host_values = concrete(values)
+    return values if host_values is None else cast(Array, host_values.astype(values.dtype))
 
 
 def as_many(values: Any, count: int) -> Any:
@@ -66,8 +66,8 @@ def members(values: Any) -> Any:
 
 def is_plain_zero(value) -> bool:
     """Return whether a value is known to be zero before tracing."""
-    known = concrete(value)
-    return known is not None and not np.any(known)
+    number = concrete(value)
+    return number is not None and not np.any(number)
 
 
 class Modes(AbstractSuperstructure):
@@ -119,19 +119,23 @@ class Modes(AbstractSuperstructure):
 
         Raises `ValueError` if the modes have more mass than the total.
         """
-        eta, whole = (
+        eta, total = (
             row("Modes.of_total", "eta", eta, "mode"),
             as_float(mass_ratio, "Modes.of_total: mass_ratio"),
         )
-        rest = whole - jnp.sum(eta, axis=-1)
-        enough = "such that the modal masses are at most the total mass ratio"
-        known, size = concrete(rest), concrete(whole)
-        if known is not None and size is not None and np.any(known < -ROUNDING * np.abs(size)):
+        remainder = total - jnp.sum(eta, axis=-1)
+        accepted = "such that the modal masses are at most the total mass ratio"
+        host_remainder, size = concrete(remainder), concrete(total)
+        if (
+            host_remainder is not None
+            and size is not None
+            and np.any(host_remainder < -ROUNDING * np.abs(size))
+        ):
             raise ValueError(
-                f"Modes.of_total: mass_ratio must be {enough}, got {float(np.min(size)):g} and modes of "
+                f"Modes.of_total: mass_ratio must be {accepted}, got {float(np.min(size)):g} and modes of "
                 f"{float(np.max(np.sum(np.asarray(eta), axis=-1))):g} in all"
             )
-        return cls(eta, T, zeta, residual=jnp.maximum(rest, 0.0))
+        return cls(eta, T, zeta, residual=jnp.maximum(remainder, 0.0))
 
     @property
     def modes(self) -> Modes:
@@ -152,8 +156,8 @@ class Modes(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        moving = self.oscillators.moving
-        return moving if self.carried is None else moving + self.carried
+        vibrating_mass = self.oscillators.vibrating_mass
+        return vibrating_mass if self.carried is None else vibrating_mass + self.carried
 
     @property
     def several(self) -> bool:

@@ -35,13 +35,13 @@ from rockjax._restrainers.combined import (
     stiffness,
 )
 from rockjax._restrainers.dimensions import restrainers_of
-from rockjax._text.cards import card, readable
+from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Number
 from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding
-from .column import column_of, doubt_column, g_tan_alpha
+from .column import check_column_units, g_tan_alpha, slenderness_and_size
 from .restitution import Restitution, as_restitution
 from .superstructures import (
     AbstractSuperstructure,
@@ -154,7 +154,7 @@ class Podium(Module):
         require_positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
         require_not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = map(as_numpy_unless_traced, (width, height, column_mass))
-        doubt_column(width, height, column_mass)
+        check_column_units(width, height, column_mass)
         columns_mass = columns * column_mass
         eta = as_numpy_unless_traced(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
@@ -170,7 +170,7 @@ class Podium(Module):
             superstructure = None
         else:
             superstructure = Rigid(eta=eta)
-        alpha, R = column_of(width, height)
+        alpha, R = slenderness_and_size(width, height)
         numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
         devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *numbers)
         return cls(
@@ -217,7 +217,7 @@ class Podium(Module):
         if top is None or found is None:
             return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
         carried = top.carried
-        return (self.gamma if carried is None else self.gamma + carried), found.moving
+        return (self.gamma if carried is None else self.gamma + carried), found.vibrating_mass
 
     @property
     def uplift_ground_acceleration(self) -> Number:
@@ -297,13 +297,13 @@ class Podium(Module):
         With tendons and inerters it is the larger root of (C15), with several modes the largest. Raises
         `ValueError` without an elastic superstructure.
         """
-        top = self._vibrating("uplifted_frequency")
+        top = self._require_oscillators("uplifted_frequency")
         if isinstance(top, Oscillators):
             return self.uplifted_frequencies[..., -1]
-        heavy = self.lam + 1 + 4 * self.gamma
+        mass_term = self.lam + 1 + 4 * self.gamma
         if self.restrainers:
-            return self._restrained_frequency(heavy, top)
-        ratio = (heavy + 4 * self.eta) / (heavy + 4 * self.eta * jnp.sin(self.alpha) ** 2)
+            return self._restrained_frequency(mass_term, top)
+        ratio = (mass_term + 4 * self.eta) / (mass_term + 4 * self.eta * jnp.sin(self.alpha) ** 2)
         return jnp.sqrt(ratio) * top.omega_s
 
     @property
@@ -313,45 +313,45 @@ class Podium(Module):
 
         They are linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
         """
-        modes = self._vibrating("uplifted_frequencies")
-        squares = uplifted_squares(modes, *self._lifted())
+        modes = self._require_oscillators("uplifted_frequencies")
+        squares = uplifted_squares(modes, *self._uplifted_constants())
         if stiffness(self.restrainers) is None:  # exactly zero, without rounding
             squares = squares.at[..., 0].set(0.0)
         return jnp.sqrt(squares)
 
-    def _lifted(self) -> tuple[Number, Number, Number]:
+    def _uplifted_constants(self) -> tuple[Number, Number, Number]:
         """Return Λ, k and cos α of (C15)."""
         gamma, eta = self.apart
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 3 * gamma + 0.75 * (1 + self.lam) + 3 * (eta + (0.0 if mu is None else mu)) * sin2
-        against = jnp.zeros_like(sin2) if kappa is None else 4 * self.p**2 * kappa * sin2
-        return inertia, against, jnp.cos(self.alpha)
+        stiffness_term = jnp.zeros_like(sin2) if kappa is None else 4 * self.p**2 * kappa * sin2
+        return inertia, stiffness_term, jnp.cos(self.alpha)
 
     def fastest_frequency(self) -> Number:
         """Return `uplifted_frequency` of one podium, for step lengths; with several modes it has no
         derivatives."""
-        top = self._vibrating("uplifted_frequency")
+        top = self._require_oscillators("uplifted_frequency")
         if isinstance(top, Elastic):
             return self.uplifted_frequency
-        lifted = jax.lax.stop_gradient((top, *self._lifted()))
+        lifted = jax.lax.stop_gradient((top, *self._uplifted_constants()))
         return jnp.sqrt(uplifted_squares(*lifted)[..., -1])
 
-    def _vibrating(self, name: str) -> Elastic | Oscillators:
+    def _require_oscillators(self, name: str) -> Elastic | Oscillators:
         top = self.superstructure
         found = None if top is None else top.oscillators
         if found is None:
             raise ValueError(f"Podium.{name} needs an elastic superstructure, such as Elastic(...)")
         return found
 
-    def _restrained_frequency(self, heavy: Number, top: Elastic) -> Number:
+    def _restrained_frequency(self, mass_term: Number, top: Elastic) -> Number:
         """Return the larger root of (C15), with heavy = 1+λ+4γ."""
         sin2, omega2 = jnp.sin(self.alpha) ** 2, top.omega_s**2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
-        inertia = 0.75 * heavy + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
-        against = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
-        middle = 0.5 * (against + omega2 * (inertia + 3 * self.eta * (1 - sin2)))
-        return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * against * omega2)) / inertia)
+        inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
+        stiffness_term = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
+        middle = 0.5 * (stiffness_term + omega2 * (inertia + 3 * self.eta * (1 - sin2)))
+        return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * stiffness_term * omega2)) / inertia)
 
     def equivalent_block(self) -> Podium:
         """Return the solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
@@ -404,7 +404,7 @@ class Podium(Module):
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
-        return readable(self)
+        return format_call(self)
 
     def _repr_html_(self):
         return card(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import as_number, concrete, require, require_not_negative
-from rockjax._text.cards import card, readable
+from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Array, Number
 
@@ -73,7 +73,7 @@ class AbstractSuperstructure(Module):
         return self
 
     def __repr__(self):
-        return readable(self)
+        return format_call(self)
 
     def _repr_html_(self):
         return card(self)
@@ -115,7 +115,7 @@ class Elastic(AbstractSuperstructure):
         return 1
 
     @property
-    def moving(self) -> Number:
+    def vibrating_mass(self) -> Number:
         """Mass ratio of the vibrating mass [–]."""
         return self.eta
 
@@ -180,7 +180,7 @@ class Oscillators(AbstractSuperstructure):
         return self.eta.shape[-1]
 
     @property
-    def moving(self) -> Number:
+    def vibrating_mass(self) -> Number:
         """Mass ratio of the vibrating mass [–]."""
         return self.eta.sum(axis=-1)
 
@@ -190,7 +190,7 @@ class Oscillators(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        return self.moving if self.residual is None else self.moving + self.residual
+        return self.vibrating_mass if self.residual is None else self.vibrating_mass + self.residual
 
     @property
     def several(self) -> bool:

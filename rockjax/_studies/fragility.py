@@ -19,7 +19,7 @@ from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require, require_instance, texts
 from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
-from rockjax._machine.threads import TABLES, import_meanwhile
+from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
@@ -161,7 +161,7 @@ def incremental_dynamic_analysis(
         # In NumPy; otherwise every shape would compile another program.
         return podium, records.chosen(which, y / unit[which])
 
-    import_meanwhile(*TABLES)
+    import_in_background(*TABLES)
     lines = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)

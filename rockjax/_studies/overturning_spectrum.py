@@ -14,11 +14,11 @@ from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import FEWER_LINES, require_memory
-from rockjax._machine.threads import TABLES, import_meanwhile
+from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import check_parameters
-from rockjax._parameters.table import about
+from rockjax._parameters.table import variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe
@@ -86,7 +86,7 @@ def overturning_spectrum(
         return podium, pulse(y * unit, pulse_period(p, x))
 
     top = float(max_acceleration_ratio)
-    import_meanwhile(*TABLES)
+    import_in_background(*TABLES)
     found = scan(plane, x, (0.0, top), resolution, options, progress, width=width)
     data = _dataset(podium, pulse, x, found, derived, options)
     data.attrs |= {"max_acceleration_ratio": top, "scenes": found.scenes}
@@ -166,8 +166,8 @@ def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -
         },
         coords={
             "boundary": numbered(places),
-            "frequency_ratio": ("frequency_ratio", x, about("frequency_ratio")),
-            "T_p": ("frequency_ratio", T_p, about("T_p")),
+            "frequency_ratio": ("frequency_ratio", x, variable_attributes("frequency_ratio")),
+            "T_p": ("frequency_ratio", T_p, variable_attributes("T_p")),
             "minimum_a_p": (
                 "frequency_ratio",
                 places[:, 0] * derived["g_tan_alpha_m_s2"],

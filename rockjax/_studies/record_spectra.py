@@ -13,7 +13,7 @@ from rockjax._boundaries.boundary import check_search, positive_limit
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
-from rockjax._machine.threads import TABLES, import_meanwhile
+from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
@@ -79,7 +79,7 @@ def record_spectrum(
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.chosen(record, y)
 
-    import_meanwhile(*TABLES)
+    import_in_background(*TABLES)
     cells = np.arange(count * sizes.size)
     top = float(max_scale)
     precompile_scan(plane, cells, (0.0, top), options, width)

@@ -16,10 +16,10 @@ from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, format_value, require, require_instance, texts
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
-from rockjax._machine.threads import TABLES, import_meanwhile, submit
+from rockjax._machine.threads import TABLES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
-from rockjax._parameters.table import about
+from rockjax._parameters.table import variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
@@ -120,7 +120,7 @@ def rocking_spectra(
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
     require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
     kinds = list(kinds_of(podiums).values())
-    import_meanwhile(*TABLES)
+    import_in_background(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
 
     known = _known(owner, resume, podiums, pulse, axes, options, names)
@@ -303,14 +303,18 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
         data_variables(peaks, options.outputs, dims),
         coords={
             **parameter_axis(peaks.sensitivities),
-            "frequency_ratio": ("frequency_ratio", axes["frequency_ratio"], about("frequency_ratio")),
+            "frequency_ratio": (
+                "frequency_ratio",
+                axes["frequency_ratio"],
+                variable_attributes("frequency_ratio"),
+            ),
             "acceleration_ratio": (
                 "acceleration_ratio",
                 axes["acceleration_ratio"],
-                about("acceleration_ratio"),
+                variable_attributes("acceleration_ratio"),
             ),
-            "T_p": ("frequency_ratio", T_p, about("T_p")),
-            "a_p": ("acceleration_ratio", a_p, about("a_p")),
+            "T_p": ("frequency_ratio", T_p, variable_attributes("T_p")),
+            "a_p": ("acceleration_ratio", a_p, variable_attributes("a_p")),
         },
     )
     dataset.attrs = _attributes(podium, pulse, options)

@@ -68,12 +68,12 @@ def _opened(job: Job) -> tuple[Store, Numbers]:
     store = Store.open(path)
     if store is None:
         raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
-    if store.about["fingerprint"] != job.fingerprint:
+    if store.identity["fingerprint"] != job.fingerprint:
         raise RuntimeError(f"{path}: holds another sweep; remove it, or give this sweep another path")
     for name, text in describe_versions().items():
-        if store.about.get(name, text) != text:
+        if store.identity.get(name, text) != text:
             raise RuntimeError(
-                f"{path}: {name} is {store.about[name]} there, not {text}; use the same versions on all "
+                f"{path}: {name} is {store.identity[name]} there, not {text}; use the same versions on all "
                 "machines"
             )
     found = _OPENED[key] = store, Numbers(store.inputs(), job.skeleton, store.layout.shape)

@@ -18,8 +18,14 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, combine_motions, single_motions
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import RecordPairs, Records
-from rockjax._parameters.table import MOTION, clash
-from rockjax._parameters.variants import check_values, parameters_of, pulse_acceleration, pulse_period, varied
+from rockjax._parameters.table import MOTION, find_clash
+from rockjax._parameters.variants import (
+    check_values,
+    parameters_of,
+    pulse_acceleration,
+    pulse_period,
+    with_values,
+)
 from rockjax._responses.sensitivities import numbers_of, with_numbers
 from rockjax._structures import Podium
 
@@ -106,7 +112,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
             motion = jax.tree.map(lambda y: y.reshape(place), motion)
     of_podium = {name: along[name] for name in parameters_of(structure) if name in along}
     check_values("grid", of_podium)
-    podium = varied(structure, of_podium)
+    podium = with_values(structure, of_podium)
     return Grid(podium, _motion(motion, podium, along), coords)
 
 
@@ -137,7 +143,7 @@ def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[
             raise ValueError(
                 f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}"
             )
-    twice = clash(names)
+    twice = find_clash(names)
     if twice is not None:
         raise ValueError(
             f"grid: {twice[0]} and {twice[1]} describe the same quantity; give one of them as an axis"

@@ -142,7 +142,7 @@ class ChunkProgress:
     def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
 
-        from rockjax._progress import ticking
+        from rockjax._progress import start_clock
 
         self.expected = found.expected
         self.done, self.count = len(done), found.layout.number
@@ -152,7 +152,7 @@ class ChunkProgress:
             bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
         self.bar.set_description_str(self._words(), refresh=False)
-        self.ended = ticking(self.bar)
+        self.ended = start_clock(self.bar)
 
     def __enter__(self) -> ChunkProgress:
         return self

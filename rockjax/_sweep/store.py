@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Box = tuple[slice, ...]
 FORMAT = 1
-_ABOUT = "sweep"  # attribute with everything that identifies a sweep
+_IDENTITY = "sweep"  # attribute with everything that identifies a sweep
 _LONG = 1_000_000  # inputs with more entries than this are stored in chunks
 
 
@@ -120,8 +120,8 @@ class Variable(NamedTuple):
 def stored_as(values: np.ndarray, attrs: Mapping[str, Any], further: Sequence[str]) -> Variable:
     """Return the variable in which results of a table of scenes are stored; counts do not need 64 bits."""
     dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
-    about = {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
-    return Variable(dtype, about, dict(zip(further, values.shape[1:], strict=True)))
+    plain_attrs = {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
+    return Variable(dtype, plain_attrs, dict(zip(further, values.shape[1:], strict=True)))
 
 
 def checksum(parts: Mapping[str, np.ndarray]) -> float:
@@ -132,9 +132,9 @@ def checksum(parts: Mapping[str, np.ndarray]) -> float:
     return float(crc)
 
 
-def fingerprint(about: Mapping[str, Any]) -> str:
+def fingerprint(identity: Mapping[str, Any]) -> str:
     """Return a text that identifies a sweep."""
-    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def digest(y: np.ndarray) -> str:
@@ -144,14 +144,14 @@ def digest(y: np.ndarray) -> str:
 
 
 class Store:
-    """An open store. `about` identifies its sweep, as JSON."""
+    """An open store. `identity` identifies its sweep, as JSON."""
 
     def __init__(self, path: str, group: zarr.Group):
         self.path = path
         self.group = group
-        self.about: dict[str, Any] = _about(group)
-        self.layout = ChunkLayout(tuple(self.about["shape"]), tuple(self.about["chunk"]))
-        self.variables: list[str] = list(self.about["variables"])
+        self.identity: dict[str, Any] = _read_identity(group)
+        self.layout = ChunkLayout(tuple(self.identity["shape"]), tuple(self.identity["chunk"]))
+        self.variables: list[str] = list(self.identity["variables"])
         self._arrays: dict[str, Any] = {name: group[name] for name in self.variables}
         self._rows: Any = group["progress/rows"]
 
@@ -174,7 +174,7 @@ class Store:
                 if is_local(path) and any(Path(path).iterdir()):
                     raise foreign from None
                 return None
-            if _about(group):
+            if _read_identity(group):
                 return cls(path, group)
         raise ValueError(
             f"{path}: is a zarr store, but not of a whole sweep; give another path, or remove it"
@@ -184,7 +184,7 @@ class Store:
     def create(
         cls,
         path: str | Path,
-        about: Mapping[str, Any],
+        identity: Mapping[str, Any],
         dims: Sequence[str],
         coords: xarray.Dataset,
         variables: Mapping[str, Variable],
@@ -195,7 +195,7 @@ class Store:
         """Create a new store without results, atomically.
 
         - `path`: folder or URL
-        - `about`: everything that identifies the sweep, with `shape` and `chunk`
+        - `identity`: everything that identifies the sweep, with `shape` and `chunk`
         - `dims`: names of the axes; `coords`: their coordinates
         - `variables`: results, by name
         - `inputs`: numbers of the scenes, by name
@@ -206,7 +206,7 @@ class Store:
         """
         path = located(path)
         zarr = _zarr()
-        layout = ChunkLayout(tuple(about["shape"]), tuple(about["chunk"]))
+        layout = ChunkLayout(tuple(identity["shape"]), tuple(identity["chunk"]))
         with _in_one_move(path) as place:
             blocks = dict(zip(dims, layout.block, strict=True))
             # Axes are stored in full, numbers of every scene in the chunks of the results.
@@ -244,7 +244,7 @@ class Store:
                 "expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more
             )[...] = expected
             group.attrs.update(attrs)
-            progress.attrs[_ABOUT] = {**about, "variables": list(variables)}
+            progress.attrs[_IDENTITY] = {**identity, "variables": list(variables)}
         opened = cls.open(path)
         assert opened is not None
         return opened
@@ -303,8 +303,8 @@ class Store:
         Returns the row. Raises `RuntimeError` if another sweep has replaced the store meanwhile.
         """
         with _readable(self.path):
-            about = _about(_zarr().open_group(_zarr_store(self.path), mode="r"))
-        if about != self.about:
+            identity = _read_identity(_zarr().open_group(_zarr_store(self.path), mode="r"))
+        if identity != self.identity:
             raise RuntimeError(
                 f"{self.path}: another sweep has replaced this one; give each sweep a path of its own"
             )
@@ -325,10 +325,10 @@ class Store:
             return xarray.open_zarr(_zarr_store(self.path), consolidated=False, chunks={})[self.variables]
 
 
-def _about(group: zarr.Group) -> dict[str, Any]:
+def _read_identity(group: zarr.Group) -> dict[str, Any]:
     """Return the identity of the sweep of a store; empty for other stores, and for an incomplete one."""
     attrs: Any = group["progress"].attrs if "progress" in group else {}
-    return dict(attrs.get(_ABOUT, {}))
+    return dict(attrs.get(_IDENTITY, {}))
 
 
 def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:

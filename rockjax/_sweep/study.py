@@ -13,7 +13,7 @@ import numpy as np
 from rockjax._checks import require_instance, texts
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
-from rockjax._parameters.table import about
+from rockjax._parameters.table import variable_attributes
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.sensitivities import of_scenes
@@ -41,12 +41,12 @@ class SweepSpec(NamedTuple):
     def scenes(self) -> int:
         return self.numbers.size
 
-    def about(self, layout: ChunkLayout) -> dict[str, Any]:
+    def identity(self, layout: ChunkLayout) -> dict[str, Any]:
         """Return everything that identifies this sweep, as JSON."""
         left_out = ("throw", "history", "_stride")
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in left_out]
         values = {name: getattr(self.options, name) for name in fields}
-        about = {
+        entries = {
             "format": FORMAT,
             **{name: text for name, text in describe_versions().items() if name != "diffrax_version"},
             "precision": "float64" if self.precision else "float32",
@@ -59,7 +59,7 @@ class SweepSpec(NamedTuple):
             "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
             "sensitivities": list(self.sensitivities),
         }
-        return about | {"fingerprint": fingerprint(about)}
+        return entries | {"fingerprint": fingerprint(entries)}
 
 
 def _plain(y: Any) -> Any:
@@ -114,7 +114,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
     """Raise `ValueError` unless a store belongs to exactly this sweep."""
     layout = found.layout if chunk is None else ChunkLayout.of(study.shape, chunk)
-    differences = list(_differences(found.about, study.about(layout)))
+    differences = list(_differences(found.identity, study.identity(layout)))
     if differences:
         raise ValueError(
             f"{found.path}: holds another sweep: "
@@ -140,7 +140,9 @@ def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
     """Return the labels of the axes and of sensitivities, and every number that varies between scenes along
     the axes on which it does."""
     for name, labels in study.labels.items():
-        of_axis = {"units": "1", "long_name": "ground motion"} if name == "motion" else about(name)
+        of_axis = (
+            {"units": "1", "long_name": "ground motion"} if name == "motion" else variable_attributes(name)
+        )
         yield name, ((name,), labels, of_axis)
     if study.sensitivities:
         yield "parameter", ("parameter", np.array(study.sensitivities), {"long_name": "y of sensitivities"})
@@ -151,5 +153,5 @@ def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
         values = y.reshape([n for n in y.shape if n > 1])
         if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
             continue  # already the labels
-        yield (name if short in taken else short), (along, values, about(name))
+        yield (name if short in taken else short), (along, values, variable_attributes(name))
         taken.add(short)

@@ -102,7 +102,7 @@ def sweep(
         if dry_run:
             return _plan(study, layout, pilot, found, where, located(store))
         found = _created(store, study, layout, pilot, chunk, describe_motions(excitations))
-    fingerprint, skeleton = found.about["fingerprint"], study.numbers.skeleton
+    fingerprint, skeleton = found.identity["fingerprint"], study.numbers.skeleton
     job = Job(found.path, fingerprint, skeleton, study.options, study.precision, study.sensitivities)
     todo, solved = _todo(found, progress)
     with ChunkProgress(found, todo, solved, progress) as bar:
@@ -131,7 +131,7 @@ def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: i
     attrs |= describe_options(study.options)
     parts = coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
     try:
-        return Store.create(path, study.about(layout), study.dims, *parts)
+        return Store.create(path, study.identity(layout), study.dims, *parts)
     except TakenError:
         found = Store.open(path)
         assert found is not None

@@ -16,7 +16,7 @@ from rockjax._parameters import table
 from . import tables
 
 
-def readable(module: eqx.Module) -> str:
+def format_call(module: eqx.Module) -> str:
     """Return a structure or motion as the call that makes it; arrays by shape and range."""
     return (
         f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
@@ -29,10 +29,10 @@ def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
     `headings` holds the meanings of properties, which follow the fields, and of fields that are no
     parameters.
     """
-    more, rows = dict(headings or {}), []
+    meanings, rows = dict(headings or {}), []
     for name, value, meaning in _rows(module):
-        rows.append((name, value, more.pop(name, meaning)))
-    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in more.items()]
+        rows.append((name, value, meanings.pop(name, meaning)))
+    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in meanings.items()]
     return tables.html(rows, caption=type(module).__name__, heads="column")
 
 
@@ -49,31 +49,31 @@ def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
     """Yield name, value and meaning of every field."""
     for name, value in _fields(module, empty=True):
-        known = _meaning(module, name)
+        meaning = _meaning(module, name)
         if isinstance(value, tuple) and not value:
-            yield f"{prefix}{name}", "none", known
+            yield f"{prefix}{name}", "none", meaning
         elif isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
             for k, part in enumerate(value):
-                yield f"{prefix}{name}[{k}]", type(part).__name__, known
+                yield f"{prefix}{name}[{k}]", type(part).__name__, meaning
                 yield from _rows(part, f"{prefix}{name}[{k}].")
         elif (
             isinstance(value, eqx.Module)
             and type(value).__repr__ is not eqx.Module.__repr__
             and _fields(value)
         ):
-            yield f"{prefix}{name}", type(value).__name__, known
+            yield f"{prefix}{name}", type(value).__name__, meaning
             yield from _rows(value, f"{prefix}{name}.")
         else:
-            yield f"{prefix}{name}", _value(value), known
+            yield f"{prefix}{name}", _value(value), meaning
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
     """Return the heading of a field in the tables of parameters, empty if it is no parameter."""
     places = (name, f"superstructure.{name}", f"restrainers.{type(module).__name__}.{name}")
-    known = (
+    entries = (
         table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING
     )
-    for entry in (*known.values(), *table.ROWS.values(), *table.OF_ROWS.values()):
+    for entry in (*entries.values(), *table.ROWS.values(), *table.OVERALL.values()):
         if entry.place in places or (not entry.place and entry.name == name):
             return entry.heading
     return ""

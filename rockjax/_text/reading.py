@@ -51,10 +51,10 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
                 f"0x{content[error.start]:02x} at offset {error.start}; save the file as UTF-8"
             ) from None
         text = content.decode("cp1252", errors="replace")
-    if strange := _CONTROL.search(text):
-        line = text.count("\n", 0, strange.start()) + 1
-        cure = "; if it is UTF-16, save it as UTF-8" if strange[0] == "\0" else ""
+    if control := _CONTROL.search(text):
+        line = text.count("\n", 0, control.start()) + 1
+        cure = "; if it is UTF-16, save it as UTF-8" if control[0] == "\0" else ""
         raise ValueError(
-            f"{path}:{line}: is not text: character 0x{ord(strange[0]):02x} at offset {strange.start()}{cure}"
+            f"{path}:{line}: is not text: character 0x{ord(control[0]):02x} at offset {control.start()}{cure}"
         )
     return text

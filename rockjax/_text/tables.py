@@ -9,7 +9,7 @@ from typing import Literal
 Rows = Sequence[Sequence[str]]
 
 
-def lines(rows: Rows, numbers: bool = False) -> list[str]:
+def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
     """Return rows with columns aligned left, or with `numbers` all but the first column right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from rockjax._checks import require
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response
 
@@ -103,7 +103,7 @@ def save_animation(
     try:
         with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
             writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
-            return write_whole(path, lambda name: moving.save(name, writer=writer, dpi=dpi))
+            return write_atomically(path, lambda name: moving.save(name, writer=writer, dpi=dpi))
     finally:
         plt.close(moving.figure)
 

@@ -90,10 +90,10 @@ def _restrainers(attributes: Mapping[str, Any]) -> str:
     """Return the devices and their numbers, on a line of their own; empty without any."""
     found = []
     for device in json.loads(attributes.get("restrainers", "[]")):
-        from rockjax._parameters.variants import find  # imports JAX, which other plots do not need
+        from rockjax._parameters.variants import find_parameter  # imports JAX, which other plots do not need
 
         kind = device["kind"]
-        known = {field: find(f"restrainers.{kind}.{field}") for field in device}
+        known = {field: find_parameter(f"restrainers.{kind}.{field}") for field in device}
         # Numbers that are 0 are omitted, as is the exponent 1 of a linear damper.
         said = [
             rf"${symbol_of(entry.name)} = {device[field]:.3g}$"

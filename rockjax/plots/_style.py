@@ -14,7 +14,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from rockjax._parameters.table import entry_of
+from rockjax._parameters.table import find_entry
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -31,7 +31,7 @@ OVERTURNED = "0.85"  # colour of cells that overturned
 
 def symbol_of(parameter: str) -> str:
     """Return the symbol of a parameter for formulas of plots, which accept Greek letters directly."""
-    entry = entry_of(parameter)
+    entry = find_entry(parameter)
     if entry is None:
         return parameter.rpartition(".")[2]
     symbol = re.sub("(.)\N{COMBINING DIAERESIS}", r"\\ddot{\1}", unicodedata.normalize("NFD", entry.symbol))

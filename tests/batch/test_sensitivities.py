@@ -13,7 +13,7 @@ from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import MOVING
 from rockjax._engine.step import trial
 from rockjax._parameters.variants import parameters_of, read
-from rockjax._parameters.variants import varied as variant
+from rockjax._parameters.variants import with_values as variant
 from rockjax._responses.sensitivities import SENSITIVE, moved, of_scenes
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 

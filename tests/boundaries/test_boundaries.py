@@ -64,7 +64,7 @@ def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
         return value, np.full(y.shape, 3), reach
 
     monkeypatch.setattr(crossings, "margins", margins)
-    monkeypatch.setattr(crossings, "_in_proportion", lambda *_: True)
+    monkeypatch.setattr(crossings, "_scales_motion", lambda *_: True)
     nothing = cast(crossings.Plane, None)
     return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, refine=refine, width=WIDTH)
 
@@ -111,7 +111,7 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
 
 def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
     """Where nothing is known of what comes next."""
-    monkeypatch.setattr(crossings, "CLOSER", 1)  # dips are not followed
+    monkeypatch.setattr(crossings, "DIP_DIVISIONS", 1)  # dips are not followed
     looked = []
     margin = Motion.margin
 

@@ -102,12 +102,12 @@ def test_the_largest_frequency_on_lifted_columns_alone(top):
 
 
 def test_what_is_left_out_moves_with_the_beam():
-    kept = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=1)
-    assert kept.modes.residual == pytest.approx(float(BUILDING.modes.eta[1:].sum()), rel=1e-14)
-    assert float(podium(kept).eta) == pytest.approx(8.0)
-    paper, whole = (podium(top).restitution_factor for top in (kept, BUILDING))
+    retained = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=1)
+    assert retained.modes.residual == pytest.approx(float(BUILDING.modes.eta[1:].sum()), rel=1e-14)
+    assert float(podium(retained).eta) == pytest.approx(8.0)
+    paper, whole = (podium(top).restitution_factor for top in (retained, BUILDING))
     assert float(paper) == pytest.approx(float(whole), rel=1e-15)
-    compatible = [podium(top, restitution="compatible").restitution_factor for top in (kept, BUILDING)]
+    compatible = [podium(top, restitution="compatible").restitution_factor for top in (retained, BUILDING)]
     assert float(compatible[0]) > float(compatible[1])
     none = podium(rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=0))
     rigid = podium(rj.Rigid(8.0))
@@ -381,7 +381,7 @@ def test_what_a_mode_costs():
 def test_parameters_by_name():
     structure = podium(rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, 0.04, 2))
     assert {"story_mass_3", "story_stiffness_1", "story_damping"} <= set(variants.parameters_of(structure))
-    changed: Any = variants.varied(structure, {"story_mass_2": 9.0}).superstructure
+    changed: Any = variants.with_values(structure, {"story_mass_2": 9.0}).superstructure
     np.testing.assert_array_equal(changed.masses, [3.0, 9.0, 2.0])
     assert float(variants.read(structure, "story_stiffness_3")) == 500.0
     modes = podium(rj.Modes([6.0, 2.0], [0.5, 0.2], [0.05, 0.03], residual=0.5))

@@ -29,7 +29,7 @@ ALONG = {
 @pytest.mark.parametrize("name", table.STRUCTURE)
 def test_a_parameter_is_read_where_it_is_set(name):
     value = float(variants.read(FULL, name)) * 1.01
-    changed = variants.varied(FULL, {name: value})
+    changed = variants.with_values(FULL, {name: value})
     assert float(variants.read(changed, name)) == pytest.approx(value, rel=1e-14)
     others = set(table.STRUCTURE) - {name} - ALONG.get(name, set())
     for other in others:
@@ -49,14 +49,14 @@ def test_which_parameters_a_podium_has():
 
 
 def test_width_and_height_are_slenderness_and_size():
-    podium = variants.varied(BARE, {"width": 0.6, "height": 4.0})
+    podium = variants.with_values(BARE, {"width": 0.6, "height": 4.0})
     assert (float(podium.alpha), float(podium.R)) == pytest.approx(
         (math.atan(0.15), math.hypot(0.3, 2.0)), rel=1e-14
     )
-    wider = variants.varied(BARE, {"width": 0.6})
+    wider = variants.with_values(BARE, {"width": 0.6})
     assert float(wider.height) == pytest.approx(float(BARE.height), rel=1e-14)
     with pytest.raises(ValueError, match="R and width describe the same"):
-        variants.varied(BARE, {"width": 0.6, "R": 2.0})
+        variants.with_values(BARE, {"width": 0.6, "R": 2.0})
 
 
 @pytest.mark.parametrize("name", table.STRUCTURE)
@@ -68,12 +68,12 @@ def test_the_range_is_that_of_the_structure(name):
             continue
         assert table.STRUCTURE[name].range.holds(end + inwards)
         assert not table.STRUCTURE[name].range.holds(end - inwards)
-        variants.varied(FULL, {name: end + inwards})
+        variants.with_values(FULL, {name: end + inwards})
         with pytest.raises(ValueError, match=r"must be"):
             variants.check_values("here", {name: end - inwards})
         if name not in (*table.SIDES, "tan_alpha"):
             with pytest.raises(ValueError, match=r"must be"):
-                variants.varied(FULL, {name: end - inwards})
+                variants.with_values(FULL, {name: end - inwards})
 
 
 def test_dimensions_are_the_arguments_of_the_constructor():
@@ -115,6 +115,6 @@ def test_designs_take_names_and_places_of_parameters():
 
 
 def test_names_of_files():
-    names = [table.attribute(table.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
+    names = [table.attribute_name(table.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
     assert names == ["alpha_rad", "R_m", "lambda", "T_s_s", "g_m_s2"]
-    assert table.about("excitation.gamma")["long_name"].startswith("number of oscillations")
+    assert table.variable_attributes("excitation.gamma")["long_name"].startswith("number of oscillations")

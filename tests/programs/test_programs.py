@@ -61,7 +61,7 @@ def stored(monkeypatch, tmp_path):
     waves.__module__ = "rockjax.waves"  # in a package whose source is known
     made = Stored(tmp_path / "cache")
     yield made
-    program._ALL.remove(made.program)
+    program._PROGRAMS.remove(made.program)
 
 
 def test_a_program_is_traced_once_for_its_kind(stored):
@@ -106,15 +106,15 @@ def test_a_damaged_program_is_compiled_again(stored, harm, monkeypatch):
     assert not stored.call()
 
 
-@pytest.mark.parametrize("what", ["version", "machine", "source"])
+@pytest.mark.parametrize("what", ["version", "describe_machine", "source_hash"])
 def test_another_version_setting_or_source_is_another_program(stored, monkeypatch, what):
     stored.call()
-    key._versions.cache_clear()
+    key._describe_versions.cache_clear()
     with monkeypatch.context() as patch:
         patch.setattr(key, what, lambda *_: "another")
         assert stored.call()
         if what == "version":
-            key._versions.cache_clear()
+            key._describe_versions.cache_clear()
     assert not stored.call()
 
 
@@ -127,10 +127,10 @@ def test_modules_and_tables_of_numbers_are_source(file, tmp_path, monkeypatch):
         (copy / name).write_text(name)
     spec = SimpleNamespace(origin=str(copy.parent / "__init__.py"))
     monkeypatch.setattr(key, "find_spec", lambda _: spec)
-    before = key.source.__wrapped__()
-    assert key.source.__wrapped__() == before
+    before = key.source_hash.__wrapped__()
+    assert key.source_hash.__wrapped__() == before
     (copy / file).write_text("edited")
-    assert key.source.__wrapped__() != before
+    assert key.source_hash.__wrapped__() != before
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="Windows has access lists")
@@ -239,9 +239,9 @@ def test_the_users_own_functions_are_known_by_what_they_compute(stored):
         assert float(applied(law, 3.0)) == 3 * factor
         assert COUNTS["loaded"] == before + loaded
         finish_writing()
-        with pytest.raises(key.Unknown):
+        with pytest.raises(key.NoKeyError):
             key.describe(law)
-    program._ALL.remove(applied)
+    program._PROGRAMS.remove(applied)
 
 
 def _steeper(podium, factor):
@@ -255,13 +255,13 @@ def test_an_answer_of_modules_is_not_stored(stored):
         assert float(made(PODIUMS["rigid"], 2.0).alpha) == 2 * float(PODIUMS["rigid"].alpha)
         finish_writing()
         made.forget()
-    program._ALL.remove(made)
+    program._PROGRAMS.remove(made)
     assert not store.entries()
 
 
 def test_compiling_that_takes_long_is_said_once(stored, monkeypatch, caplog):
-    monkeypatch.setattr(program, "_PATIENCE", 0.0)
-    program._SAID.clear()
+    monkeypatch.setattr(program, "_ANNOUNCE_AFTER", 0.0)
+    program._ANNOUNCED.clear()
     caplog.set_level(logging.WARNING, logger="rockjax")  # a quiet command in this process has raised it
     for times in (2, 3, 4):
         stored.call(times=times)

@@ -8,7 +8,7 @@ import xarray
 
 import rockjax as rj
 from rockjax import plots
-from rockjax._files import write_whole
+from rockjax._files import write_atomically
 from tests.scenes import PODIUMS, G, pulse
 
 X, Y = np.linspace(1.5, 8, 7), np.linspace(1, 8, 6)
@@ -56,7 +56,7 @@ def test_minimum_overturning(spectrum):
 
 
 def test_survives_a_file(spectrum, tmp_path):
-    path = write_whole(tmp_path / "s.nc", lambda name: spectrum.to_netcdf(name, engine="netcdf4"))
+    path = write_atomically(tmp_path / "s.nc", lambda name: spectrum.to_netcdf(name, engine="netcdf4"))
     with xarray.open_dataset(path) as back:
         np.testing.assert_array_equal(back["peak_rotation"], spectrum["peak_rotation"])
         assert back.attrs["pulse"] == "Ricker"
