@@ -12,7 +12,7 @@ from ._machine.environment import switched_off
 
 
 class PlausibilityWarning(UserWarning):
-    """A number is possible and makes little sense; the warning says what was understood.
+    """Warning about a value that suggests a unit error; it states how the value was understood.
 
     `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)` silences all of them, and so does
     `ROCKJAX_PLAUSIBILITY=off` in the environment.

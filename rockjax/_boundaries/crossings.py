@@ -152,9 +152,7 @@ def scan(
         solved = resolve_windows(solved, solve, spacing, refine == "first")
         finished = solved.finished()
         if np.unique(finished.line).size < x.size:
-            raise RuntimeError(
-                "no scene of a line has ended with an answer; raise options.max_steps or loosen rtol"
-            )
+            raise RuntimeError("no scene of a line finished; raise options.max_steps or loosen rtol")
         starts = finished.margin[np.searchsorted(finished.line, lines)] > 0
         at = finished.changes(refine == "first")
         line, overturns = finished.line[at], finished.margin[at] > 0

@@ -100,7 +100,10 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
     """
     before = limit.scenes
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
-        raise ValueError("the limit state has failed at u = 0 already")
+        raise ValueError(
+            "the limit state has failed at u = 0 already, without any motion; raise the limit, or start from "
+            "another structure"
+        )
     rng = np.random.default_rng([seed, 3])
     factor, sampled = _strength(limit, probability, rng)
     known = sampled.run(cov, MAX_SCENES, 500, lambda _: None)

@@ -241,7 +241,7 @@ def _why_not(method: str, data: _Ensemble) -> str:
                 f"{known.size} of {total} records overturn up to "
                 f"{data.levels[-1]:g}; raise the highest intensity"
             )
-        return f"the capacities of the {known.size} records that overturn do not differ; use other records"
+        return f"the capacities of the {known.size} records that overturn are equal; use other records"
     share, levels, cure = data.overturned.mean(axis=0), data.levels, "take other levels or other records"
     if not share.any():
         return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
@@ -255,11 +255,11 @@ def _why_not(method: str, data: _Ensemble) -> str:
     if np.ptp(share) < 1e-9:
         return (
             f"the same share of the records, {share[0]:.0%}, overturns at all levels from {levels[0]:g} to "
-            f"{levels[-1]:g}: nothing says where the median lies; {cure}"
+            f"{levels[-1]:g}: they do not determine the median; {cure}"
         )
     log = np.log(levels)
     way = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
     return (
         f"the share of overturned records {way} with the intensity, from {share[0]:.0%} at {levels[0]:g} to "
-        f"{share[-1]:.0%} at {levels[-1]:g}: no lognormal curve does; {cure}"
+        f"{share[-1]:.0%} at {levels[-1]:g}: a lognormal curve must rise; {cure}"
     )
