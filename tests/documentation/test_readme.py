@@ -12,7 +12,7 @@ import typer
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = sorted(ROOT.glob("docs/*.md"))
-TEXTS = [README, ROOT / "CHANGELOG.md", *PAGES, *sorted(ROOT.glob("docs/api/*.md"))]
+TEXTS = [README, ROOT / "CHANGELOG.md", *PAGES, *sorted(ROOT.glob("docs/*/*.md"))]
 LANGUAGES = {"python", "toml", "bibtex", "text"}  # of blocks; shell commands are indented
 
 
