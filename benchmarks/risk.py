@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import binomtest, norm
 
 import rockjax as rj
-from rockjax._risk.reliability import find_design_points, first_order, starting
+from rockjax._risk.reliability import find_design_points, first_order_probability, starting_directions
 from rockjax._risk.structure import OPTIONS
 from rockjax.internal import limit_state
 
@@ -194,7 +194,7 @@ def rows_of(kind: str) -> list[dict]:
     name = f"{kind} 1e-4"
     case = CASES[name]
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
-    found = find_design_points("benchmark", limit, starting(limit, STARTS, SEED))
+    found = find_design_points("benchmark", limit, starting_directions(limit, STARTS, SEED))
     rows = []
     for other, of in CASES.items():
         if not other.startswith(kind):
@@ -208,7 +208,7 @@ def rows_of(kind: str) -> list[dict]:
                 "S_0": of.S_0,
                 "beta": nearest,
                 "one": 2 * float(norm.sf(nearest)),
-                "all": first_order(there),
+                "all": first_order_probability(there),
                 "points": len(there.beta),
                 "scenes": limit.scenes,
             }

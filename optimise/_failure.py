@@ -18,14 +18,14 @@ import numpy as np
 import rockjax as rj
 from rockjax.internal import (
     concrete,
-    factor_of,
-    limit_of,
     limit_state,
+    parse_limit,
     probability_at,
-    rays_at,
     require_instance,
     require_number,
     require_whole,
+    sample_rays,
+    solve_factor,
 )
 
 from ._suite import Margins
@@ -81,7 +81,7 @@ class FailureProbability(AbstractTarget):
         self.cov = float(require_number(owner, "cov", cov, lambda v: 0.02 <= v <= 0.5, "in [0.02, 0.5]"))
         require_whole(owner, "rays", rays, 8)
         require_whole(owner, "seed", seed, 0)
-        limit_of(owner, limit)
+        parse_limit(owner, limit)
         self.motion, self.limit, self.rays, self.seed, self.name = motion, limit, rays, seed, name
 
     def probability(self, podium: rj.Podium, seed: int = 0) -> rj.FailureProbability:
@@ -129,7 +129,7 @@ class Sampled:
         self.verified = False
         limit = self._limit(podium)
         try:
-            self.rays = rays_at(limit, target.at_most, target.rays, target.cov, target.seed)
+            self.rays = sample_rays(limit, target.at_most, target.rays, target.cov, target.seed)
         except ValueError as error:
             raise ValueError(f"FailureProbability: {error}") from None
         self.scenes += limit.scenes
@@ -141,7 +141,7 @@ class Sampled:
     def at(self, podium: rj.Podium, names: tuple[str, ...]) -> Margin:
         """Return the margin of a structure, with slopes for `names`."""
         limit = self._limit(podium)
-        cut = factor_of(limit, self.rays, self._wanted(podium), names, self.factor)
+        cut = solve_factor(limit, self.rays, self._wanted(podium), names, self.factor)
         self.factor = min(max(cut.factor, 0.1), 10.0)  # the start of the next root search
         self.scenes += limit.scenes
         return Margin(math.log(cut.factor), dict(zip(names, cut.sensitivities.tolist(), strict=True)))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import AnyMotions, format_value, records_of, require_whole, single_motions
+from rockjax.internal import AnyMotions, format_value, records_from_samples, require_whole, single_motions
 
 STEP, SAMPLE = 1, 2  # streams of random numbers: batches of a search, and independent samples
 
@@ -77,7 +77,7 @@ class FreshSamples:
         rng = np.random.default_rng([self.seed, *purpose])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))
-            records, which = records_of(self.motions, jnp.asarray(u)), np.arange(self.batch)
+            records, which = records_from_samples(self.motions, jnp.asarray(u)), np.arange(self.batch)
         else:
             records, which = self.motions, rng.integers(len(self.motions), size=self.batch)
         return dataclasses.replace(records, which=which.astype(np.int32), scale=jnp.ones(self.batch))

@@ -40,9 +40,9 @@ from ._progress import bar
 from ._responses.datasets import describe_options
 from ._responses.peak import UNTIL_OVERTURNING, AbstractPeak
 from ._restrainers.damper import as_exponent
-from ._risk.rays import Rays, factor_of, probability_at, rays_at
+from ._risk.rays import Rays, probability_at, sample_rays, solve_factor
 from ._risk.rocking import limit_state
-from ._risk.structure import limit_of, records_of
+from ._risk.structure import parse_limit, records_from_samples
 from ._text.cards import card, format_call
 from ._text.tables import align_rows, html
 from ._tree import Module
@@ -82,7 +82,6 @@ __all__ = [
     "concrete",
     "describe_options",
     "displayed",
-    "factor_of",
     "find_clash",
     "find_parameter",
     "fit_capacities",
@@ -90,7 +89,6 @@ __all__ = [
     "format_value",
     "has_parameter",
     "html",
-    "limit_of",
     "limit_state",
     "load_table",
     "measured_as",
@@ -98,18 +96,20 @@ __all__ = [
     "motion_parameter",
     "numbered_parameter",
     "parameters_of",
+    "parse_limit",
     "periods",
     "probability_at",
     "problem_key",
-    "rays_at",
     "read",
-    "records_of",
+    "records_from_samples",
     "require",
     "require_instance",
     "require_number",
     "require_whole",
+    "sample_rays",
     "scan",
     "single_motions",
+    "solve_factor",
     "variable_attributes",
     "with_values",
     "write_atomically",

@@ -84,7 +84,7 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     if not isinstance(hazard, Hazard):
         raise ValueError(f"{owner}: hazard must be a rockjax.Hazard, got {type(hazard).__name__}")
     if isinstance(curve, Lognormal):
-        return _of_lognormal(owner, curve, hazard)
+        return _frequency_of_lognormal(owner, curve, hazard)
     attributes = getattr(curve, "attrs", {})
     kind: Any = attributes.get("kind")
     if kind not in ("fragility", "incremental-dynamic-analysis"):
@@ -92,19 +92,20 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
             f"{owner}: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility or "
             f"rockjax.incremental_dynamic_analysis, got {type(curve).__name__}"
         )
-    of: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
-    _check_measure(owner, attributes["measure"], of.attrs["units"], hazard)
+    intensity: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
+    _check_measure(owner, attributes["measure"], intensity.attrs["units"], hazard)
     if kind == "fragility":
-        found = _of_lognormal(
+        found = _frequency_of_lognormal(
             owner,
             Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),
             hazard,
-            limits_of(curve),
+            read_limits(curve),
         )
         return dataclasses.replace(
-            found, sensitivities=dict(found.sensitivities) | _of_structure(curve, found.sensitivities)
+            found,
+            sensitivities=dict(found.sensitivities) | _structure_sensitivities(curve, found.sensitivities),
         )
-    return _of_stripes(owner, curve, hazard)
+    return _frequency_of_stripes(owner, curve, hazard)
 
 
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
@@ -120,7 +121,7 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
         )
 
 
-def limits_of(curve: xarray.Dataset) -> integral.Limits:
+def read_limits(curve: xarray.Dataset) -> integral.Limits:
     """Return the limits of an OpenQuake fragility model, in the order in which its engine applies them:
     intensities are first clipped to the range from `min_intensity` to `max_intensity`, then P = 0 up to
     `no_damage_limit`."""
@@ -143,44 +144,44 @@ def _limited_probability(
     return np.where(x <= (limits.zero_below or 0.0), 0.0, share)
 
 
-def _with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
+def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
     def total(log_median, dispersion):
-        parts = integral.lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion, limits)
+        parts = integral.integrate_lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion, limits)
         return parts.total, parts
 
     (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
         jnp.log(curve.median), curve.dispersion
     )
-    some = frequency > 0
-    safe = jnp.where(some, frequency, 1.0)
-    share = jnp.where(some, (parts.below + parts.above) / safe, 0.0)
+    is_positive = frequency > 0
+    safe = jnp.where(is_positive, frequency, 1.0)
+    share = jnp.where(is_positive, (parts.below + parts.above) / safe, 0.0)
     return frequency, share, {"median": slopes[0] / safe, "dispersion": slopes[1] / safe}
 
 
-_lognormal = KeptProgram(_with_slopes)
+_frequency_and_slopes = KeptProgram(_integrate_with_slopes)
 
 
-def _of_lognormal(
+def _frequency_of_lognormal(
     owner: str, curve: Lognormal, hazard: Hazard, limits: integral.Limits = integral.Limits()
 ) -> AnnualFrequency:
     require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
     require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
     curve = Lognormal(*map(as_float, curve))
-    return AnnualFrequency(*_lognormal(curve, hazard, limits))
+    return AnnualFrequency(*_frequency_and_slopes(curve, hazard, limits))
 
 
-def _of_structure(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
+def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
     """Return d ln λ_f/d ln y for the numbers of the structure, through the median and, where available,
     through the dispersion."""
     if "median_sensitivity" not in curve:
         return {}
-    moved = slopes["median"] * curve["median_sensitivity"].values
+    changes = slopes["median"] * curve["median_sensitivity"].values
     if "dispersion_sensitivity" in curve:
-        moved = moved + slopes["dispersion"] * curve["dispersion_sensitivity"].values
-    return dict(zip(curve["parameter"].values.tolist(), map(float, moved), strict=True))
+        changes = changes + slopes["dispersion"] * curve["dispersion_sensitivity"].values
+    return dict(zip(curve["parameter"].values.tolist(), map(float, changes), strict=True))
 
 
-def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
+def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     levels, share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
     if levels.size < 2:
         raise ValueError(f"{owner}: needs two levels of intensity or more, got {levels.size}")
@@ -190,7 +191,7 @@ def _of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualF
             "what happens below it is not known: add lower levels, or give the fitted curve of "
             "rockjax.fragility"
         )
-    parts = integral.piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
+    parts = integral.integrate_piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
     total = parts.total
     outside = jnp.where(total > 0, (parts.below + parts.above) / jnp.where(total > 0, total, 1.0), 0.0)
     return AnnualFrequency(total, outside)
@@ -216,7 +217,7 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
             raise ValueError(
                 "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
             )
-        limits = limits_of(curve)
+        limits = read_limits(curve)
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))
@@ -228,8 +229,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     i = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
     rate = np.asarray(hazard(jnp.asarray(x)))
     share = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
-    density = share * np.asarray(integral.slopes(log_x, log_rate))[i] * rate / float(found.frequency)
-    of = {"units": hazard.units, "long_name": hazard.measure}
+    density = share * np.asarray(integral.segment_slopes(log_x, log_rate))[i] * rate / float(found.frequency)
+    axis_attrs = {"units": hazard.units, "long_name": hazard.measure}
     return xarray.Dataset(
         {
             "density": (
@@ -245,7 +246,10 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
             ),
             "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
         },
-        coords={"intensity": ("intensity", x, of), "point": ("point", np.asarray(hazard.intensity), of)},
+        coords={
+            "intensity": ("intensity", x, axis_attrs),
+            "point": ("point", np.asarray(hazard.intensity), axis_attrs),
+        },
         attrs={
             "title": "Risk",
             "kind": "risk",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 CUTOFF = "1e-10"  # replaces a minIML of 0, as in OpenQuake
-NEARLY_SURE = 7.0  # standard deviations above the median: 1 − P = 1e-12
+SURE_DEVIATIONS = 7.0  # standard deviations above the median: 1 − P = 1e-12
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
@@ -94,20 +94,22 @@ def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> di
         [row.cells for row in rows[:first]] or [_uncommented(row) for row in comments[-1:]], rows
     )
     found = [parse_heading(str(path), text) for text in texts]
-    wanted = [k for k, heading in enumerate(found) if heading.kind not in ("index", "time")]
-    often = [k for k in wanted if found[k].kind in ("probability", "rate", "return period")]
-    intensity = [k for k in wanted if k not in often]
-    shown = ", ".join(repr(text) for text in texts) or repr(rows[0].text[:60])
-    if len(often) != 1 or len(intensity) != 1 or found[intensity[0]].unit is None:
+    columns = [k for k, heading in enumerate(found) if heading.kind not in ("index", "time")]
+    rate_columns = [k for k in columns if found[k].kind in ("probability", "rate", "return period")]
+    intensity_columns = [k for k in columns if k not in rate_columns]
+    heading_text = ", ".join(repr(text) for text in texts) or repr(rows[0].text[:60])
+    if len(rate_columns) != 1 or len(intensity_columns) != 1 or found[intensity_columns[0]].unit is None:
         raise ValueError(
             f"{path}: expected two columns under a header that names the measure and its unit, and how often "
             "it is exceeded, such as 'PGA [g],annual_rate', 'PGA [g],PoE in 50 years' or 'PGA [g],return "
-            f"period [years]'; got {shown}"
+            f"period [years]'; got {heading_text}"
         )
-    x, exceeded = found[intensity[0]], found[often[0]]
-    factor, units = _si(path, x)
-    values = np.array([[row.number(path, k) for k in (intensity[0], often[0])] for row in rows[first:]])
-    levels, rates = _rates(path, exceeded, values.reshape(-1, 2), _years(comments))
+    x, rate_heading = found[intensity_columns[0]], found[rate_columns[0]]
+    factor, units = _si_unit(path, x)
+    values = np.array(
+        [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
+    )
+    levels, rates = _rates(path, rate_heading, values.reshape(-1, 2), _years(comments))
     return {"intensity": levels * factor, "annual_rate": rates, "measure": x.quantity, "units": units}
 
 
@@ -121,8 +123,8 @@ def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
     A second heading line contains units; a heading that was split at its own comma is joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
-    for more in lines[1:]:
-        units = [text.strip(" []()") for text in more] + [""] * (len(cells) - len(more))
+    for line in lines[1:]:
+        units = [text.strip(" []()") for text in line] + [""] * (len(cells) - len(line))
         cells = [f"{cell} [{unit}]" if unit else cell for cell, unit in zip(cells, units, strict=False)]
     columns = len(rows[-1].cells)
     while len(cells) > columns:
@@ -133,7 +135,7 @@ def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
     return cells
 
 
-def _si(path: str | Path, heading: Heading) -> tuple[float, str]:
+def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
     found = in_si(heading.unit or "")
     if found is None:
         raise ValueError(
@@ -145,10 +147,10 @@ def _si(path: str | Path, heading: Heading) -> tuple[float, str]:
 
 def _years(comments: list[_Row]) -> float | None:
     """Return the investigation time that the comments of a file state."""
-    said = re.search(
+    match = re.search(
         r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
     )
-    return None if said is None else float(said[1])
+    return None if match is None else float(match[1])
 
 
 def _rates(
@@ -170,10 +172,10 @@ def _rates(
         raise ValueError(
             f"{quoted}: is a probability without its investigation time; write it such as 'PoE in 50 years'"
         )
-    return _of_probabilities(quoted, x, values, years)
+    return _rates_of_probabilities(quoted, x, values, years)
 
 
-def _of_probabilities(
+def _rates_of_probabilities(
     owner: str, x: np.ndarray, poe: np.ndarray, years: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return intensities and their annual rates −ln(1 − p)/t."""
@@ -184,10 +186,12 @@ def _of_probabilities(
             f"{owner}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
         )
     # Probabilities of 0 and 1 have no finite rate, so these points are left out.
-    known = (poe > 0) & (poe < 1)
-    if known.sum() < 2:
-        raise ValueError(f"{owner}: needs at least two probabilities between 0 and 1, got {int(known.sum())}")
-    return x[known], -np.log1p(-poe[known]) / years
+    is_usable = (poe > 0) & (poe < 1)
+    if is_usable.sum() < 2:
+        raise ValueError(
+            f"{owner}: needs at least two probabilities between 0 and 1, got {int(is_usable.sum())}"
+        )
+    return x[is_usable], -np.log1p(-poe[is_usable]) / years
 
 
 def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: int | None) -> dict[str, Any]:
@@ -206,10 +210,10 @@ def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: i
     if not 0 <= (site or 0) < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
     # Some versions write the type of a column after a colon.
-    heads = [rows[0].cells[k].removeprefix("poe-").split(":")[0] for k in columns]
-    x = np.array([rows[0]._replace(cells=heads).number(path, k) for k in range(len(heads))])
+    levels = [rows[0].cells[k].removeprefix("poe-").split(":")[0] for k in columns]
+    x = np.array([rows[0]._replace(cells=levels).number(path, k) for k in range(len(levels))])
     poe = np.array([curves[site or 0].number(path, k) for k in columns])
-    x, rates = _of_probabilities(str(path), x, poe, years)
+    x, rates = _rates_of_probabilities(str(path), x, poe, years)
     measure, unit = _measure(path, imt[1])
     factor, units = UNITS[unit].factor, "m s-1" if measure == "PGV" else "m s-2"
     return {"intensity": x * factor, "annual_rate": rates, "measure": measure, "units": units}
@@ -361,9 +365,9 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 
 
 def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
-    highest = float(curve["median_capacity"]) / unit * math.exp(NEARLY_SURE * float(curve["dispersion"]))
-    own = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
-    return {"minIML": CUTOFF, "maxIML": f"{highest:.15g}"} | own
+    highest = float(curve["median_capacity"]) / unit * math.exp(SURE_DEVIATIONS * float(curve["dispersion"]))
+    stated = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
+    return {"minIML": CUTOFF, "maxIML": f"{highest:.15g}"} | stated
 
 
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:
@@ -371,9 +375,9 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
 
     measure, units = _measure(path, imls.get("imt", ""))
     factor, si = UNITS[units].factor, "m s-1" if measure == "PGV" else "m s-2"
-    if (own := imls.get("imlUnit")) is not None and unit_of(own) != units:
+    if (stated := imls.get("imlUnit")) is not None and unit_of(stated) != units:
         raise ValueError(
-            f"{path}: {name}: imlUnit {own!r} is not {units!r}, the unit of {measure} in OpenQuake"
+            f"{path}: {name}: imlUnit {stated!r} is not {units!r}, the unit of {measure} in OpenQuake"
         )
     mean, deviation = (_number(path, name, state, key) for key in ("mean", "stddev"))
     if not (mean > 0 and deviation > 0):

@@ -207,10 +207,10 @@ class GaussianMotion(Module):
         )
         rates, out = in_series(rates, out, self.filters)
         size = len(out)
-        whole = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
+        block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
         # For filters much faster than dt this is the exponential of large numbers.
-        whole = jax.scipy.linalg.expm(whole * self.dt, max_squarings=SQUARINGS)
-        return whole[:size, :size], whole[:size, size], out
+        block = jax.scipy.linalg.expm(block * self.dt, max_squarings=SQUARINGS)
+        return block[:size, :size], block[:size, size], out
 
     def standard_deviation(self) -> Float[Array, " n"]:
         """Return the root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""

@@ -17,7 +17,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, ArrayLike, Float
 
 
-class Parts(NamedTuple):
+class Contributions(NamedTuple):
     """Contributions of the pieces of a hazard curve to ∫ F |dλ| [1/year]."""
 
     below: Float[Array, ""]  # from below the first given point
@@ -41,7 +41,7 @@ class Limits(NamedTuple):
     constant_above: Float[ArrayLike, ""] | None = None
 
 
-def slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Array, " n-1"]:
+def segment_slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Array, " n-1"]:
     """Return k ≥ 0 of each segment λ = k₀ x^(−k)."""
     return -jnp.diff(log_rate) / jnp.diff(log_x)
 
@@ -51,7 +51,7 @@ def log_rate_at(
 ) -> Float[Array, "*m"]:
     """Return ln λ at s = ln x, on straight lines in the logarithms; the outer segments continue."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
-    return log_rate[i] - slopes(log_x, log_rate)[i] * (s - log_x[i])
+    return log_rate[i] - segment_slopes(log_x, log_rate)[i] * (s - log_x[i])
 
 
 def _log_difference(low: Array, high: Array) -> Array:
@@ -65,13 +65,13 @@ def _log_difference(low: Array, high: Array) -> Array:
     return larger + jnp.log(-jnp.expm1(jnp.where(gap < 0, gap, -1e-300)))
 
 
-def lognormal(
+def integrate_lognormal(
     log_x: Float[Array, " n"],
     log_rate: Float[Array, " n"],
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
     limits: Limits = Limits(),
-) -> Parts:
+) -> Contributions:
     """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), within limits.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
@@ -81,7 +81,7 @@ def lognormal(
     If F stays > 0 at low intensities, it counts from the first given point on, because rates grow without
     bound below it.
     """
-    k = slopes(log_x, log_rate)
+    k = segment_slopes(log_x, log_rate)
     zero, floor, last = (None if x is None else jnp.log(x) for x in limits)
     first = floor if zero is None else zero
     ends = [x for x in (first, last) if x is not None]
@@ -89,7 +89,7 @@ def lognormal(
         return _unlimited(log_x, log_rate, k, median, dispersion)
     points = jnp.sort(jnp.concatenate([log_x, jnp.stack(ends)]))
     middle = 0.5 * (points[:-1] + points[1:])
-    on = jnp.clip(jnp.searchsorted(log_x, middle) - 1, 0, log_x.size - 2)
+    segment = jnp.clip(jnp.searchsorted(log_x, middle) - 1, 0, log_x.size - 2)
 
     def rate(s):
         return jnp.exp(log_rate_at(log_x, log_rate, s))
@@ -97,7 +97,7 @@ def lognormal(
     def share(s):
         return norm.cdf((s - jnp.log(median)) / dispersion)
 
-    parts = _unlimited(points, log_rate_at(log_x, log_rate, points), k[on], median, dispersion)
+    parts = _unlimited(points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion)
     below, pieces, above, constant = parts.below, parts.between, parts.above, jnp.zeros(())
     if first is not None:
         below, pieces = jnp.zeros(()), jnp.where(middle > first, pieces, 0.0)
@@ -108,7 +108,7 @@ def lognormal(
         above, pieces = share(last) * beyond, jnp.where(middle < last, pieces, 0.0)
         constant += share(last) * (rate(last) - beyond)
     lower, upper = middle < log_x[0], middle > log_x[-1]
-    return Parts(
+    return Contributions(
         below + jnp.sum(jnp.where(lower, pieces, 0.0)),
         jnp.append(jnp.where(lower | upper, 0.0, pieces), constant),
         above + jnp.sum(jnp.where(upper, pieces, 0.0)),
@@ -121,7 +121,7 @@ def _unlimited(
     k: Float[Array, " n-1"],
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
-) -> Parts:
+) -> Contributions:
     """Return the contributions to ∫ F |dλ| without limits; k of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
     share, rate = norm.cdf(z), jnp.exp(log_rate)
@@ -135,14 +135,14 @@ def _unlimited(
     )
     below = jnp.exp(level[0] + norm.logcdf(z[0] + shift[0])) - share[0] * rate[0]
     above = jnp.exp(level[-1] + norm.logsf(z[-1] + shift[-1])) + share[-1] * rate[-1]
-    return Parts(
+    return Contributions(
         jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1])
     )
 
 
-def piecewise_linear(
+def integrate_piecewise_linear(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], x: Float[Array, " m"], share: Float[Array, " m"]
-) -> Parts:
+) -> Contributions:
     """Return the contributions to ∫ F |dλ| for an F that is linear between points, zero below and constant
     above them.
 
@@ -151,7 +151,7 @@ def piecewise_linear(
 
     Contributions from above the last of `x` count as above the given points.
     """
-    k, points = slopes(log_x, log_rate), jnp.exp(log_x)
+    k, points = segment_slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))
     left, right = ends[:-1], ends[1:]
     middle = 0.5 * (left + right)
@@ -163,7 +163,7 @@ def piecewise_linear(
     pieces = _linear_piece(left, right, k[i], jnp.exp(log_rate[i] + k[i] * log_x[i]), offset, slope)
     below, above = middle < points[0], middle > jnp.minimum(points[-1], x[-1])
     last = jnp.exp(log_rate_at(log_x, log_rate, jnp.log(ends[-1]))) * share[-1]
-    return Parts(
+    return Contributions(
         jnp.sum(jnp.where(below, pieces, 0.0)),
         jnp.where(below | above, 0.0, pieces),
         last + jnp.sum(jnp.where(above, pieces, 0.0)),

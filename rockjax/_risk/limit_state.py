@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-SMALLEST = 8  # points of a batch; batches are filled up to powers of two, so that few sizes are compiled
-LARGEST = 4096
+MIN_BATCH = 8  # points of a batch; batches are filled up to powers of two, so that few sizes are compiled
+MAX_BATCH = 4096
 
 
 class AbstractLimitState(abc.ABC):
@@ -68,35 +68,35 @@ class AbstractLimitState(abc.ABC):
     def _gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 
 
-def filled(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
+def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
     """Evaluate `call` for the rows of u in batches of a few fixed sizes, padded by repeating the last row."""
     parts = []
-    for start in range(0, len(u), LARGEST):
-        part = u[start : start + LARGEST]
-        size = max(SMALLEST, 1 << (len(part) - 1).bit_length())
-        whole = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])
-        parts.append(tuple(np.asarray(y)[: len(part)] for y in call(jnp.asarray(whole))))
+    for start in range(0, len(u), MAX_BATCH):
+        part = u[start : start + MAX_BATCH]
+        size = max(MIN_BATCH, 1 << (len(part) - 1).bit_length())
+        padded = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])
+        parts.append(tuple(np.asarray(y)[: len(part)] for y in call(jnp.asarray(padded))))
     return tuple(np.concatenate(ys) for ys in zip(*parts, strict=True))
 
 
-class OfFunction(AbstractLimitState):
+class FunctionLimitState(AbstractLimitState):
     """A differentiable function of one u, shape (dimension,)."""
 
     def __init__(self, G: Callable, dimension: int):
         super().__init__(dimension)
         self._value = jax.jit(lambda u: (jax.vmap(G)(u),))
-        self._plain = jax.vmap(jax.value_and_grad(G))
-        self._slope = jax.jit(self._plain)
+        self._value_and_grad = jax.vmap(jax.value_and_grad(G))
+        self._slope = jax.jit(self._value_and_grad)
 
     def _values(self, u):
-        return filled(u, self._value)[0]
+        return evaluate_padded(u, self._value)[0]
 
     def _gradients(self, u):
-        value, slope = filled(u, self._slope)
+        value, slope = evaluate_padded(u, self._slope)
         # The derivative of `jnp.min` needs the entry that equals the minimum. Fused into other code, that
         # entry may be rounded differently and not be found, and the derivative is zero. Operation by
         # operation it is found.
         flat = ~slope.any(axis=1)
         if flat.any():
-            value[flat], slope[flat] = (np.asarray(y) for y in self._plain(jnp.asarray(u[flat])))
+            value[flat], slope[flat] = (np.asarray(y) for y in self._value_and_grad(jnp.asarray(u[flat])))
         return value, slope

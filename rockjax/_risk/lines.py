@@ -20,18 +20,18 @@ from .limit_state import AbstractLimitState
 class Division(NamedTuple):
     """Division of intervals with a crossing.
 
-    At most `rounds` times, an interval is divided at `parts` even places and at distance `close` on both
-    sides of the root of the straight line [share of the interval], until it is smaller than `enough` times
-    the narrowest.
+    At most `rounds` times, an interval is divided at `parts` even places and at distance `root_offset` on
+    both sides of the root of the straight line [share of the interval], until it is smaller than `min_share`
+    times the narrowest.
     """
 
     rounds: int = 3
     parts: int = 8
-    close: float = 1e-3
-    enough: float = 0.0
+    root_offset: float = 1e-3
+    min_share: float = 0.0
 
 
-class Crossings(NamedTuple):
+class LineCrossings(NamedTuple):
     """Crossings of lines with the surface of failure, along each line in ascending order.
 
     - `line`: index of the line, (k,); `place`: c on it, on the failing side, (k,); `G`: there, (k,)
@@ -58,18 +58,18 @@ class _Intervals(NamedTuple):
     at_a: np.ndarray
     at_b: np.ndarray
 
-    def changing(self) -> _Intervals:
+    def with_crossing(self) -> _Intervals:
         """Return the intervals whose ends differ between survival and failure."""
         rows = (self.at_a <= 0) != (self.at_b <= 0)
-        return self.chosen(rows)
+        return self.select(rows)
 
-    def chosen(self, rows: np.ndarray) -> _Intervals:
+    def select(self, rows: np.ndarray) -> _Intervals:
         return _Intervals(*(y[rows] for y in self))
 
-    def divided(self, how: Division) -> np.ndarray:
+    def inner_points(self, division: Division) -> np.ndarray:
         """Return places inside, (k, places): even ones for certainty, two around the root of the straight
         line."""
-        part = points_near_root(self.at_a, self.at_b, how.parts - 1, how.close)
+        part = points_near_root(self.at_a, self.at_b, division.parts - 1, division.root_offset)
         return self.a[:, None] + (self.b - self.a)[:, None] * part
 
 
@@ -78,21 +78,21 @@ def crossings(
     origin: np.ndarray,
     direction: np.ndarray,
     places: Sequence[np.ndarray],
-    how: Division = Division(),
-) -> Crossings:
+    division: Division = Division(),
+) -> LineCrossings:
     """Return the crossings of the lines origin + c·direction with the surface of failure.
 
     - `limit`: limit state
     - `origin`, `direction`: of each line, (m, d)
     - `places`: values of c at which each line is evaluated, ascending, one array per line
-    - `how`: division of the intervals with a crossing
+    - `division`: division of the intervals with a crossing
     """
     sizes = np.array([len(c) for c in places])
     line, c = np.repeat(np.arange(len(places)), sizes), np.concatenate([*places, np.zeros(0)])
     value = limit.values(origin[line] + c[:, None] * direction[line])
     ends = np.cumsum(sizes)
     first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
-    return Crossings(*narrow_crossings(limit, origin, direction, line, c, value, how), first, last)
+    return LineCrossings(*narrow_crossings(limit, origin, direction, line, c, value, division), first, last)
 
 
 def narrow_crossings(
@@ -102,7 +102,7 @@ def narrow_crossings(
     line: np.ndarray,
     c: np.ndarray,
     value: np.ndarray,
-    how: Division = Division(),
+    division: Division = Division(),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Narrow down the crossings between places at which G is known.
 
@@ -110,31 +110,33 @@ def narrow_crossings(
     - `origin`, `direction`: of each line, (m, d)
     - `line`: index of the line of each place, ascending, (k,); `c`: the place, ascending on each line, (k,)
     - `value`: G at the places, (k,)
-    - `how`: division of the intervals with a crossing
+    - `division`: division of the intervals with a crossing
 
-    Returns `line`, `place`, `other`, `G` and `enters` as in `Crossings`.
+    Returns `line`, `place`, `other`, `G` and `enters` as in `LineCrossings`.
     """
-    same = line[1:] == line[:-1]
+    same_line = line[1:] == line[:-1]
     parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
-    now = _Intervals(*(y[same] for y in parts)).changing()
-    narrow = how.enough * (now.b - now.a).min(initial=1e300)
-    done = [now.chosen(np.zeros(now.line.size, bool))]
-    for _ in range(how.rounds):
-        if now.line.size == 0:
+    intervals = _Intervals(*(y[same_line] for y in parts)).with_crossing()
+    min_width = division.min_share * (intervals.b - intervals.a).min(initial=1e300)
+    finished = [intervals.select(np.zeros(intervals.line.size, bool))]
+    for _ in range(division.rounds):
+        if intervals.line.size == 0:
             break
-        inside = now.divided(how)
-        of = np.repeat(now.line, inside.shape[1])
-        found = limit.values(origin[of] + inside.reshape(-1, 1) * direction[of]).reshape(inside.shape)
-        place = np.concatenate([now.a[:, None], inside, now.b[:, None]], axis=1)
-        known = np.concatenate([now.at_a[:, None], found, now.at_b[:, None]], axis=1)
-        of = np.repeat(now.line, inside.shape[1] + 1)
-        ends = (place[:, :-1], place[:, 1:], known[:, :-1], known[:, 1:])
-        now = _Intervals(of, *(y.ravel() for y in ends)).changing()
-        wide = now.b - now.a > narrow
-        done.append(now.chosen(~wide))
-        now = now.chosen(wide)
-    now = _Intervals(*(np.concatenate(ys) for ys in zip(*done, now, strict=True)))
-    now = now.chosen(np.lexsort((now.a, now.line)))
-    enters = now.at_b <= 0
-    place, other = np.where(enters, now.b, now.a), np.where(enters, now.a, now.b)
-    return now.line, place, other, np.where(enters, now.at_b, now.at_a), enters
+        inside = intervals.inner_points(division)
+        row_lines = np.repeat(intervals.line, inside.shape[1])
+        inner_values = limit.values(origin[row_lines] + inside.reshape(-1, 1) * direction[row_lines]).reshape(
+            inside.shape
+        )
+        place = np.concatenate([intervals.a[:, None], inside, intervals.b[:, None]], axis=1)
+        values = np.concatenate([intervals.at_a[:, None], inner_values, intervals.at_b[:, None]], axis=1)
+        row_lines = np.repeat(intervals.line, inside.shape[1] + 1)
+        ends = (place[:, :-1], place[:, 1:], values[:, :-1], values[:, 1:])
+        intervals = _Intervals(row_lines, *(y.ravel() for y in ends)).with_crossing()
+        wide = intervals.b - intervals.a > min_width
+        finished.append(intervals.select(~wide))
+        intervals = intervals.select(wide)
+    intervals = _Intervals(*(np.concatenate(ys) for ys in zip(*finished, intervals, strict=True)))
+    intervals = intervals.select(np.lexsort((intervals.a, intervals.line)))
+    enters = intervals.at_b <= 0
+    place, other = np.where(enters, intervals.b, intervals.a), np.where(enters, intervals.a, intervals.b)
+    return intervals.line, place, other, np.where(enters, intervals.at_b, intervals.at_a), enters

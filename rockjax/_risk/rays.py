@@ -22,24 +22,27 @@ import scipy
 from ._estimators._subset import Subset
 from .limit_state import AbstractLimitState
 from .lines import Division, narrow_crossings
-from .structure import OfStructure
+from .structure import StructureLimitState
 
 SPACING = 0.3  # distance of places on a ray; one standard deviation of |u| is 0.71
 LOW, HIGH = 1e-7, 1e-9  # probabilities of |u| below and above the scanned part of a ray
-WIDER = 1.1  # factor by which the scanned range of k is extended on both sides
-FARTHEST_FACTOR = 100.0  # greatest factor on u, and the inverse of the least
-NEARLY = 0.7  # difference of ln P that is near enough to the target
+RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
+MAX_FACTOR = 100.0  # greatest factor on u, and the inverse of the least
+LOG_TOLERANCE = 0.7  # difference of ln P that is near enough to the target
 MAX_SCENES = 10_000_000  # greatest number of scenes of the sample that rays are drawn from
 TRIALS = 12  # greatest number of trial factors on u
-TRIED, SHARE = 200, 0.1  # samples of a level in the runs of a trial, and the share that passes it
+TRIAL_SAMPLES, TRIAL_SHARE = (
+    200,
+    0.1,
+)  # samples of a level in the runs of a trial, and the share that passes it
 COARSE = Division(rounds=0)
-FINE = Division(rounds=4, parts=4, close=0.01, enough=0.03)  # Newton's step does the rest, except
+FINE = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # Newton's step does the rest, except
 SHARP = Division(rounds=3, parts=16)  # where G jumps
-HEAVIEST = 5.0  # weight, times the median
-JUMP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
+MAX_WEIGHT = 5.0  # weight, times the median
+JUMP_STEP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
 
 
-class Scaled(AbstractLimitState):
+class ScaledLimitState(AbstractLimitState):
     """A limit state of motions that are multiplied by a factor."""
 
     def __init__(self, limit: AbstractLimitState, factor: float):
@@ -69,7 +72,7 @@ class Rays(NamedTuple):
     scenes: int
 
 
-class Cut(NamedTuple):
+class FactorSolution(NamedTuple):
     """The factor k on u at which a probability of failure has its target value.
 
     - `factor`: k; `steepness`: −d ln P/d ln k there, negative for a P that rises with k
@@ -85,7 +88,7 @@ class Cut(NamedTuple):
     effective: float
 
 
-def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
+def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
     """Sample rays through failing samples, of motions scaled so that they fail with about a given
     probability.
 
@@ -105,33 +108,38 @@ def rays_at(limit: AbstractLimitState, probability: float, count: int, cov: floa
             "another structure"
         )
     rng = np.random.default_rng([seed, 3])
-    factor, sampled = _strength(limit, probability, rng)
-    known = sampled.run(cov, MAX_SCENES, 500, lambda _: None)
-    if not sampled.converged(known, cov):
+    factor, estimator = _find_factor(limit, probability, rng)
+    estimate = estimator.run(cov, MAX_SCENES, 500, lambda _: None)
+    if not estimator.converged(estimate, cov):
         raise ValueError(
-            f"{MAX_SCENES} scenes reach a coefficient of variation of {known.cov:.2g} of a probability near "
+            f"{MAX_SCENES} scenes reach a coefficient of variation of {estimate.cov:.2g} of a probability "
+            "near "
             f"{probability:g}, {cov:g} was asked for; raise cov"
         )
-    u, weights = _drawn(sampled, count, rng)
+    u, weights = _draw_failing(estimator, count, rng)
     size = np.linalg.norm(u, axis=1)
-    scan = _Scan(limit, u / size[:, None], factor)
+    scan = _RayScan(limit, u / size[:, None], factor)
     scan.narrow(FINE)
     # A sample in a window narrower than the distance of two places says nothing about its ray.
-    before_it = scan.r < factor * size[scan.line]
-    seen = scan.always + np.bincount(scan.line[before_it], scan.sign[before_it], minlength=size.size) > 0.5
-    e, weights = u[seen] / size[seen, None], weights[seen] / scan.shares(factor)[seen]
+    before_sample = scan.r < factor * size[scan.line]
+    is_failing = (
+        scan.fails_at_start
+        + np.bincount(scan.line[before_sample], scan.sign[before_sample], minlength=size.size)
+        > 0.5
+    )
+    e, weights = u[is_failing] / size[is_failing, None], weights[is_failing] / scan.shares(factor)[is_failing]
     # A ray with a narrow window has a large weight, and its window may be wide for another structure.
-    weights = np.minimum(weights, HEAVIEST * np.median(weights))
-    weights *= known.probability / float(weights @ scan.shares(factor)[seen])
-    return Rays(e, weights, factor, known.cov, limit.scenes - before)
+    weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
+    weights *= estimate.probability / float(weights @ scan.shares(factor)[is_failing])
+    return Rays(e, weights, factor, estimate.cov, limit.scenes - before)
 
 
-def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Draw `count` different failing samples of all runs, with their weights in P."""
-    total = sum(run.samples for run in sampled.runs)
+    total = sum(run.samples for run in estimator.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
-        for run in sampled.runs
+        for run in estimator.runs
         if len(run.failing)
     ]
     parts, weights = [], []
@@ -142,36 +150,36 @@ def _drawn(sampled: Subset, count: int, rng: np.random.Generator) -> tuple[np.nd
     return np.concatenate(parts), np.concatenate(weights)
 
 
-def _strength(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
+def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
     """Return a factor on u with which failure has nearly this probability, and a first run there."""
-    wanted, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
-    known: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
+    target_index, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
+    trials: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
-        sampled = Subset(Scaled(limit, factor), None, rng, TRIED, SHARE)  # pyright: ignore[reportArgumentType]
-        sampled.round(1)
-        found = sampled.estimate().probability
-        if found > 0 and abs(math.log(found / probability)) < NEARLY:
-            return factor, sampled
-        index = -float(scipy.stats.norm.ppf(min(max(found, 1e-30), 1 - 1e-3)))
-        known.append((math.log(factor), index))
+        estimator = Subset(ScaledLimitState(limit, factor), None, rng, TRIAL_SAMPLES, TRIAL_SHARE)  # pyright: ignore[reportArgumentType]
+        estimator.round(1)
+        trial_probability = estimator.estimate().probability
+        if trial_probability > 0 and abs(math.log(trial_probability / probability)) < LOG_TOLERANCE:
+            return factor, estimator
+        index = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
+        trials.append((math.log(factor), index))
         # Proportional to 1/k for a plane G; else by the secant through the last two.
-        step = math.log(max(index, 0.5) / max(wanted, 0.5)) if wanted != index else 0.1
-        if len(known) > 1 and abs(known[-1][1] - known[-2][1]) > 1e-3:
-            (a, at_a), (b, at_b) = known[-2:]
+        step = math.log(max(index, 0.5) / max(target_index, 0.5)) if target_index != index else 0.1
+        if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
+            (a, at_a), (b, at_b) = trials[-2:]
             slope = (at_b - at_a) / (b - a)
-            step = (wanted - index) / slope if slope < 0 else step
-        elif (index - wanted) * step <= 0:
-            step = math.copysign(0.3, index - wanted)
+            step = (target_index - index) / slope if slope < 0 else step
+        elif (index - target_index) * step <= 0:
+            step = math.copysign(0.3, index - target_index)
         factor *= math.exp(min(max(step, -1.1), 1.1))
-        if not 1 / FARTHEST_FACTOR < factor < FARTHEST_FACTOR:
+        if not 1 / MAX_FACTOR < factor < MAX_FACTOR:
             break
     raise ValueError(
-        f"no motions up to {FARTHEST_FACTOR:g} times as strong or as weak fail with a probability near "
+        f"no motions up to {MAX_FACTOR:g} times as strong or as weak fail with a probability near "
         f"{probability:g}; give another probability, limit or podium"
     )
 
 
-class _Scan:
+class _RayScan:
     """Scan of rays for their crossings with the surface of failure, extended on demand."""
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
@@ -180,90 +188,94 @@ class _Scan:
         self.ends = float(scipy.stats.chi.ppf(LOW, d)), float(scipy.stats.chi.isf(HIGH, d))
         # Places are the same for all structures, so the result does not depend on where a search began.
         self.step = SPACING / math.sqrt(d)
-        self.first = self.after = math.floor(math.log(self.ends[0] * guess / WIDER) / self.step)
+        self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
         self.G = np.zeros((len(directions), 0))
-        self.reach(guess / WIDER, guess * WIDER)
+        self.extend(guess / RANGE_FACTOR, guess * RANGE_FACTOR)
 
-    def reach(self, low: float, high: float) -> None:
+    def extend(self, low: float, high: float) -> None:
         """Extend the scan to all places that matter for factors k from `low` to `high`."""
         first = min(self.first, math.floor(math.log(self.ends[0] * low) / self.step))
-        after = max(self.after, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
-        below, above = self._look(first, self.first), self._look(self.after, after)
-        self.G, self.first, self.after = np.concatenate([below, self.G, above], axis=1), first, after
+        stop = max(self.stop, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
+        below, above = self._evaluate(first, self.first), self._evaluate(self.stop, stop)
+        self.G, self.first, self.stop = np.concatenate([below, self.G, above], axis=1), first, stop
         self.narrow(COARSE)
 
-    def narrow(self, how: Division) -> None:
+    def narrow(self, division: Division) -> None:
         """Find the crossings between places."""
-        m, r = len(self.directions), self._places(self.first, self.after)
+        m, r = len(self.directions), self._places(self.first, self.stop)
         parts = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
-        found = narrow_crossings(self.limit, np.zeros_like(self.directions), self.directions, *parts, how)
+        found = narrow_crossings(
+            self.limit, np.zeros_like(self.directions), self.directions, *parts, division
+        )
         self.line, self.r, self.other, _, enters = found
         self.sign = np.where(enters, 1.0, -1.0)
-        self.always = (self.G[:, 0] <= 0).astype(float)  # below the first place
+        self.fails_at_start = (self.G[:, 0] <= 0).astype(float)  # below the first place
 
-    def sharpen(self, of: np.ndarray) -> None:
+    def sharpen(self, rows: np.ndarray) -> None:
         """Narrow some crossings down to rounding."""
-        if of.size == 0:
+        if rows.size == 0:
             return
-        ends = np.sort(np.stack([self.r[of], self.other[of]], axis=1), axis=1)
-        e = self.directions[self.line[of]]
-        line = np.repeat(np.arange(of.size), 2)
+        ends = np.sort(np.stack([self.r[rows], self.other[rows]], axis=1), axis=1)
+        e = self.directions[self.line[rows]]
+        line = np.repeat(np.arange(rows.size), 2)
         value = self.limit.values(e[line] * ends.reshape(-1, 1))
         found = narrow_crossings(self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP)
         # Windows in between are far narrower than the resolution of the scan.
         first = np.unique(found[0], return_index=True)[1]
-        self.r[of[found[0][first]]] = found[1][first]
+        self.r[rows[found[0][first]]] = found[1][first]
 
-    def _places(self, first: int, after: int) -> np.ndarray:
-        return np.exp(self.step * np.arange(first, after))
+    def _places(self, first: int, stop: int) -> np.ndarray:
+        return np.exp(self.step * np.arange(first, stop))
 
-    def _look(self, first: int, after: int) -> np.ndarray:
-        r = self._places(first, after)
+    def _evaluate(self, first: int, stop: int) -> np.ndarray:
+        r = self._places(first, stop)
         u = self.directions[:, None, :] * r[:, None]
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
 
     def shares(self, k: float) -> np.ndarray:
         """Return q(e; k) of every ray, (m,)."""
         tail = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
-        return self.always + np.bincount(self.line, tail, minlength=len(self.directions))
+        return self.fails_at_start + np.bincount(self.line, tail, minlength=len(self.directions))
 
 
-def factor_of(limit: OfStructure, rays: Rays, probability: float, names: Sequence[str], guess: float) -> Cut:
+def solve_factor(
+    limit: StructureLimitState, rays: Rays, probability: float, names: Sequence[str], guess: float
+) -> FactorSolution:
     """Return the factor on u at which a structure fails with a given probability, and its sensitivities.
 
     - `limit`: limit state of the structure
-    - `rays`: from `rays_at`
+    - `rays`: from `sample_rays`
     - `probability`: target probability of failure
     - `names`: parameters of the structure for the sensitivities d ln k/d ln y
     - `guess`: first value of the factor
 
-    If the factor would lie beyond `FARTHEST_FACTOR`, returns that limit, without derivatives.
+    If the factor would lie beyond `MAX_FACTOR`, returns that limit, without derivatives.
     """
-    scan, k = _located(limit, rays, probability, guess)
-    if not 1 / FARTHEST_FACTOR < k < FARTHEST_FACTOR:
-        return Cut(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
+    scan, k = _scan_near(limit, rays, probability, guess)
+    if not 1 / MAX_FACTOR < k < MAX_FACTOR:
+        return FactorSolution(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
     scan.narrow(FINE)
-    of_ray = rays.weights[scan.line]
-    jumps, along, slopes = _polished(limit, rays, scan, names)
+    weight = rays.weights[scan.line]
+    jumps, along_ray, slopes = _polish(limit, rays, scan, names)
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
     # dP/d ln k = Σ ± weight φ(r/k) r/k
-    push = of_ray * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
-    smooth = np.where(jumps, 0.0, push)
-    moved = -slopes / np.where(jumps, 1.0, along)[:, None]  # d ln r/d ln y
+    rate = weight * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
+    smooth = np.where(jumps, 0.0, rate)
+    log_r_slopes = -slopes / np.where(jumps, 1.0, along_ray)[:, None]  # d ln r/d ln y
     share = rays.weights * scan.shares(k)
-    total = float(np.sum(np.abs(push)))
-    return Cut(
+    total = float(np.sum(np.abs(rate)))
+    return FactorSolution(
         factor=k,
-        steepness=float(np.sum(push)) / probability,
-        sensitivities=smooth @ moved / np.sum(smooth),
-        jumps=float(np.sum(np.abs(push[jumps]))) / total,
+        steepness=float(np.sum(rate)) / probability,
+        sensitivities=smooth @ log_r_slopes / np.sum(smooth),
+        jumps=float(np.sum(np.abs(rate[jumps]))) / total,
         effective=float(share.sum() ** 2 / np.sum(share**2)),
     )
 
 
-def _polished(
-    limit: OfStructure, rays: Rays, scan: _Scan, names: Sequence[str]
+def _polish(
+    limit: StructureLimitState, rays: Rays, scan: _RayScan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Move crossings to their exact places, by Newton's steps.
 
@@ -272,50 +284,50 @@ def _polished(
     """
 
     def newton(width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        value, along, slopes = limit.log_slopes(rays.directions[scan.line] * scan.r[:, None], names)
-        step = -value / np.where(along == 0, np.inf, along)
-        jumps = (along == 0) | ~(np.abs(step) <= width)
+        value, along_ray, slopes = limit.log_slopes(rays.directions[scan.line] * scan.r[:, None], names)
+        step = -value / np.where(along_ray == 0, np.inf, along_ray)
+        jumps = (along_ray == 0) | ~(np.abs(step) <= width)
         scan.r = scan.r * np.exp(np.where(jumps, 0.0, step))
-        return jumps, along, slopes
+        return jumps, along_ray, slopes
 
     jumps, _, _ = newton(np.abs(scan.r - scan.other) / scan.r)
     scan.sharpen(np.flatnonzero(jumps))  # if Newton's step leaves the interval, divide it further
-    return newton(JUMP)
+    return newton(JUMP_STEP)
 
 
-def _located(limit, rays: Rays, probability: float, guess: float) -> tuple[_Scan, float]:
+def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
     """Return a scan that reaches far enough, and an approximate k."""
-    scan, low, high = _Scan(limit, rays.directions, guess), guess / WIDER, guess * WIDER
+    scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.shares(k)) for k in (low, high))
         if at_low < probability <= at_high:
             return scan, _root(scan, rays.weights, probability, math.sqrt(low * high))
         if at_low >= probability:
-            low /= WIDER**2
+            low /= RANGE_FACTOR**2
         if at_high < probability:
-            high *= WIDER**2
-        if low < 1 / FARTHEST_FACTOR or high > FARTHEST_FACTOR:
-            return scan, FARTHEST_FACTOR if at_high < probability else 1 / FARTHEST_FACTOR
-        scan.reach(low, high)
+            high *= RANGE_FACTOR**2
+        if low < 1 / MAX_FACTOR or high > MAX_FACTOR:
+            return scan, MAX_FACTOR if at_high < probability else 1 / MAX_FACTOR
+        scan.extend(low, high)
 
 
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
     """Return P of the motions of `limit`, multiplied by a factor."""
-    scan = _Scan(limit, rays.directions, factor)
+    scan = _RayScan(limit, rays.directions, factor)
     scan.narrow(FINE)
     return float(rays.weights @ scan.shares(factor))
 
 
-def _root(scan: _Scan, weights: np.ndarray, probability: float, guess: float) -> float:
+def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
     """Return the k near a guess at which P(k) has its target value; beyond the scan the rays continue as at
     its ends."""
 
-    def off(log_k: float) -> float:
+    def log_error(log_k: float) -> float:
         return math.log(max(float(weights @ scan.shares(math.exp(log_k))), 1e-300) / probability)
 
     low = high = math.log(guess)
-    while off(low) > 0 and low > -10:
+    while log_error(low) > 0 and low > -10:
         low -= 0.05
-    while off(high) < 0 and high < 10:
+    while log_error(high) < 0 and high < 10:
         high += 0.05
-    return math.exp(float(scipy.optimize.brentq(off, low, high, xtol=1e-14)))  # pyright: ignore[reportArgumentType]
+    return math.exp(float(scipy.optimize.brentq(log_error, low, high, xtol=1e-14)))  # pyright: ignore[reportArgumentType]

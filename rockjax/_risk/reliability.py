@@ -14,12 +14,12 @@ import scipy
 from rockjax._progress import bar
 from rockjax._results import Interrupted
 
-from ._estimators import ESTIMATORS, AbstractEstimator, Estimate, Slopes
-from .limit_state import AbstractLimitState, OfFunction
-from .search import FARTHEST, Found, design_points
+from ._estimators import ESTIMATORS, AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes
+from .limit_state import AbstractLimitState, FunctionLimitState
+from .search import MAX_BETA, DesignPoints, design_points
 
 CANDIDATES = 16  # random directions drawn for each starting direction
-DISAGREE = 1.5  # factor between first order and the sampled probability that is reported
+DISAGREEMENT = 1.5  # factor between first order and the sampled probability that is reported
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,13 +101,20 @@ def reliability(
         raise ValueError(f"reliability: G must be a function of u, got {G!r}")
     if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
         raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
-    limit = OfFunction(G, int(dimension))
-    return probability_of(
-        "reliability", limit, starting(limit, starts, seed), method, cov, seed, max_scenes, progress
+    limit = FunctionLimitState(G, int(dimension))
+    return estimate_probability(
+        "reliability",
+        limit,
+        starting_directions(limit, starts, seed),
+        method,
+        cov,
+        seed,
+        max_scenes,
+        progress,
     )
 
 
-def starting(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
+def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
     """Return directions to start searches from: random ones far apart, each with its opposite, because many
     limit states are mirror images of themselves."""
     count = (starts + 1) // 2
@@ -135,27 +142,27 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
             raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {value!r}")
 
 
-def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> Found:
+def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:
     """Return the design points of a limit state that survives at the origin. Raises `ValueError` if there are
     none."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
             f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'"
         )
-    found = design_points(limit, directions)
-    if found.beta.size == 0:
+    points = design_points(limit, directions)
+    if points.beta.size == 0:
         raise ValueError(
-            f"{owner}: no failure was found within {FARTHEST:g} standard deviations in "
+            f"{owner}: no failure was found within {MAX_BETA:g} standard deviations in "
             f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; "
             "'subset' needs no design point"
         )
-    return found
+    return points
 
 
-NOTHING = Found(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0, bool))
+NO_POINTS = DesignPoints(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0, bool))
 
 
-def probability_of(
+def estimate_probability(
     owner: str,
     limit: AbstractLimitState,
     directions: np.ndarray,
@@ -175,35 +182,37 @@ def probability_of(
     Warns (`RuntimeWarning`) if the estimate has not converged. Raises `Interrupted` on Ctrl-C, with the
     estimate so far.
     """
-    kind = ESTIMATORS[method]
-    found = find_design_points(owner, limit, directions) if kind.needs_design_points else NOTHING
-    estimator = kind(limit, found, np.random.default_rng([seed, 2]))
-    known: list[Estimate] = []
+    estimator_class = ESTIMATORS[method]
+    points = (
+        find_design_points(owner, limit, directions) if estimator_class.needs_design_points else NO_POINTS
+    )
+    estimator = estimator_class(limit, points, np.random.default_rng([seed, 2]))
+    latest: list[ProbabilityEstimate] = []
     try:
-        with bar(None, "scenes", progress) as shown:
+        with bar(None, "scenes", progress) as progress_bar:
 
-            def report(estimate: Estimate) -> None:
-                shown.update(limit.scenes - shown.n)
-                known[:] = [estimate]
+            def report(estimate: ProbabilityEstimate) -> None:
+                progress_bar.update(limit.scenes - progress_bar.n)
+                latest[:] = [estimate]
 
             estimator.run(cov, max_scenes, 500, report)
     except KeyboardInterrupt:
-        partial = _answer(known[0], estimator, limit, method, cov, None) if known else None
-        raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", partial) from None
-    answer = _answer(known[0], estimator, limit, method, cov, estimator.slopes())
+        so_far = _answer(latest[0], estimator, limit, method, cov, None) if latest else None
+        raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", so_far) from None
+    answer = _answer(latest[0], estimator, limit, method, cov, estimator.slopes())
     if not answer.converged:
-        warnings.warn(f"{owner}: {_why_not(answer, cov)}", RuntimeWarning, stacklevel=3)
+        warnings.warn(f"{owner}: {_explain_divergence(answer, cov)}", RuntimeWarning, stacklevel=3)
     return answer
 
 
-def _why_not(answer: FailureProbability, cov: float) -> str:
+def _explain_divergence(answer: FailureProbability, cov: float) -> str:
     """Return the reason why an estimate has not converged, and the cure."""
     cures = [] if answer.method == "subset" else ["method='subset'"]
     if answer.probability == 0:
         cause = "none of them fails"
         cures.append("stronger motions, for the probability may be zero")
-    elif (reached := answer.standard_error / answer.probability) > cov:
-        cause = f"their coefficient of variation is {reached:.2g}, {cov:g} was asked for"
+    elif (achieved := answer.standard_error / answer.probability) > cov:
+        cause = f"their coefficient of variation is {achieved:.2g}, {cov:g} was asked for"
         cures += ["a larger max_scenes", "a larger cov"]
     else:
         cause = "too few of them fail, or a few with large weights make up most of the sum"
@@ -215,18 +224,18 @@ def _why_not(answer: FailureProbability, cov: float) -> str:
 
 
 def _answer(
-    estimate: Estimate,
+    estimate: ProbabilityEstimate,
     estimator: AbstractEstimator,
     limit: AbstractLimitState,
     method: str,
     cov: float,
-    slopes: Slopes | None,
+    slopes: ProbabilitySlopes | None,
 ) -> FailureProbability:
-    found = estimator.found
-    first = first_order(found)
+    points = estimator.points
+    first = first_order_probability(points)
     low, high = estimate.interval
     converged = estimator.converged(estimate, cov) and estimator.has_light_tail()
-    off = max(first, 1e-300) / max(estimate.probability, 1e-300)
+    ratio = max(first, 1e-300) / max(estimate.probability, 1e-300)
     return FailureProbability(
         probability=estimate.probability,
         standard_error=estimate.standard_error,
@@ -235,28 +244,30 @@ def _answer(
         scenes=limit.scenes,
         effective_sample_size=estimate.effective,
         first_order=first,
-        beta=found.beta,
-        disagrees=bool(found.beta.size and not low <= first <= high and not 1 / DISAGREE < off < DISAGREE),
+        beta=points.beta,
+        disagrees=bool(
+            points.beta.size and not low <= first <= high and not 1 / DISAGREEMENT < ratio < DISAGREEMENT
+        ),
         converged=converged,
-        sensitivities={} if slopes is None else slopes.named,
+        sensitivities={} if slopes is None else slopes.by_name,
         jumps=math.nan if slopes is None else slopes.jumps,
     )
 
 
-def first_order(found: Found) -> float:
+def first_order_probability(points: DesignPoints) -> float:
     """Return P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower
     bound for more."""
-    if found.beta.size == 0:
+    if points.beta.size == 0:
         return math.nan
-    directions = found.u / found.beta[:, None]
+    directions = points.u / points.beta[:, None]
     correlation = np.clip(directions @ directions.T, -1.0, 1.0)
     total = 0.0
-    for i, beta in enumerate(found.beta):
-        both = 0.0
+    for i, beta in enumerate(points.beta):
+        joint = 0.0
         for j in range(i):
             pair = [[1.0, correlation[i, j]], [correlation[i, j], 1.0]]
-            both += scipy.stats.multivariate_normal.cdf(
-                [-beta, -found.beta[j]], cov=pair, allow_singular=True
+            joint += scipy.stats.multivariate_normal.cdf(
+                [-beta, -points.beta[j]], cov=pair, allow_singular=True
             )
-        total += max(float(scipy.stats.norm.sf(beta) - both), 0.0)
+        total += max(float(scipy.stats.norm.sf(beta) - joint), 0.0)
     return total

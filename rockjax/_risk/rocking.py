@@ -14,8 +14,14 @@ from rockjax._responses.arguments import check_single
 from rockjax._structures import Podium
 
 from .gaussian import GaussianMotion
-from .reliability import FailureProbability, check_arguments, find_design_points, probability_of, starting
-from .structure import OfStructure, limit_of
+from .reliability import (
+    FailureProbability,
+    check_arguments,
+    estimate_probability,
+    find_design_points,
+    starting_directions,
+)
+from .structure import StructureLimitState, parse_limit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +47,8 @@ class DesignPoint:
     sensitivities: Mapping[str, float]
 
     def __repr__(self):
-        kind = "" if self.smooth else ", at an edge of the limit state"
-        return f"DesignPoint: β = {self.beta:.4f} after {self.mode} impacts{kind}"
+        edge_note = "" if self.smooth else ", at an edge of the limit state"
+        return f"DesignPoint: β = {self.beta:.4f} after {self.mode} impacts{edge_note}"
 
 
 def design_points(
@@ -70,21 +76,21 @@ def design_points(
     """
     owner = "design_points"
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
-    of_podium = limit_state(owner, podium, motion, limit)
-    found = find_design_points(owner, of_podium, starting(of_podium, starts, seed))
-    _, slope, named = of_podium.with_sensitivities(found.u)
-    impacts = of_podium.impacts(found.u)
+    state = limit_state(owner, podium, motion, limit)
+    points = find_design_points(owner, state, starting_directions(state, starts, seed))
+    _, slope, named = state.with_sensitivities(points.u)
+    impacts = state.impacts(points.u)
     length = np.linalg.norm(slope, axis=1)
     return [
         DesignPoint(
-            u=found.u[k],
-            beta=float(found.beta[k]),
-            record=motion.record(found.u[k]),
+            u=points.u[k],
+            beta=float(points.beta[k]),
+            record=motion.record(points.u[k]),
             mode=-1 if np.isnan(impacts[k]) else int(impacts[k]),
-            smooth=bool(found.aligned[k]),
+            smooth=bool(points.aligned[k]),
             sensitivities={name: float(y[k] / length[k]) for name, y in named.items()},
         )
-        for k in range(found.beta.size)
+        for k in range(points.beta.size)
     ]
 
 
@@ -123,12 +129,12 @@ def failure_probability(
     """
     owner = "failure_probability"
     check_arguments(owner, method, cov, seed, starts, max_scenes)
-    of_podium = limit_state(owner, podium, motion, limit)
-    directions = starting(of_podium, starts, seed)
-    return probability_of(owner, of_podium, directions, method, cov, seed, max_scenes, progress)
+    state = limit_state(owner, podium, motion, limit)
+    directions = starting_directions(state, starts, seed)
+    return estimate_probability(owner, state, directions, method, cov, seed, max_scenes, progress)
 
 
-def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> OfStructure:
+def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> StructureLimitState:
     """Return the limit state of a podium under a Gaussian motion.
 
     - `owner`: name of the calling function, for messages
@@ -142,4 +148,4 @@ def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) 
     if not isinstance(motion, GaussianMotion):
         raise ValueError(f"{owner}: motion must be a rockjax.GaussianMotion, got {type(motion).__name__}")
     check_single(owner, podium)
-    return OfStructure(podium, motion, limit_of(owner, limit, podium))
+    return StructureLimitState(podium, motion, parse_limit(owner, limit, podium))

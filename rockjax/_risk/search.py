@@ -20,21 +20,21 @@ import numpy as np
 
 from .limit_state import AbstractLimitState
 
-FARTHEST = 9.0  # greatest distance of a design point from the origin: Φ(−9) is 1e-19
-BEYOND = 4.0  # times √d, the typical |u|: how far a first direction is followed
+MAX_BETA = 9.0  # greatest distance of a design point from the origin: Φ(−9) is 1e-19
+START_FACTOR = 4.0  # times √d, the typical |u|: how far a first direction is followed
 RAY = 24  # places on a full ray …
-AGAIN = 10  # … and on the part of a ray below a known distance
-NARROW = 3  # rounds of narrowing the interval of the first failure …
+PARTIAL_RAY = 10  # … and on the part of a ray below a known distance
+NARROWING_ROUNDS = 3  # rounds of narrowing the interval of the first failure …
 PARTS = 8  # … each dividing it into this many parts
 # Multiples of the last fraction of the way to the normal; a fixed point may lie past the normal.
-WAYS = np.array([1.5, 1.0, 0.5])
-SHORTEST = 1 / 64  # least fraction of the way to the normal
+FRACTIONS = np.array([1.5, 1.0, 0.5])
+MIN_FRACTION = 1 / 64  # least fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
-STEPS = 40  # … or this many steps
-SAME = 0.99  # two design points are equal if the cosine of their angle is larger
+MAX_STEPS = 40  # … or this many steps
+SAME_COSINE = 0.99  # two design points are equal if the cosine of their angle is larger
 
 
-class Found(NamedTuple):
+class DesignPoints(NamedTuple):
     """Design points, nearest first.
 
     - `u`: (k, d), on the failing side; `normal`: unit normals −∇G/|∇G|, (k, d)
@@ -54,14 +54,14 @@ class _Bracket(NamedTuple):
 
     low: np.ndarray
     high: np.ndarray
-    above: np.ndarray
-    below: np.ndarray
+    G_low: np.ndarray
+    G_high: np.ndarray
 
     def root(self) -> np.ndarray:
         """Return the root of the straight line between the places."""
-        drop = self.above - self.below
+        drop = self.G_low - self.G_high
         usable = np.isfinite(drop) & (drop > 0)
-        part = np.where(usable, self.above / np.where(usable, drop, 1.0), 1.0)
+        part = np.where(usable, self.G_low / np.where(usable, drop, 1.0), 1.0)
         high = np.where(np.isfinite(self.high), self.high, 0.0)
         return np.where(np.isfinite(self.high), self.low + (high - self.low) * part, np.inf)
 
@@ -77,38 +77,42 @@ def _bracket(limit: AbstractLimitState, directions: np.ndarray, at: np.ndarray) 
     first, rows = np.argmax(over, axis=1), np.arange(len(at))
     fails = over.any(axis=1)
     low = np.where(first > 0, at[rows, first - 1], 0.0)
-    above = np.where(first > 0, value[rows, first - 1], np.inf)
-    return _Bracket(low, np.where(fails, at[rows, first], np.inf), above, value[rows, first])
+    G_low = np.where(first > 0, value[rows, first - 1], np.inf)
+    return _Bracket(low, np.where(fails, at[rows, first], np.inf), G_low, value[rows, first])
 
 
-def _narrowed(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
+def _narrow(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
     """Return the distances at which rays fail, on the failing side."""
-    low, high, above, below = (y.copy() for y in found)
+    low, high, G_low, G_high = (y.copy() for y in found)
     live = np.flatnonzero(np.isfinite(high))
-    for _ in range(NARROW):
+    for _ in range(NARROWING_ROUNDS):
         if live.size == 0:
             break
         # Some places are evenly spaced, for certainty; the others are close to the root of the straight line.
-        now = _Bracket(low, high, above, below).at(live)
-        width = now.high - now.low
-        root = (now.root() - now.low) / np.where(width > 0, width, 1.0)
+        bracket = _Bracket(low, high, G_low, G_high).at(live)
+        width = bracket.high - bracket.low
+        root = (bracket.root() - bracket.low) / np.where(width > 0, width, 1.0)
         part = np.tile(np.arange(1, PARTS) / PARTS, (live.size, 1))
         close = np.clip(root[:, None] + np.array([-1e-2, -1e-4, 1e-4, 1e-2]), 0, 1)
         part = np.sort(np.concatenate([part, close], axis=1), axis=1)
-        more = _bracket(limit, directions[live], now.low[:, None] + width[:, None] * part)
-        inside = np.isfinite(more.high)
-        first = more.low > 0  # else none of the places survived
-        low[live] = np.where(inside, np.where(first, more.low, now.low), now.low + width * part[:, -1])
-        above[live] = np.where(inside & first, more.above, now.above)
-        high[live] = np.where(inside, more.high, now.high)
-        below[live] = np.where(inside, more.below, now.below)
+        narrower = _bracket(limit, directions[live], bracket.low[:, None] + width[:, None] * part)
+        inside = np.isfinite(narrower.high)
+        first = narrower.low > 0  # else none of the places survived
+        low[live] = np.where(
+            inside, np.where(first, narrower.low, bracket.low), bracket.low + width * part[:, -1]
+        )
+        G_low[live] = np.where(inside & first, narrower.G_low, bracket.G_low)
+        high[live] = np.where(inside, narrower.high, bracket.high)
+        G_high[live] = np.where(inside, narrower.G_high, bracket.G_high)
     return high
 
 
-def distances(limit: AbstractLimitState, directions: np.ndarray, farthest: float = FARTHEST) -> np.ndarray:
-    """Return the least distance at which each ray fails, (m,); inf if it survives up to `farthest`."""
-    at = np.tile(np.linspace(0, farthest, RAY + 1)[1:], (len(directions), 1))
-    return _narrowed(limit, directions, _bracket(limit, directions, at))
+def distances(
+    limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
+) -> np.ndarray:
+    """Return the least distance at which each ray fails, (m,); inf if it survives up to `max_distance`."""
+    at = np.tile(np.linspace(0, max_distance, RAY + 1)[1:], (len(directions), 1))
+    return _narrow(limit, directions, _bracket(limit, directions, at))
 
 
 def _unit(u: np.ndarray) -> np.ndarray:
@@ -116,40 +120,42 @@ def _unit(u: np.ndarray) -> np.ndarray:
     return u / np.where(length > 0, length, 1.0)
 
 
-def design_points(limit: AbstractLimitState, starts: np.ndarray, farthest: float = FARTHEST) -> Found:
+def design_points(
+    limit: AbstractLimitState, starts: np.ndarray, max_distance: float = MAX_BETA
+) -> DesignPoints:
     """Return local minima of |u| on the limit state, from starting directions (s, d)."""
     if limit.mirrored:  # then so are the design points
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
     # In many dimensions a random direction fails only far beyond the distance of a design point.
-    outer = max(farthest, BEYOND * np.sqrt(limit.dimension))
+    outer = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
     r = distances(limit, e, outer)
     # A start whose ray never fails follows the steepest descent of G.
-    lost = ~np.isfinite(r)
-    if lost.any():
-        _, slope = limit.gradients(e[lost] * 1e-3)
-        e[lost] = _unit(-slope)
-        r[lost] = distances(limit, e[lost], outer)
+    never_fails = ~np.isfinite(r)
+    if never_fails.any():
+        _, slope = limit.gradients(e[never_fails] * 1e-3)
+        e[never_fails] = _unit(-slope)
+        r[never_fails] = distances(limit, e[never_fails], outer)
     live = np.isfinite(r)
     e, r = e[live], r[live]
     normal, aligned = _descend(limit, e, r)
-    near = r <= farthest
+    near = r <= max_distance
     e, r, normal, aligned = e[near], r[near], normal[near], aligned[near]
-    found = _distinct(e, r, normal, aligned)
+    points = _keep_distinct(e, r, normal, aligned)
     if not limit.mirrored:
-        return found
-    e, r = np.concatenate([_unit(found.u), -_unit(found.u)]), np.tile(found.beta, 2)
-    return _distinct(e, r, np.concatenate([found.normal, -found.normal]), np.tile(found.aligned, 2))
+        return points
+    e, r = np.concatenate([_unit(points.u), -_unit(points.u)]), np.tile(points.beta, 2)
+    return _keep_distinct(e, r, np.concatenate([points.normal, -points.normal]), np.tile(points.aligned, 2))
 
 
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move directions e downhill (in place, with their distances r); return their normals, and which are
     aligned."""
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
-    fresh = np.ones(len(e), bool)
+    has_moved = np.ones(len(e), bool)
     active = np.ones(len(e), bool)
-    for _ in range(STEPS):
-        new = np.flatnonzero(active & fresh)
+    for _ in range(MAX_STEPS):
+        new = np.flatnonzero(active & has_moved)
         if new.size:
             _, slope = limit.gradients(e[new] * r[new, None])
             normal[new] = _unit(-slope)
@@ -158,40 +164,40 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
         at = np.flatnonzero(active)
         if at.size == 0:
             break
-        nearest, direction, way = _step(limit, e[at], r[at], normal[at], fraction[at])
+        nearest, direction, best_fraction = _step(limit, e[at], r[at], normal[at], fraction[at])
         closer = nearest < r[at] * (1 - 1e-10)
-        moved = at[closer]
-        e[moved], r[moved] = direction[closer], nearest[closer]
-        fresh[at] = closer
-        fraction[at] = np.where(closer, np.clip(way, SHORTEST, 1.5), 0.25 * fraction[at])
-        active[at[fraction[at] < SHORTEST]] = False
+        improved = at[closer]
+        e[improved], r[improved] = direction[closer], nearest[closer]
+        has_moved[at] = closer
+        fraction[at] = np.where(closer, np.clip(best_fraction, MIN_FRACTION, 1.5), 0.25 * fraction[at])
+        active[at[fraction[at] < MIN_FRACTION]] = False
     return normal, aligned
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nearest failure in a few directions on the way to the normal: its distance, direction, and
     fraction."""
-    ways = fraction[:, None] * WAYS
-    tried = _unit(e[:, None, :] + ways[..., None] * (normal - e)[:, None, :])
-    flat = tried.reshape(-1, e.shape[1])
+    fractions = fraction[:, None] * FRACTIONS
+    candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
+    flat = candidates.reshape(-1, e.shape[1])
     # Places below the known distance, denser where the change is likely.
-    part = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, AGAIN - 2)])
-    found = _bracket(limit, flat, np.repeat(r, WAYS.size)[:, None] * part)
-    best = np.argmin(found.root().reshape(ways.shape), axis=1)
+    part = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY - 2)])
+    bracket = _bracket(limit, flat, np.repeat(r, FRACTIONS.size)[:, None] * part)
+    best = np.argmin(bracket.root().reshape(fractions.shape), axis=1)
     rows = np.arange(len(e))
-    chosen = rows * WAYS.size + best
-    return _narrowed(limit, flat[chosen], found.at(chosen)), tried[rows, best], ways[rows, best]
+    chosen = rows * FRACTIONS.size + best
+    return _narrow(limit, flat[chosen], bracket.at(chosen)), candidates[rows, best], fractions[rows, best]
 
 
-def _distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> Found:
-    kept: list[int] = []
+def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> DesignPoints:
+    distinct: list[int] = []
     for i in np.argsort(r):
-        if not any(e[i] @ e[j] > SAME for j in kept):
-            kept.append(int(i))
-    return Found(e[kept] * r[kept, None], normal[kept], r[kept], aligned[kept])
+        if not any(e[i] @ e[j] > SAME_COSINE for j in distinct):
+            distinct.append(int(i))
+    return DesignPoints(e[distinct] * r[distinct, None], normal[distinct], r[distinct], aligned[distinct])
 
 
-def merged(a: Found, b: Found) -> Found:
+def merge_points(a: DesignPoints, b: DesignPoints) -> DesignPoints:
     """Return the distinct design points of both."""
     u, normal, beta, aligned = (np.concatenate(pair) for pair in zip(a, b, strict=True))
-    return _distinct(_unit(u), beta, normal, aligned)
+    return _keep_distinct(_unit(u), beta, normal, aligned)

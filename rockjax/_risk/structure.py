@@ -24,7 +24,7 @@ from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
 
 TABLE = 256  # records of a batch: one compiled program serves any number of scenes
-SIDE_BY_SIDE = 8  # scenes whose derivatives are computed together
+GRADIENT_BATCH = 8  # scenes whose derivatives are computed together
 # The samples of the motion limit most steps, so a tight tolerance costs little.
 OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
@@ -36,10 +36,10 @@ class Limit(NamedTuple):
     value: float
 
 
-class _Kind(NamedTuple):
+class _LimitKind(NamedTuple):
     output: str  # of `rockjax.Options`
     unit: str
-    of: str  # the kind of structure that has it, one of `OWNERS`
+    owner_kind: str  # the kind of structure that has it, one of `OWNERS`
 
 
 def _has_stories(podium: Podium) -> bool:
@@ -57,15 +57,15 @@ SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
 
 # Limit states besides overturning; add new ones here.
 LIMITS = {
-    "rotation": _Kind("peak_rotation", "max|θ|/α", "columns"),
-    "deformation": _Kind("peak_deformation", "m", ELASTIC),
-    "shear": _Kind("peak_shear", "over the weight", SUPERSTRUCTURE),
-    "drift": _Kind("peak_drift", "m", BUILDING),
-    "floor acceleration": _Kind("peak_floor_acceleration", "m/s²", BUILDING),
+    "rotation": _LimitKind("peak_rotation", "max|θ|/α", "columns"),
+    "deformation": _LimitKind("peak_deformation", "m", ELASTIC),
+    "shear": _LimitKind("peak_shear", "over the weight", SUPERSTRUCTURE),
+    "drift": _LimitKind("peak_drift", "m", BUILDING),
+    "floor acceleration": _LimitKind("peak_floor_acceleration", "m/s²", BUILDING),
 }
 
 
-def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
+def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     """Return the requested limit state. Raises `ValueError` for unknown ones, and for those that a podium
     does not have."""
     if isinstance(limit, str) and limit == "overturning":
@@ -73,8 +73,8 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
         name, value = limit
         kind = LIMITS[name]
-        if podium is not None and not OWNERS[kind.of](podium):
-            raise ValueError(f"{owner}: limit {name!r} needs {kind.of}; this podium has none")
+        if podium is not None and not OWNERS[kind.owner_kind](podium):
+            raise ValueError(f"{owner}: limit {name!r} needs {kind.owner_kind}; this podium has none")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
@@ -83,7 +83,7 @@ def limit_of(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     raise ValueError(f"{owner}: limit must be 'overturning' or one of {names}, got {limit!r}")
 
 
-class OfStructure(AbstractLimitState):
+class StructureLimitState(AbstractLimitState):
     """Limit state of a podium under the motions of a `GaussianMotion`."""
 
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
@@ -95,20 +95,20 @@ class OfStructure(AbstractLimitState):
 
     def _values(self, u):
         # A fixed number of scenes avoids recompilation; the added scenes at rest cost almost nothing.
-        whole = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
-        answers = [self._table(whole[start : start + TABLE]) for start in range(0, len(whole), TABLE)]
+        padded = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
+        answers = [self._table(padded[start : start + TABLE]) for start in range(0, len(padded), TABLE)]
         return np.concatenate(answers)[: len(u)]
 
     def _table(self, u: np.ndarray) -> np.ndarray:
         peaks = self._peaks(u)
-        value = _signed(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
+        value = _limit_value(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
         return np.where(
             np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value)
         )
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
-        whole = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
-        records = records_of(self.motion, as_float(whole)).pick(np.arange(len(u), dtype=np.int32))
+        padded = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
+        records = records_from_samples(self.motion, as_float(padded)).pick(np.arange(len(u), dtype=np.int32))
         options = self.options.replace(outputs=(*self.options.outputs, *outputs))
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
@@ -116,13 +116,13 @@ class OfStructure(AbstractLimitState):
         """Return G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named
         parameters of the podium (m, names)."""
         # Without a pulse |u| is the scale of the motion, one more parameter of the same batch.
-        along = () if self.motion.pulse is not None else ("scale",)
+        scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
         self.scenes += len(u)
-        parts = [self._log_slopes(u[k : k + TABLE], (*names, *along)) for k in range(0, len(u), TABLE)]
+        parts = [self._log_slopes(u[k : k + TABLE], (*names, *scale_name)) for k in range(0, len(u), TABLE)]
         value, slopes = (np.concatenate(ys) for ys in zip(*parts, strict=True))
-        if along:
+        if scale_name:
             return value, slopes[:, -1], slopes[:, :-1]
         _, slope = self.gradients(u)
         return value, np.sum(slope * u, axis=1), slopes
@@ -146,14 +146,14 @@ class OfStructure(AbstractLimitState):
     def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Return G and its derivatives by u, and by the numbers of the podium and of the motion, by name."""
         parts = []
-        for start in range(0, len(u), SIDE_BY_SIDE):
-            part = u[start : start + SIDE_BY_SIDE]
-            whole = np.concatenate([part, np.repeat(part[-1:], SIDE_BY_SIDE - len(part), axis=0)])
-            found = _slopes(as_float(whole), self.podium, self.motion, self.options, self.limit)
+        for start in range(0, len(u), GRADIENT_BATCH):
+            part = u[start : start + GRADIENT_BATCH]
+            padded = np.concatenate([part, np.repeat(part[-1:], GRADIENT_BATCH - len(part), axis=0)])
+            found = _slopes(as_float(padded), self.podium, self.motion, self.options, self.limit)
             parts.append(jax.tree.map(lambda y, n=len(part): np.asarray(y)[:n], found))
         value, slope, numbers = jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
-        varied, _ = eqx.partition((self.podium, self.motion), eqx.is_inexact_array)
-        return value, slope, _named(*jax.tree.unflatten(jax.tree.structure(varied), numbers))
+        arrays, _ = eqx.partition((self.podium, self.motion), eqx.is_inexact_array)
+        return value, slope, _by_location(*jax.tree.unflatten(jax.tree.structure(arrays), numbers))
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
         """Return the number of impacts in the scenes of the rows of u: before the fall if they overturn, else
@@ -165,7 +165,7 @@ class OfStructure(AbstractLimitState):
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
-def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
+def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
     """Return the motions of the rows of u in one table."""
     count, one = len(u), np.ones(len(u))
     samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * one)
@@ -173,7 +173,7 @@ def records_of(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
     return Records(motion.acceleration(u), samples, intervals, start, np.arange(count))
 
 
-def _signed(value, overturned, limit: Limit):
+def _limit_value(value, overturned, limit: Limit):
     """Return G from the outputs of a scene, ≤ 0 exactly if it fails. Of modes, stories or floors the worst
     counts."""
     numpy = array_module(value, overturned)
@@ -181,34 +181,34 @@ def _signed(value, overturned, limit: Limit):
         value = numpy.max(numpy.asarray(value), axis=-1)
     if limit.output == "margin":
         return numpy.where(overturned, numpy.minimum(value, 0.0), numpy.maximum(value, 1e-300))
-    left = 1 - numpy.divide(value, limit.value)
-    return numpy.where(overturned, numpy.minimum(left, 0.0), left)
+    margin = 1 - numpy.divide(value, limit.value)
+    return numpy.where(overturned, numpy.minimum(margin, 0.0), margin)
 
 
-def _with_slopes(
+def _value_and_slopes(
     u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
 ):
-    numbers, rest = eqx.partition((podium, motion), eqx.is_inexact_array)
+    numbers, static = eqx.partition((podium, motion), eqx.is_inexact_array)
 
     def G(u, numbers):
-        podium, motion = eqx.combine(numbers, rest)
+        podium, motion = eqx.combine(numbers, static)
         (floats, _), (integers, _) = solve(podium, motion.record(u), REST, None, options)
-        return _signed(floats[limit.output], integers["overturned"], limit)
+        return _limit_value(floats[limit.output], integers["overturned"], limit)
 
     value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
     return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be returned
 
 
-_slopes = KeptProgram(_with_slopes)
+_slopes = KeptProgram(_value_and_slopes)
 
 
-def _named(*slopes: Any) -> dict[str, np.ndarray]:
+def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
     """Return derivatives (k,) keyed by the location of each number in Python notation: `alpha`,
     `restrainers[0].prestress`, `superstructure.masses[2]`; first those of the podium, then those of the
     motion."""
     named = {}
-    for whole in slopes:
-        for path, y in jax.tree_util.tree_leaves_with_path(whole):
+    for tree in slopes:
+        for path, y in jax.tree_util.tree_leaves_with_path(tree):
             name, values = jax.tree_util.keystr(path).lstrip("."), np.asarray(y)
             for place in np.ndindex(values.shape[1:]):
                 named[name + "".join(f"[{i}]" for i in place)] = values[:, *place]

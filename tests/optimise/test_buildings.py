@@ -14,7 +14,7 @@ from optimise._cli import account
 from optimise._suite import Suite
 from optimise._variables import variables
 from rockjax import _results as results
-from rockjax._risk.structure import OfStructure, limit_of
+from rockjax._risk.structure import StructureLimitState, parse_limit
 
 BUILDING = rj.ShearBuilding(masses=[3.0, 2.0], stiffnesses=[900.0, 500.0], heights=[3.0, 3.0])
 PODIUM = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=BUILDING)
@@ -167,8 +167,8 @@ def test_an_analysis_of_a_building_has_its_modes_and_stories():
 @pytest.mark.slow
 def test_limit_states_of_buildings_take_the_worst_story():
     motion = rj.GaussianMotion(41, 0.06, 0.02)
-    limit = limit_of("test", ("drift", 0.02), PODIUM)
-    state = OfStructure(PODIUM, motion, limit)
+    limit = parse_limit("test", ("drift", 0.02), PODIUM)
+    state = StructureLimitState(PODIUM, motion, limit)
     u = np.random.default_rng(0).normal(size=(3, motion.dimension))
     peaks = state._peaks(u)
     expected = 1 - np.asarray(peaks.peak_drift).max(axis=1) / 0.02
@@ -180,7 +180,7 @@ def test_limit_states_of_buildings_take_the_worst_story():
     same, _, by_name = state.log_slopes(u, ("alpha",))
     assert np.allclose(same, value, rtol=1e-9)
     moved = [PODIUM.replace(alpha=float(PODIUM.alpha) * (1 + d)) for d in (1e-6, -1e-6)]
-    up, down = (OfStructure(each, motion, limit).values(u) for each in moved)
+    up, down = (StructureLimitState(each, motion, limit).values(u) for each in moved)
     assert np.allclose(by_name[:, 0], (up - down) / 2e-6, rtol=1e-4, atol=1e-6)
 
 
@@ -188,8 +188,8 @@ def test_limit_states_of_stories_need_stories():
     for name in ("drift", "floor acceleration"):
         words = re.escape(f"limit {name!r} needs a building of stories, a rockjax.ShearBuilding; this podium")
         with pytest.raises(ValueError, match=words):
-            limit_of("test", (name, 0.1), PODIUM.replace(superstructure=rj.Elastic(8.0, 0.5, 0.05)))
-        assert limit_of("test", (name, 0.1), PODIUM).value == 0.1
+            parse_limit("test", (name, 0.1), PODIUM.replace(superstructure=rj.Elastic(8.0, 0.5, 0.05)))
+        assert parse_limit("test", (name, 0.1), PODIUM).value == 0.1
 
 
 DRAWING = optimise.Dimensions(

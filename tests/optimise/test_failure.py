@@ -19,14 +19,14 @@ from optimise._descent import End, Evaluation
 from optimise._failure import Sampled
 from optimise._sampling import SampledTargets
 from optimise._variables import variables
-from rockjax._risk.limit_state import OfFunction
-from rockjax._risk.rays import factor_of, probability_at, rays_at
+from rockjax._risk.limit_state import FunctionLimitState
+from rockjax._risk.rays import probability_at, sample_rays, solve_factor
 
 MOTION = rj.GaussianMotion(61, 0.06, 0.02)
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
 
 
-class Bowl(OfFunction):
+class Bowl(FunctionLimitState):
     """Fails from a distance b on: at z ≥ b + w²/5, with w a half of (u₀ − u₁)², of five numbers."""
 
     bend = 0.2
@@ -57,7 +57,7 @@ class Bowl(OfFunction):
 
 @pytest.fixture(scope="module")
 def rays():
-    return rays_at(Bowl(2.0), 1e-3, 400, 0.05, 0)
+    return sample_rays(Bowl(2.0), 1e-3, 400, 0.05, 0)
 
 
 def test_rays_carry_a_probability_to_other_limit_states(rays):
@@ -68,19 +68,19 @@ def test_rays_carry_a_probability_to_other_limit_states(rays):
 
 
 def test_the_factor_that_makes_a_probability_and_its_derivative(rays):
-    cut = factor_of(Bowl(2.0), rays, 1e-3, ("b",), 1.0)
+    cut = solve_factor(Bowl(2.0), rays, 1e-3, ("b",), 1.0)
     exact = [brentq(lambda k, b=b: Bowl.probability(b, k) - 1e-3, 0.3, 1.5) for b in (2.0, 2.001)]
     assert cut.factor == pytest.approx(exact[0], rel=0.01)
     assert cut.sensitivities[0] == pytest.approx(math.log(exact[1] / exact[0]) / math.log(1.0005), rel=0.05)
     # Of the same rays the derivative is exact.
-    up, down = (factor_of(Bowl(2.0 * f), rays, 1e-3, ("b",), 1.0).factor for f in (1 + 1e-4, 1 - 1e-4))
+    up, down = (solve_factor(Bowl(2.0 * f), rays, 1e-3, ("b",), 1.0).factor for f in (1 + 1e-4, 1 - 1e-4))
     assert cut.sensitivities[0] == pytest.approx(math.log(up / down) / 2e-4, rel=1e-5)
     assert cut.jumps == 0
     assert cut.effective > 200
 
 
 def test_a_structure_that_is_far_too_strong_has_the_last_factor(rays):
-    cut = factor_of(Bowl(2000.0), rays, 1e-3, ("b",), 1.0)
+    cut = solve_factor(Bowl(2000.0), rays, 1e-3, ("b",), 1.0)
     assert cut.factor == 100
     assert not cut.sensitivities.any()
 
@@ -88,15 +88,17 @@ def test_a_structure_that_is_far_too_strong_has_the_last_factor(rays):
 def test_rays_of_a_sample_that_has_not_converged_are_refused(monkeypatch):
     monkeypatch.setattr("rockjax._risk.rays.MAX_SCENES", 1000)
     with pytest.raises(ValueError, match=r"of a probability near 0.001, 0.02 was asked for; raise cov"):
-        rays_at(Bowl(2.0), 1e-3, 64, 0.02, 0)
+        sample_rays(Bowl(2.0), 1e-3, 64, 0.02, 0)
 
 
 def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
     """It is known to the answer, and moves no margin."""
     target = optimise.FailureProbability(1e-2, MOTION, cov=0.5, rays=16)
-    monkeypatch.setattr("optimise._failure.rays_at", lambda *_: None)
+    monkeypatch.setattr("optimise._failure.sample_rays", lambda *_: None)
     sampled = Sampled(target, BLOCK)
-    monkeypatch.setattr("rockjax._risk.structure.OfStructure._values", lambda self, u: 1.0 + u[:, 0] ** 2)
+    monkeypatch.setattr(
+        "rockjax._risk.structure.StructureLimitState._values", lambda self, u: 1.0 + u[:, 0] ** 2
+    )
     assert sampled.check(BLOCK) == 0
     assert sampled._ratio(BLOCK) == 1
     found: Any = sampled.checked(BLOCK)

@@ -11,8 +11,8 @@ import pytest
 import rockjax as rj
 from rockjax._programs.program import COUNTS, finish_writing, forget
 from rockjax._risk import search
-from rockjax._risk.limit_state import OfFunction
-from rockjax._risk.structure import OPTIONS, OfStructure, limit_of
+from rockjax._risk.limit_state import FunctionLimitState
+from rockjax._risk.structure import OPTIONS, StructureLimitState, parse_limit
 
 MOTION = rj.GaussianMotion(31, 0.08, 0.02)
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -39,7 +39,7 @@ def test_first_order_is_exact_for_the_onset_of_uplift():
     np.testing.assert_allclose(rows[1], row, atol=1e-9 * np.abs(row).max())
     for value, y in zip(values, u, strict=True):
         assert float(value) == pytest.approx(float(row @ np.asarray(y)), rel=1e-8)
-    limit = OfFunction(lambda y: 1 - jnp.asarray(row) @ y, 31)
+    limit = FunctionLimitState(lambda y: 1 - jnp.asarray(row) @ y, 31)
     found = search.design_points(limit, np.stack([row, row[::-1]]), 100.0)
     assert found.aligned[0]
     assert found.beta[0] == pytest.approx(1 / np.linalg.norm(row), rel=1e-9)
@@ -53,7 +53,9 @@ def test_programs_of_slopes_are_kept():
     """Of G and its derivatives; those by the numbers of a podium come back as a tree of modules, which cannot
     be."""
     u = np.asarray(MOTION.samples(3, seed=4))
-    of = lambda limit: OfStructure(BLOCK, MOTION, limit_of("test", limit, BLOCK)).with_sensitivities(u)
+    of = lambda limit: StructureLimitState(
+        BLOCK, MOTION, parse_limit("test", limit, BLOCK)
+    ).with_sensitivities(u)
     first = of(("rotation", 0.3))
     finish_writing()
     compiled = COUNTS["compiled"]
@@ -72,7 +74,7 @@ def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
     motion = MOTION.scaled(factor)
     u = np.asarray(motion.samples(64, seed=2))
     values = [
-        OfStructure(podium, motion, limit_of("test", "overturning", podium)).values(u)
+        StructureLimitState(podium, motion, parse_limit("test", "overturning", podium)).values(u)
         for podium in (frame, frame.equivalent_block())
     ]
     np.testing.assert_allclose(values[0], values[1], atol=1e-7)
@@ -81,7 +83,7 @@ def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
 
 @pytest.mark.slow
 def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypatch):
-    limit = limit_of("test", ("rotation", 0.2), BLOCK)
+    limit = parse_limit("test", ("rotation", 0.2), BLOCK)
     point = rj.design_points(BLOCK, MOTION, limit=("rotation", 0.2), starts=2)[0]
     assert point.smooth
     options = OPTIONS.replace(rtol=1e-12, atol=1e-14)
@@ -89,7 +91,7 @@ def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypat
     monkeypatch.setattr(search, "ALIGNED", 1e-12)
 
     def found(podium, motion):
-        again = search.design_points(OfStructure(podium, motion, limit, options), point.u[None])
+        again = search.design_points(StructureLimitState(podium, motion, limit, options), point.u[None])
         return float(again.beta[0])
 
     for name in ("alpha", "R", "S_0", "omega_g", "zeta_g"):

@@ -17,9 +17,9 @@ from scipy.stats import chi2, norm
 
 import rockjax as rj
 from rockjax._risk import search
-from rockjax._risk.limit_state import OfFunction
-from rockjax._risk.reliability import first_order, probability_of, starting
-from rockjax._risk.structure import OPTIONS, OfStructure, _named, limit_of
+from rockjax._risk.limit_state import FunctionLimitState
+from rockjax._risk.reliability import estimate_probability, first_order_probability, starting_directions
+from rockjax._risk.structure import OPTIONS, StructureLimitState, _by_location, parse_limit
 
 POINTS = np.array([0.1, 0.7, 2.0, 5.0])
 RATES = np.array([1e-1, 2e-2, 1e-3, 1e-4])
@@ -550,7 +550,7 @@ def test_filters_have_derivatives_and_are_named():
     expected = (energy(6.0 + h) - energy(6.0 - h)) / (2 * h)
     assert float(jax.grad(energy)(6.0)) == pytest.approx(float(expected), rel=1e-6)
     slopes = jax.grad(lambda motion: jnp.sum(motion.acceleration(u)))(through_layer(6.0))
-    named = _named(jax.tree.map(lambda y: y[None], slopes))
+    named = _by_location(jax.tree.map(lambda y: y[None], slopes))
     alone = rj.GaussianMotion(31, 0.1, 0.01, filters=rj.Filter.layer(6.0, 0.1))
     assert eqx.tree_equal(alone.filters, through_layer(6.0).filters)
     assert named["filters[0].denominator[1]"] == slopes.filters[0].denominator[1]
@@ -636,16 +636,16 @@ KNOWN = {
 
 
 def test_design_points_of_known_limit_states():
-    limit = OfFunction(resistance_and_load, 2)
+    limit = FunctionLimitState(resistance_and_load, 2)
     (u,), _, (beta,), (aligned,) = search.design_points(limit, np.eye(2))
     assert beta == pytest.approx(4.47213595499958, rel=1e-12)
     np.testing.assert_allclose(np.array([200, 100]) + np.array([10, 20]) * u, [180, 180], rtol=1e-9)
     assert aligned
-    limit = OfFunction(plane, 300)
+    limit = FunctionLimitState(plane, 300)
     found = search.design_points(limit, np.random.default_rng(0).standard_normal((2, 300)))
     np.testing.assert_allclose(found.u[0], 3.5 * DIRECTION / np.linalg.norm(DIRECTION), atol=1e-9)
-    limit = OfFunction(four_branches, 2)
-    found = search.design_points(limit, starting(limit, 16, 0))
+    limit = FunctionLimitState(four_branches, 2)
+    found = search.design_points(limit, starting_directions(limit, 16, 0))
     np.testing.assert_allclose(found.beta, [3, 3, 3.5, 3.5], rtol=1e-6)
 
 
@@ -664,9 +664,10 @@ def test_probabilities_of_known_limit_states(name, method):
 def test_intervals_of_subset_simulation_cover_as_often_as_they_say():
     """Sixteen seeds of a plane in 60 dimensions: at 95 % two misses are rare, four are wrong."""
     normal = jnp.asarray(DIRECTION[:60] / np.linalg.norm(DIRECTION[:60]))
-    limit = OfFunction(lambda u: 3.0 - normal @ u, 60)
+    limit = FunctionLimitState(lambda u: 3.0 - normal @ u, 60)
     runs = [
-        probability_of("test", limit, np.zeros((0, 60)), "subset", 0.2, k, 100_000, False) for k in range(16)
+        estimate_probability("test", limit, np.zeros((0, 60)), "subset", 0.2, k, 100_000, False)
+        for k in range(16)
     ]
     p = np.array([run.probability for run in runs])
     held = [run.interval[0] <= norm.sf(3.0) <= run.interval[1] for run in runs]
@@ -745,9 +746,9 @@ def test_first_order_beside_the_sampled_probability():
 def test_two_planes_are_added_up_exactly():
     # P(x > a or y > b) of correlated normal numbers, against quadrature.
     u = np.array([[2.0, 0.0], [1.2, 1.6]])
-    found = search.Found(u, u / 2, np.array([2.0, 2.0]), np.array([True, True]))
+    found = search.DesignPoints(u, u / 2, np.array([2.0, 2.0]), np.array([True, True]))
     both = quad(lambda x: norm.pdf(x) * norm.sf((2 - 0.6 * x) / 0.8), 2, 12, epsrel=1e-12)[0]
-    assert first_order(found) == pytest.approx(2 * norm.sf(2) - both, rel=1e-9)
+    assert first_order_probability(found) == pytest.approx(2 * norm.sf(2) - both, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -773,7 +774,7 @@ def test_arguments_that_make_no_sense_are_refused(arguments, expected):
 
 
 def test_ctrl_c_keeps_what_is_known(monkeypatch):
-    values, calls = OfFunction.values, []
+    values, calls = FunctionLimitState.values, []
 
     def stopped(self, u):
         calls.append(len(u))
@@ -781,14 +782,14 @@ def test_ctrl_c_keeps_what_is_known(monkeypatch):
             raise KeyboardInterrupt
         return values(self, u)
 
-    monkeypatch.setattr(OfFunction, "values", stopped)
+    monkeypatch.setattr(FunctionLimitState, "values", stopped)
     with pytest.raises(rj.Interrupted) as caught:
         rj.reliability(parabola, 2, method="monte-carlo", cov=0.001)
     assert caught.value.partial.probability > 0
     assert not caught.value.partial.converged
 
 
-class Moved(OfFunction):
+class Moved(FunctionLimitState):
     """G(u, b), which knows its derivative by b."""
 
     def __init__(self, G, b, dimension):
@@ -827,7 +828,9 @@ def step(u, b):
 )
 def test_derivatives_of_probabilities_are_surface_integrals(G, dimension, exact):
     limit = Moved(G, 2.0, dimension)
-    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.03, 1, 100_000, False)
+    found = estimate_probability(
+        "test", limit, starting_directions(limit, 8, 0), "line", 0.03, 1, 100_000, False
+    )
     slope, error = found.sensitivities["b"]
     assert found.jumps == 0
     assert abs(slope - exact) < 3 * error + 1e-3 * abs(exact)
@@ -836,7 +839,9 @@ def test_derivatives_of_probabilities_are_surface_integrals(G, dimension, exact)
 
 def test_where_a_limit_state_jumps_derivatives_are_said_to_know_nothing():
     limit = Moved(step, 2.0, 3)
-    found = probability_of("test", limit, starting(limit, 8, 0), "line", 0.1, 1, 100_000, False)
+    found = estimate_probability(
+        "test", limit, starting_directions(limit, 8, 0), "line", 0.1, 1, 100_000, False
+    )
     assert found.probability == pytest.approx(norm.sf(2.0), rel=0.1)
     assert found.jumps == pytest.approx(1.0)
     assert found.sensitivities["b"] == (0.0, 0.0)
@@ -850,7 +855,7 @@ BLOCK = rj.Podium(alpha=0.2, R=1.0)
 
 @pytest.mark.slow
 def test_the_limit_state_of_a_block():
-    limit = OfStructure(BLOCK, NOISE, limit_of("test", "overturning", BLOCK))
+    limit = StructureLimitState(BLOCK, NOISE, parse_limit("test", "overturning", BLOCK))
     u = NOISE.samples(40, seed=2)
     value = limit.values(np.asarray(u))
     records = [NOISE.record(row) for row in u]
@@ -871,7 +876,7 @@ def test_the_limit_state_of_a_block():
         y = float(getattr(whole, name))
         moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
         pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]
-        up, down = (OfStructure(p, m, limit.limit).values(near[best : best + 1])[0] for p, m in pairs)
+        up, down = (StructureLimitState(p, m, limit.limit).values(near[best : best + 1])[0] for p, m in pairs)
         assert float(exact[best]) == pytest.approx((up - down) / (2 * h * y), rel=1e-4, abs=1e-6)
 
 
@@ -911,7 +916,7 @@ STORIES = rj.ShearBuilding(masses=(3.0, 2.0), stiffnesses=(900.0, 500.0))
 def test_derivatives_are_named_by_where_the_numbers_are():
     """Those of a building and of restrainers too: each a number of its own."""
     trees = DEVICES.replace(superstructure=STORIES), NOISE
-    named = _named(*jax.tree.map(lambda y: jnp.stack([y, y + 1.0]), trees))
+    named = _by_location(*jax.tree.map(lambda y: jnp.stack([y, y + 1.0]), trees))
     np.testing.assert_array_equal(named["superstructure.stiffnesses[1]"], [500.0, 501.0])
     np.testing.assert_array_equal(named["restrainers[0].prestress"], [5.0, 6.0])
     assert {"alpha", "superstructure.masses[0]", "restrainers[1].coefficient", "S_0"} <= set(named)

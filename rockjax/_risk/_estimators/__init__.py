@@ -1,6 +1,6 @@
 """Estimators of a probability of failure: a new one is a module here and a line in `ESTIMATORS`."""
 
-from ._base import AbstractEstimator, Estimate, Slopes
+from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes
 from ._importance import Importance
 from ._line import Line
 from ._monte_carlo import MonteCarlo
@@ -13,4 +13,4 @@ ESTIMATORS: dict[str, type[AbstractEstimator]] = {
     "monte-carlo": MonteCarlo,
 }
 
-__all__ = ["ESTIMATORS", "AbstractEstimator", "Estimate", "Slopes"]
+__all__ = ["ESTIMATORS", "AbstractEstimator", "ProbabilityEstimate", "ProbabilitySlopes"]

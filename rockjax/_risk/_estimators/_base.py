@@ -11,14 +11,14 @@ import numpy as np
 import scipy
 
 from rockjax._risk.limit_state import AbstractLimitState
-from rockjax._risk.search import Found
+from rockjax._risk.search import DesignPoints
 
 LEVEL = 0.95  # confidence level of the interval
 ROUNDS = 2  # least number of rounds before an estimate may converge
 EFFECTIVE = 20  # least effective number of failures before it may converge
 
 
-class Estimate(NamedTuple):
+class ProbabilityEstimate(NamedTuple):
     """A probability with its accuracy; `effective` is the effective number of failures in the sample."""
 
     probability: float
@@ -32,14 +32,14 @@ class Estimate(NamedTuple):
         return self.standard_error / self.probability if self.probability > 0 else math.inf
 
 
-class Slopes(NamedTuple):
+class ProbabilitySlopes(NamedTuple):
     """Derivatives of a probability by name, each with its standard error.
 
     `jumps` is the share of the surface of failure, weighted by its density, across which G jumps; the
     derivatives do not include it.
     """
 
-    named: dict[str, tuple[float, float]]
+    by_name: dict[str, tuple[float, float]]
     jumps: float
 
 
@@ -50,8 +50,8 @@ class AbstractEstimator(abc.ABC):
     needs_design_points = True
     always_covers = False  # whether the interval has its nominal coverage even before convergence
 
-    def __init__(self, limit: AbstractLimitState, found: Found, rng: np.random.Generator):
-        self.limit, self.found, self.rng = limit, found, rng
+    def __init__(self, limit: AbstractLimitState, points: DesignPoints, rng: np.random.Generator):
+        self.limit, self.points, self.rng = limit, points, rng
         self.rounds = 0
 
     @abc.abstractmethod
@@ -59,17 +59,17 @@ class AbstractEstimator(abc.ABC):
         """Add a round that costs about `size` scenes."""
 
     @abc.abstractmethod
-    def estimate(self) -> Estimate:
+    def estimate(self) -> ProbabilityEstimate:
         """Return the estimate from all rounds so far."""
 
-    def slopes(self) -> Slopes | None:
+    def slopes(self) -> ProbabilitySlopes | None:
         """Return dP/dy from the same samples, or None if the limit state or the method provides none."""
         return None
 
-    def converged(self, known: Estimate, cov: float) -> bool:
+    def converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
         """Return whether the estimate has reached the coefficient of variation `cov`, judged by its own
         samples."""
-        return self.rounds >= ROUNDS and known.effective >= EFFECTIVE and known.cov <= cov
+        return self.rounds >= ROUNDS and estimate.effective >= EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
         """Return whether the estimate does not rest on a few dominant contributions, so that its spread
@@ -80,7 +80,9 @@ class AbstractEstimator(abc.ABC):
         """Return whether further rounds would add no information."""
         return False
 
-    def run(self, cov: float, max_scenes: int, first: int, report: Callable[[Estimate], None]) -> Estimate:
+    def run(
+        self, cov: float, max_scenes: int, first: int, report: Callable[[ProbabilityEstimate], None]
+    ) -> ProbabilityEstimate:
         """Add rounds until the estimate converges, is exhausted, or has used `max_scenes`.
 
         - `cov`: coefficient of variation to reach
@@ -95,19 +97,19 @@ class AbstractEstimator(abc.ABC):
         while True:
             self.round(size)
             self.rounds += 1
-            known, spent = self.estimate(), self.limit.scenes - start
-            report(known)
-            if spent >= max_scenes or self.converged(known, cov) or self.exhausted():
-                return known
-            missing = spent * ((known.cov / cov) ** 2 - 1) if math.isfinite(known.cov) else 3 * spent
-            size = int(min(max(1.1 * missing, first / 2), 3 * spent, max_scenes - spent + 1))
+            latest, spent = self.estimate(), self.limit.scenes - start
+            report(latest)
+            if spent >= max_scenes or self.converged(latest, cov) or self.exhausted():
+                return latest
+            needed = spent * ((latest.cov / cov) ** 2 - 1) if math.isfinite(latest.cov) else 3 * spent
+            size = int(min(max(1.1 * needed, first / 2), 3 * spent, max_scenes - spent + 1))
 
 
 class AbstractMean(AbstractEstimator):
     """Base class for independent contributions y ≥ 0 with P = E[y]."""
 
-    def __init__(self, limit, found, rng):
-        super().__init__(limit, found, rng)
+    def __init__(self, limit, points, rng):
+        super().__init__(limit, points, rng)
         self.count, self.total, self.squares = 0, 0.0, 0.0
 
     def add(self, y: np.ndarray) -> None:
@@ -115,12 +117,12 @@ class AbstractMean(AbstractEstimator):
         self.total += float(y.sum())
         self.squares += float((y**2).sum())
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> ProbabilityEstimate:
         p = self.total / self.count
         variance = max(self.squares / self.count - p**2, 0.0) / max(self.count - 1, 1)
         effective = self.total**2 / self.squares if self.squares > 0 else 0.0
         error = math.sqrt(variance)
-        return Estimate(p, error, lognormal_interval(p, error, self.count), effective)
+        return ProbabilityEstimate(p, error, lognormal_interval(p, error, self.count), effective)
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
@@ -128,5 +130,5 @@ def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float
     samples without failure imply."""
     if p == 0:
         return 0.0, 1 - (1 - LEVEL) ** (1 / count)
-    reach = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))
-    return p / reach, min(p * reach, 1.0)
+    factor = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))
+    return p / factor, min(p * factor, 1.0)

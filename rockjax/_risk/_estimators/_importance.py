@@ -22,54 +22,54 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rockjax._risk.search import Found, design_points, merged
+from rockjax._risk.search import DesignPoints, design_points, merge_points
 
 from ._base import AbstractMean
 
 ORIGIN = 0.1  # w_0
 BATCH = 4096
-FAR = 1.0  # a failure with a larger weight is far from every design point; near one it is about Φ(−β)
+FAR_WEIGHT = 1.0  # a failure with a larger weight is far from every design point; near one it is about Φ(−β)
 SEARCHES = 4  # greatest number of new searches in a round
-TAIL = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
-TAIL_LEAST = 10
-HEAVY = 0.7  # shape k above which a tail is too heavy
-WIDENED = 3  # greatest number of times that the mixture is widened
+TAIL_FACTOR = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
+MIN_TAIL = 10
+MAX_SHAPE = 0.7  # shape k above which a tail is too heavy
+MAX_WIDENINGS = 3  # greatest number of times that the mixture is widened
 
 
 class Importance(AbstractMean):
-    def __init__(self, limit, found, rng):
-        super().__init__(limit, found, rng)
+    def __init__(self, limit, points, rng):
+        super().__init__(limit, points, rng)
         self.widened = 0
-        self._around(found)
+        self._set_mixture(points)
 
-    def _around(self, found: Found) -> None:
-        self.found = found
-        share = scipy.stats.norm.cdf(-found.beta)
+    def _set_mixture(self, points: DesignPoints) -> None:
+        self.points = points
+        share = scipy.stats.norm.cdf(-points.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
         # Near and far design points alike get enough samples to be represented.
         weights = 0.5 * (weights + 1 / weights.size)
         self.weights = np.concatenate([[ORIGIN], (1 - ORIGIN) * weights])
-        self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), found.u])
+        self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), points.u])
         self.count, self.total, self.squares = 0, 0.0, 0.0
         self.failing: list[np.ndarray] = []
 
     def has_light_tail(self) -> bool:
         weights = np.sort(np.concatenate([np.zeros(0), *self.failing]))
-        count = int(min(0.2 * weights.size, TAIL * math.sqrt(weights.size)))
-        if count < TAIL_LEAST:
+        count = int(min(0.2 * weights.size, TAIL_FACTOR * math.sqrt(weights.size)))
+        if count < MIN_TAIL:
             return True
         excess = weights[-count:] - weights[-count - 1]
-        return float(scipy.stats.genpareto.fit(excess, floc=0)[0]) <= HEAVY
+        return float(scipy.stats.genpareto.fit(excess, floc=0)[0]) <= MAX_SHAPE
 
     def round(self, size: int) -> None:
         unexplained = [self._batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
         starts = np.concatenate(unexplained)[:SEARCHES]
-        if len(starts) == 0 or self.widened >= WIDENED:
+        if len(starts) == 0 or self.widened >= MAX_WIDENINGS:
             return
         self.widened += 1
-        more = merged(self.found, design_points(self.limit, starts))
-        if more.beta.size > self.found.beta.size:
-            self._around(more)
+        all_points = merge_points(self.points, design_points(self.limit, starts))
+        if all_points.beta.size > self.points.beta.size:
+            self._set_mixture(all_points)
             self.round(size)
 
     def _batch(self, count: int) -> np.ndarray:
@@ -78,9 +78,9 @@ class Importance(AbstractMean):
         u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        known: Any = scipy.special.logsumexp(ratios, axis=1, b=self.weights)
-        weight = np.exp(-known)
+        log_ratio: Any = scipy.special.logsumexp(ratios, axis=1, b=self.weights)
+        weight = np.exp(-log_ratio)
         failed = self.limit.values(u) <= 0
         self.add(np.where(failed, weight, 0.0))
         self.failing.append(weight[failed])
-        return u[failed & (weight > FAR)]
+        return u[failed & (weight > FAR_WEIGHT)]

@@ -6,7 +6,7 @@ import math
 
 import scipy
 
-from ._base import LEVEL, AbstractMean, Estimate
+from ._base import LEVEL, AbstractMean, ProbabilityEstimate
 
 BATCH = 4096  # samples in memory at once
 
@@ -20,9 +20,9 @@ class MonteCarlo(AbstractMean):
             u = self.rng.standard_normal((min(BATCH, size - start), self.limit.dimension))
             self.add((self.limit.values(u) <= 0).astype(float))
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> ProbabilityEstimate:
         failures = round(self.total)
         p = failures / self.count
         found = scipy.stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
         error = math.sqrt(p * (1 - p) / self.count)
-        return Estimate(p, error, (float(found.low), float(found.high)), float(failures))
+        return ProbabilityEstimate(p, error, (float(found.low), float(found.high)), float(failures))

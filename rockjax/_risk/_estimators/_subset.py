@@ -19,18 +19,18 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ._base import LEVEL, ROUNDS, AbstractEstimator, Estimate, lognormal_interval
+from ._base import LEVEL, ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
 
 SHARE = 0.05  # default share of the samples that pass to the next level
 RUNS = 6  # runs of a round, side by side
 SAMPLES = 1500  # default number of samples of a level in the first round
-FEWEST = 800  # least number of samples of a level in later rounds
+MIN_SAMPLES = 800  # least number of samples of a level in later rounds
 # Greatest growth of the samples from one round to the next; more rounds give a better estimate of the spread.
 GROWTH = 2
-NUMBERS = 5e7  # greatest number of array entries of the samples in memory at once
+MAX_ENTRIES = 5e7  # greatest number of array entries of the samples in memory at once
 LEVELS = 40  # greatest number of levels of a run
-MOVED = 0.25  # share of the components that a move changes
-MOVED_LEAST = 10  # least number of components that a move changes, or all
+MOVE_SHARE = 0.25  # share of the components that a move changes
+MIN_MOVED = 10  # least number of components that a move changes, or all
 ACCEPTED = 0.35  # share of moves to aim for
 TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
 
@@ -48,8 +48,8 @@ class _Run(NamedTuple):
 class Subset(AbstractEstimator):
     needs_design_points = False
 
-    def __init__(self, limit, found, rng, samples: int = SAMPLES, share: float = SHARE):
-        super().__init__(limit, found, rng)
+    def __init__(self, limit, points, rng, samples: int = SAMPLES, share: float = SHARE):
+        super().__init__(limit, points, rng)
         self.share = share
         self.first = samples  # samples of a level in the first round
         self.runs: list[_Run] = []
@@ -58,29 +58,29 @@ class Subset(AbstractEstimator):
     def round(self, size: int) -> None:
         before, samples = self.limit.scenes, self.first
         if self.runs:
-            each = self.spent / sum(run.samples for run in self.runs)
-            most = max(SAMPLES, NUMBERS / (RUNS * self.limit.dimension))
+            scenes_per_sample = self.spent / sum(run.samples for run in self.runs)
+            max_samples = max(SAMPLES, MAX_ENTRIES / (RUNS * self.limit.dimension))
             largest = max(run.samples for run in self.runs)
-            most = min(most, GROWTH * largest)
+            max_samples = min(max_samples, GROWTH * largest)
             # Runs with less than half of the samples of the largest would add almost no information.
-            samples = int(min(max(size / (RUNS * each), FEWEST, largest / 2), most))
-        self.runs += self._side_by_side([self._run(samples) for _ in range(RUNS)])
+            samples = int(min(max(size / (RUNS * scenes_per_sample), MIN_SAMPLES, largest / 2), max_samples))
+        self.runs += self._complete_runs([self._run(samples) for _ in range(RUNS)])
         self.spent += self.limit.scenes - before
 
-    def _side_by_side(self, runs: list[Generator[np.ndarray, np.ndarray, _Run]]) -> list[_Run]:
+    def _complete_runs(self, runs: list[Generator[np.ndarray, np.ndarray, _Run]]) -> list[_Run]:
         """Complete the runs, evaluating the samples that they request in one batch."""
         ended: list[_Run] = []
-        asked = [(run, next(run)) for run in runs]
-        while asked:
-            values = self.limit.values(np.concatenate([u for _, u in asked]))
-            parts = np.split(values, np.cumsum([len(u) for _, u in asked])[:-1])
-            again = []
-            for (run, _), g in zip(asked, parts, strict=True):
+        pending = [(run, next(run)) for run in runs]
+        while pending:
+            values = self.limit.values(np.concatenate([u for _, u in pending]))
+            parts = np.split(values, np.cumsum([len(u) for _, u in pending])[:-1])
+            still_pending = []
+            for (run, _), g in zip(pending, parts, strict=True):
                 try:
-                    again.append((run, run.send(g)))
+                    still_pending.append((run, run.send(g)))
                 except StopIteration as end:
                     ended.append(end.value)
-            asked = again
+            pending = still_pending
         return ended
 
     def _run(self, samples: int) -> Generator[np.ndarray, np.ndarray, _Run]:
@@ -103,24 +103,24 @@ class Subset(AbstractEstimator):
 
     def _chains(self, u, g, level: float, spread: float):
         us, gs = [u], [g]
-        moved = max(MOVED, MOVED_LEAST / self.limit.dimension)
+        move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
         for _ in range(round(1 / self.share) - 1):
-            step = np.where(self.rng.random(u.shape) < moved, spread, 0.0)
+            step = np.where(self.rng.random(u.shape) < move_share, spread, 0.0)
             candidate = np.sqrt(1 - step**2) * u + step * self.rng.standard_normal(u.shape)
             value = yield candidate
-            stays = value <= level
-            u, g = np.where(stays[:, None], candidate, u), np.where(stays, value, g)
+            accepted = value <= level
+            u, g = np.where(accepted[:, None], candidate, u), np.where(accepted, value, g)
             us.append(u)
             gs.append(g)
             # Shorten the moves if too few are accepted, lengthen them if too many are.
-            spread = min(spread * math.exp(float(stays.mean()) - ACCEPTED), 1.0)
+            spread = min(spread * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
         return np.concatenate(us), np.concatenate(gs), spread
 
     def exhausted(self) -> bool:
         """Return whether several rounds have passed and no run has reached failure within its levels."""
         return len(self.runs) >= ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> ProbabilityEstimate:
         # Much smaller runs vary more than in proportion; they only served to choose the size of the others.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
@@ -129,17 +129,17 @@ class Subset(AbstractEstimator):
         weight /= weight.sum()
         mean = float(weight @ p)
         if mean == 0:
-            return Estimate(0.0, 0.0, (0.0, self.share**2), 0.0)
+            return ProbabilityEstimate(0.0, 0.0, (0.0, self.share**2), 0.0)
         # The variance of a run is proportional to 1/samples. By chance runs may agree better than
         # their own estimated variances suggest.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
-        within = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
+        own_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
         # The variance of a few runs is itself uncertain: widen it by Student's t.
-        error = math.sqrt(max(spread, within)) * float(
+        error = math.sqrt(max(spread, own_variance)) * float(
             scipy.stats.t.ppf(TAIL, p.size - 1) / scipy.stats.norm.ppf(TAIL)
         )
         effective = min((mean / error) ** 2, 1e9) if error > 0 else 1e9
-        return Estimate(mean, error, lognormal_interval(mean, error, p.size), effective)
+        return ProbabilityEstimate(mean, error, lognormal_interval(mean, error, p.size), effective)
 
 
 def _finite(variance: float) -> float:
