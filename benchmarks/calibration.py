@@ -28,7 +28,7 @@ from scipy.special import ndtri
 import rockjax as rj
 from rockjax._lognormal import fit_capacities, fit_counts
 from rockjax._results import code_of
-from rockjax._studies.intervals import Capacities, of_capacities
+from rockjax._studies.intervals import Capacities, profile_intervals
 
 from .boundaries import motions, recorded
 from .measure import keep, report
@@ -130,7 +130,7 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
         median, dispersion = (np.asarray(y) for y in _fits(drawn, np.full_like(drawn, limit)))
         good = np.isfinite(median)
         z = ndtri(FRACTILES)[:, None]
-        found = of_capacities(
+        found = profile_intervals(
             Capacities.of(drawn[good], limit),
             median[good],
             dispersion[good],

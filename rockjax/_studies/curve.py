@@ -14,12 +14,12 @@ from rockjax._checks import require
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import KeptProgram
 
-from .intervals import Capacities, of_capacities, of_each_left_out
+from .intervals import Capacities, jackknife_intervals, profile_intervals
 
 if TYPE_CHECKING:
     import xarray
 
-FEW = 5  # records; an interval from fewer rests mostly on the assumed form of the distribution
+MIN_RECORDS = 5  # records; an interval from fewer rests mostly on the assumed form of the distribution
 
 
 def fragility(
@@ -53,7 +53,7 @@ def fragility(
     """
     _check(analysis, method, confidence)
     data = _Ensemble.of(analysis)
-    fit = _fitted(method, data)
+    fit = _fit(method, data)
     x = np.linspace(0, data.levels[-1], 201)[1:] if at is None else np.asarray(at, float)
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"fragility: at must be a 1-D array of intensities, got shape {x.shape}")
@@ -62,17 +62,21 @@ def fragility(
     if confidence is not None:
         _add_intervals(curve, method, data, fit, confidence)
     if "sensitivity" in analysis and method == "capacities":
-        known, one = np.isfinite(data.capacity), {"units": "1"}
-        moved = analysis["sensitivity"].values[:, known] * data.capacity[known]  # d(capacity)/d ln y
-        of_median, of_dispersion = (np.asarray(slope)[known] for slope in _slopes(data.capacity, data.limit))
+        has_capacity, one = np.isfinite(data.capacity), {"units": "1"}
+        capacity_changes = (
+            analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
+        )  # d(capacity)/d ln y
+        median_slopes, dispersion_slopes = (
+            np.asarray(slope)[has_capacity] for slope in _slopes(data.capacity, data.limit)
+        )
         curve["median_sensitivity"] = (
             "parameter",
-            moved @ of_median,
+            capacity_changes @ median_slopes,
             one | {"long_name": "d ln(median)/d ln y"},
         )
         curve["dispersion_sensitivity"] = (
             "parameter",
-            moved @ of_dispersion,
+            capacity_changes @ dispersion_slopes,
             one | {"long_name": "d(dispersion)/d ln y"},
         )
         curve = curve.assign_coords(parameter=analysis["parameter"])
@@ -106,7 +110,8 @@ def _check(analysis: xarray.Dataset, method: str, confidence: float | None) -> N
         raise ValueError(f"{owner}: method must be 'capacities' or 'stripes', got {method!r}")
     if getattr(analysis, "attrs", {}).get("kind") != "incremental-dynamic-analysis":
         raise ValueError(
-            f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got {_short(analysis)}"
+            f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got "
+            f"{_describe_type(analysis)}"
         )
     if confidence is not None and not (isinstance(confidence, int | float) and 0 < confidence < 1):
         raise ValueError(
@@ -114,29 +119,37 @@ def _check(analysis: xarray.Dataset, method: str, confidence: float | None) -> N
         )
 
 
-def _short(value) -> str:
+def _describe_type(value) -> str:
     kind = getattr(value, "attrs", {}).get("kind")
     return f"a dataset of kind {kind!r}" if kind else f"a {type(value).__name__}"
 
 
-def _fitted(method: str, data: _Ensemble) -> Lognormal:
+def _fit(method: str, data: _Ensemble) -> Lognormal:
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.limit)
     else:
         fit = _fit_counts(data.levels, data.overturned.sum(axis=0), data.trials)
     if not np.isfinite(fit.median):
-        raise ValueError(f"fragility: {_why_not(method, data)}")
+        raise ValueError(f"fragility: {_explain_failure(method, data)}")
     return fit
 
 
 def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: str) -> xarray.Dataset:
     import xarray
 
-    of, one, name = {"units": analysis["intensity"].attrs["units"]}, {"units": "1"}, analysis.attrs["measure"]
+    unit_attrs, one, name = (
+        {"units": analysis["intensity"].attrs["units"]},
+        {"units": "1"},
+        analysis.attrs["measure"],
+    )
     observed = analysis["overturned"].values.mean(axis=0)
     return xarray.Dataset(
         {
-            "median_capacity": ((), float(fit.median), of | {"long_name": f"median overturning {name}"}),
+            "median_capacity": (
+                (),
+                float(fit.median),
+                unit_attrs | {"long_name": f"median overturning {name}"},
+            ),
             "dispersion": (
                 (),
                 float(fit.dispersion),
@@ -150,7 +163,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
             "observed": ("intensity", observed, one | {"long_name": "share of overturned records"}),
             "capacity": analysis["capacity"],
         },
-        coords={"at": ("at", x, of | {"long_name": name}), "intensity": analysis["intensity"]},
+        coords={"at": ("at", x, unit_attrs | {"long_name": name}), "intensity": analysis["intensity"]},
         attrs=analysis.attrs | {"title": "Fragility", "kind": "fragility", "method_of_fit": method},
     )
 
@@ -159,24 +172,24 @@ def _add_intervals(
     curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float
 ) -> None:
     records, overturn = data.capacity.size, int(np.isfinite(data.capacity).sum())
-    rests = overturn if method == "capacities" else records
-    if rests < FEW:
-        of = "that overturn " if method == "capacities" else ""
+    count = overturn if method == "capacities" else records
+    if count < MIN_RECORDS:
+        qualifier = "that overturn " if method == "capacities" else ""
         message = (
             f"fragility: the intervals rest on "
-            f"{rests} records {of}only; from fewer than {FEW} they depend on the "
+            f"{count} records {qualifier}only; from fewer than {MIN_RECORDS} they depend on the "
             "form of the distribution more than on the records; use more records, or confidence=None for "
             "the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
-    find = _of_capacities if method == "capacities" else _of_stripes
-    bounds, probit = find(data, fit, curve["at"].values, confidence)
-    said = {
+    find_intervals = _intervals_of_capacities if method == "capacities" else _intervals_of_stripes
+    bounds, probit = find_intervals(data, fit, curve["at"].values, confidence)
+    interval_attrs = {
         "long_name": f"{confidence:.0%} confidence interval",
         "records": records,
         "overturning_records": overturn,
     }
-    curve["interval"] = (("quantity", "bound"), bounds, said)
+    curve["interval"] = (("quantity", "bound"), bounds, interval_attrs)
     for name, band in zip(("lower", "upper"), ndtr(probit), strict=True):
         curve[name] = ("at", band, {"units": "1", "long_name": f"{name} bound of the {confidence:.0%} band"})
     curve.coords["quantity"] = ["median_capacity", "dispersion"]
@@ -184,27 +197,29 @@ def _add_intervals(
     curve.attrs["confidence"] = confidence
 
 
-def _of_capacities(
+def _intervals_of_capacities(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from
     capacities."""
     median, dispersion = float(fit.median), float(fit.dispersion)
-    found = of_capacities(Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence)
+    found = profile_intervals(
+        Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence
+    )
     return np.exp(np.stack([found.log_median, found.log_dispersion])), found.probit
 
 
-def _of_stripes(
+def _intervals_of_stripes(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from counts."""
     others = data.overturned.sum(axis=0) - data.overturned
     without = _fit_each_counts(data.levels, others, data.trials - 1)
-    lost = int(np.sum(~np.isfinite(without.median)))
-    if lost:
+    undetermined = int(np.sum(~np.isfinite(without.median)))
+    if undetermined:
         raise ValueError(
             f"fragility: no interval: without one of "
-            f"{lost} of the {len(others)} records the counts do not determine the "
+            f"{undetermined} of the {len(others)} records the counts do not determine the "
             "dispersion; use more records or closer levels, or confidence=None for the curve alone"
         )
 
@@ -212,7 +227,7 @@ def _of_stripes(
         median, dispersion = (np.asarray(y)[..., None] for y in fits)
         return np.concatenate([np.log(median), np.log(dispersion), np.log(x / median) / dispersion], axis=-1)
 
-    bounds = of_each_left_out(estimates(fit), estimates(without), confidence)
+    bounds = jackknife_intervals(estimates(fit), estimates(without), confidence)
     return np.exp(bounds[:, :2]).T, bounds[:, 2:]
 
 
@@ -224,24 +239,24 @@ _fit_each_counts = KeptProgram(jax.vmap(fit_counts, (None, 0, None)), name="coun
 @KeptProgram
 def _slopes(capacity, limit):
     """Return d ln(median)/d capacity and d dispersion/d capacity, zero for censored capacities."""
-    known = jnp.isfinite(capacity)
+    has_capacity = jnp.isfinite(capacity)
 
     def fit(values):
-        found = fit_capacities(jnp.where(known, values, jnp.inf), limit)
+        found = fit_capacities(jnp.where(has_capacity, values, jnp.inf), limit)
         return jnp.stack([jnp.log(found.median), found.dispersion])
 
-    return jnp.where(known[None], jax.jacrev(fit)(jnp.where(known, capacity, limit)), 0.0)
+    return jnp.where(has_capacity[None], jax.jacrev(fit)(jnp.where(has_capacity, capacity, limit)), 0.0)
 
 
-def _why_not(method: str, data: _Ensemble) -> str:
-    known, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
+def _explain_failure(method: str, data: _Ensemble) -> str:
+    capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
-        if known.size < 2:
+        if capacities.size < 2:
             return (
-                f"{known.size} of {total} records overturn up to "
+                f"{capacities.size} of {total} records overturn up to "
                 f"{data.levels[-1]:g}; raise the highest intensity"
             )
-        return f"the capacities of the {known.size} records that overturn are equal; use other records"
+        return f"the capacities of the {capacities.size} records that overturn are equal; use other records"
     share, levels, cure = data.overturned.mean(axis=0), data.levels, "take other levels or other records"
     if not share.any():
         return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
@@ -258,8 +273,9 @@ def _why_not(method: str, data: _Ensemble) -> str:
             f"{levels[-1]:g}: they do not determine the median; {cure}"
         )
     log = np.log(levels)
-    way = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
+    trend = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
     return (
-        f"the share of overturned records {way} with the intensity, from {share[0]:.0%} at {levels[0]:g} to "
+        f"the share of overturned records {trend} with the intensity, from {share[0]:.0%} at {levels[0]:g} "
+        "to "
         f"{share[-1]:.0%} at {levels[-1]:g}: a lognormal curve must rise; {cure}"
     )

@@ -30,7 +30,7 @@ from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium
 
-from .spectra import numbered
+from .spectra import boundary_axis
 
 if TYPE_CHECKING:
     import xarray
@@ -57,7 +57,7 @@ def pga(records: Records | RecordPairs) -> Measure:
     return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
 
 
-def labels_of(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
+def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
     """Return the label of each record: its name, or numbers from 1."""
     count = len(records)
     labels = list(range(1, count + 1)) if names is None else list(texts(owner, "names", names))
@@ -75,28 +75,30 @@ def _levels(owner: str, intensity) -> np.ndarray:
     return levels
 
 
-def _of_records(places, impacts, certain, unit, of: dict[str, str]) -> dict[str, Any]:
-    """Return the variables over `record`: boundaries, their certain width, and the unscaled intensity; `of`
-    are attributes of the measure."""
-    name = of["long_name"]
+def _record_variables(boundaries, impacts, certain, unit, measure_attrs: dict[str, str]) -> dict[str, Any]:
+    """Return the variables over `record`: boundaries, their certain width, and the unscaled intensity.
+
+    `measure_attrs` are the attributes of the measure.
+    """
+    name = measure_attrs["long_name"]
     return {
-        "capacity": ("record", places[:, 0], of | {"long_name": f"least overturning {name}"}),
+        "capacity": ("record", boundaries[:, 0], measure_attrs | {"long_name": f"least overturning {name}"}),
         "boundaries": (
             ("record", "boundary"),
-            places,
-            of | {"long_name": f"{name} where the verdict changes"},
+            boundaries,
+            measure_attrs | {"long_name": f"{name} where the verdict changes"},
         ),
         "certain_width": (
             "record",
             certain,
-            of | {"long_name": f"no wider interval of {name} below the capacity overturns"},
+            measure_attrs | {"long_name": f"no wider interval of {name} below the capacity overturns"},
         ),
         "boundary_impacts": (
             ("record", "boundary"),
             impacts,
             {"units": "1", "long_name": "impacts before overturning"},
         ),
-        "measure": ("record", unit, of | {"long_name": f"{name} of the unscaled record"}),
+        "measure": ("record", unit, measure_attrs | {"long_name": f"{name} of the unscaled record"}),
     }
 
 
@@ -145,8 +147,8 @@ def incremental_dynamic_analysis(
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
     given = records
-    records, known = as_records(owner, given)
-    labels = labels_of(owner, records, known if names is None else names)
+    records, own_names = as_records(owner, given)
+    labels = record_labels(owner, records, own_names if names is None else names)
     levels = _levels(owner, intensity)
     check_single(owner, podium)
     check_search(owner, width, resolution)
@@ -167,18 +169,18 @@ def incremental_dynamic_analysis(
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
     # Above the first boundary of a long record their number grows with the resolution, without limit.
     found = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
-    places, impacts = found.crossings.table(count)
-    of = {"units": measure.units, "long_name": measure.name}
+    boundaries, impacts = found.crossings.table(count)
+    measure_attrs = {"units": measure.units, "long_name": measure.name}
     import xarray
 
     data = xarray.Dataset(
         data_variables(peaks, options.outputs, ("record", "intensity"))
-        | _of_records(places, impacts, found.certain, unit, of),
+        | _record_variables(boundaries, impacts, found.certain, unit, measure_attrs),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             **record_coords(records, given),
-            "intensity": ("intensity", levels, of),
-            "boundary": numbered(places),
+            "intensity": ("intensity", levels, measure_attrs),
+            "boundary": boundary_axis(boundaries),
         },
         attrs={
             "title": "Incremental dynamic analysis",
@@ -192,7 +194,7 @@ def incremental_dynamic_analysis(
     if sensitivities:
         which, table = np.arange(count, dtype=np.int32), records.common_form()
         slopes = log_sensitivities(
-            podium, places[:, 0] / unit, {"which": which}, tuple(sensitivities), options, records=table
+            podium, boundaries[:, 0] / unit, {"which": which}, tuple(sensitivities), options, records=table
         )
         data["sensitivity"] = (
             ("parameter", "record"),
@@ -205,10 +207,13 @@ def incremental_dynamic_analysis(
 
 def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
     if isinstance(measure, str):
-        known = {"PGA": lambda: pga(records), "scale": lambda: Measure("scale", np.ones(len(records)), "1")}
-        if measure not in known:
+        measures = {
+            "PGA": lambda: pga(records),
+            "scale": lambda: Measure("scale", np.ones(len(records)), "1"),
+        }
+        if measure not in measures:
             raise ValueError(f"{owner}: measure must be 'PGA', 'scale' or a rockjax.Measure, got {measure!r}")
-        measure = known[measure]()
+        measure = measures[measure]()
     require_instance(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
     if np.shape(measure.values) != (len(records),):
         raise ValueError(

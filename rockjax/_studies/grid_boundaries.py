@@ -24,7 +24,7 @@ from rockjax._results import Interrupted
 from rockjax._roots import bisect
 from rockjax._structures import Podium
 
-from .spectra import kinds_of, numbered, stacked
+from .spectra import boundary_axis, group_by_structure, stack_podiums
 
 if TYPE_CHECKING:
     import xarray
@@ -50,29 +50,31 @@ def with_boundaries(
     [`rockjax.Interrupted`][] with the unchanged spectra.
     """
     found: dict[int, xarray.Dataset] = {}
-    for members in kinds_of(podiums).values():
+    for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
         overturned = np.stack([data["overturned"].values.T for data in group])  # podium, frequency, amplitude
         y = group[0]["acceleration_ratio"].values
         which, column, row = np.nonzero(np.diff(overturned, axis=2))
-        places = np.zeros(0)
+        boundaries = np.zeros(0)
         if which.size:
             overturns = _overturns(
                 [podiums[k] for k in members], group, pulse, which, column, options, progress
             )
-            below = overturned[which, column, row]
-            as_below = lambda ratio, below=below, overturns=overturns: overturns(ratio) == below
+            low_outcome = overturned[which, column, row]
+            has_low_outcome = lambda ratio, low_outcome=low_outcome, overturns=overturns: (
+                overturns(ratio) == low_outcome
+            )
             try:
-                low, high = bisect(as_below, y[row], y[row + 1], HALVINGS)
+                low, high = bisect(has_low_outcome, y[row], y[row + 1], HALVINGS)
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
-            places = 0.5 * (low + high)
+            boundaries = 0.5 * (low + high)
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
-            mine, at_once = which == j, np.flatnonzero(overturned[j, :, 0])
-            line = np.concatenate([at_once, column[mine]])
+            of_podium, overturns_first = which == j, np.flatnonzero(overturned[j, :, 0])
+            line = np.concatenate([overturns_first, column[of_podium]])
             order = np.argsort(line, kind="stable")
-            place = np.concatenate([np.full(at_once.size, y[0]), places[mine]])
-            found[k] = _added(data, line[order], place[order])
+            sorted_boundaries = np.concatenate([np.full(overturns_first.size, y[0]), boundaries[of_podium]])
+            found[k] = _add_boundaries(data, line[order], sorted_boundaries[order])
     return [found[k] for k in range(len(podiums))]
 
 
@@ -90,19 +92,19 @@ def _overturns(
     unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which]
     p = np.array([numbers["p_rad_s"] for numbers in derived])[which]
     T_p = pulse_period(p, spectra[0]["frequency_ratio"].values[column])
-    together = stacked(podiums, lambda numbers: numbers[which])
+    combined = stack_podiums(podiums, lambda numbers: numbers[which])
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
         motions = pulse(ratio * unit, T_p)
-        peaks = responses(together, motions, REST, None, options, progress, threading.Event())
+        peaks = responses(combined, motions, REST, None, options, progress, threading.Event())
         return np.broadcast_to(np.asarray(peaks.overturned), ratio.shape)
 
     return overturns
 
 
-def _added(data: xarray.Dataset, column: np.ndarray, places: np.ndarray) -> xarray.Dataset:
-    nothing = np.zeros(column.size, int)
-    table, _ = Crossings(column, places, nothing > 0, nothing).table(data.sizes["frequency_ratio"])
+def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.ndarray) -> xarray.Dataset:
+    zeros = np.zeros(column.size, int)
+    table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
     ratio = {
         "units": "1",
         "long_name": "a_p/(g tan α) where survival changes, between neighbours of the grid",
@@ -111,4 +113,4 @@ def _added(data: xarray.Dataset, column: np.ndarray, places: np.ndarray) -> xarr
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
         boundaries=(("frequency_ratio", "boundary"), table, ratio),
-    ).assign_coords(boundary=numbered(table))
+    ).assign_coords(boundary=boundary_axis(table))

@@ -22,7 +22,7 @@ from scipy.stats import chi2, t
 from rockjax._roots import bisect
 
 _HALVINGS = 48
-_FARTHEST = 60  # greatest number of doublings of a first step
+_MAX_DOUBLINGS = 60  # greatest number of doublings of a first step
 
 
 class Intervals(NamedTuple):
@@ -37,14 +37,14 @@ class Capacities(NamedTuple):
     """Sufficient statistics of lognormal capacities for their likelihood; numbers, or arrays for several
     samples.
 
-    - `known`: number of capacities that are known; `mean`, `variance`: of their logarithms
-    - `beyond`: number that lie above the limit; `log_limit`: its logarithm
+    - `count`: number of capacities that are known; `mean`, `variance`: of their logarithms
+    - `censored`: number that lie above the limit; `log_limit`: its logarithm
     """
 
-    known: np.ndarray
+    count: np.ndarray
     mean: np.ndarray
     variance: np.ndarray
-    beyond: np.ndarray
+    censored: np.ndarray
     log_limit: np.ndarray
 
     @classmethod
@@ -52,45 +52,45 @@ class Capacities(NamedTuple):
         """Return the statistics of capacities (…, n), inf where they lie above the limit."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
-        known = finite.sum(axis=-1)
-        mean = log.sum(axis=-1) / known
-        variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / known
-        return cls(known, mean, variance, capacity.shape[-1] - known, np.log(limit))
+        count = finite.sum(axis=-1)
+        mean = log.sum(axis=-1) / count
+        variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / count
+        return cls(count, mean, variance, capacity.shape[-1] - count, np.log(limit))
 
     @property
     def total(self):
-        return self.known + self.beyond
+        return self.count + self.censored
 
     def likelihood(self, theta, delta):
         """Return the logarithm of the likelihood."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
-        return self.known * (np.log(theta) - 0.5 * z2) + self.beyond * log_ndtr(
+        return self.count * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
             delta - theta * self.log_limit
         )
 
-    def best_on(self, x, probit):
+    def best_at_probit(self, x, probit):
         """Return the greatest log-likelihood of all distributions whose P(capacity ≤ exp(x)) has this
         `probit`."""
-        off, limit = self.mean - x, x - self.log_limit
+        offset, limit = self.mean - x, x - self.log_limit
 
-        def falls(log_theta):
+        def derivative(log_theta):
             theta = np.exp(log_theta)
-            slope = self.known * (1 / theta - (theta * off + probit) * off - theta * self.variance)
-            return slope + self.beyond * _hazard(theta * limit - probit) * limit
+            slope = self.count * (1 / theta - (theta * offset + probit) * offset - theta * self.variance)
+            return slope + self.censored * _hazard(theta * limit - probit) * limit
 
-        theta = np.exp(_zero(falls, -0.5 * np.log(self.variance) + 0 * (x + probit)))
+        theta = np.exp(_find_decreasing_zero(derivative, -0.5 * np.log(self.variance) + 0 * (x + probit)))
         return self.likelihood(theta, theta * x - probit)
 
-    def best_with(self, log_dispersion):
+    def best_at_dispersion(self, log_dispersion):
         """Return the greatest log-likelihood of all distributions with this dispersion."""
         theta = np.exp(-log_dispersion)
 
-        def falls(delta):
-            return self.known * (theta * self.mean - delta) + self.beyond * _hazard(
+        def derivative(delta):
+            return self.count * (theta * self.mean - delta) + self.censored * _hazard(
                 delta - theta * self.log_limit
             )
 
-        return self.likelihood(theta, _zero(falls, theta * self.mean))
+        return self.likelihood(theta, _find_decreasing_zero(derivative, theta * self.mean))
 
 
 def _hazard(z):
@@ -98,30 +98,34 @@ def _hazard(z):
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
 
-def _past(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
+def _first_failing(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
     """Return the first place at which a condition fails, with steps from `start` that double."""
     place, step = start, 0.5
-    for _ in range(_FARTHEST):
-        moves = holds(place)
-        if not np.any(moves):
+    for _ in range(_MAX_DOUBLINGS):
+        holding = holds(place)
+        if not np.any(holding):
             break
-        place, step = np.where(moves, start + sign * step, place), 2 * step
+        place, step = np.where(holding, start + sign * step, place), 2 * step
     return place
 
 
-def _change(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
+def _find_zero(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
     """Return the zeros of f, a function of arrays, between places where it is > 0 and places where it is
     not."""
     positive, negative = bisect(lambda y: f(y) > 0, positive, negative, _HALVINGS)
     return 0.5 * (positive + negative)
 
 
-def _zero(falls: Callable, start: np.ndarray) -> np.ndarray:
+def _find_decreasing_zero(derivative: Callable, start: np.ndarray) -> np.ndarray:
     """Return the zero of a decreasing function of arrays."""
-    return _change(falls, _past(lambda y: falls(y) <= 0, start, -1), _past(lambda y: falls(y) > 0, start, 1))
+    return _find_zero(
+        derivative,
+        _first_failing(lambda y: derivative(y) <= 0, start, -1),
+        _first_failing(lambda y: derivative(y) > 0, start, 1),
+    )
 
 
-def of_capacities(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
+def profile_intervals(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
     """Return intervals by profile likelihood of a distribution fitted to capacities.
 
     - `capacities`: statistics of the capacities
@@ -132,42 +136,42 @@ def of_capacities(capacities: Capacities, median, dispersion, at, confidence: fl
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     best = capacities.likelihood(1 / dispersion, mu / dispersion)
-    reach = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of 2 ln(likelihood)
+    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of 2 ln(likelihood)
 
-    def both(inside: Callable, start) -> np.ndarray:
-        ends = (_past(lambda y: inside(y) > 0, start, sign) for sign in (-1, 1))
-        return np.stack([_change(inside, start, end) for end in ends])
+    def bounds(excess: Callable, start) -> np.ndarray:
+        ends = (_first_failing(lambda y: excess(y) > 0, start, sign) for sign in (-1, 1))
+        return np.stack([_find_zero(excess, start, end) for end in ends])
 
     x = np.log(at)
     return Intervals(
-        both(lambda y: reach - 2 * (best - capacities.best_on(y, 0.0)), mu),
+        bounds(lambda y: allowed_fall - 2 * (best - capacities.best_at_probit(y, 0.0)), mu),
         np.stack(
             [_dispersion(capacities, np.log(dispersion), best, chi2.ppf(p, n - 1) / n) for p in (high, low)]
         ),
-        both(lambda q: reach - 2 * (best - capacities.best_on(x, q)), (x - mu) / dispersion),
+        bounds(lambda q: allowed_fall - 2 * (best - capacities.best_at_probit(x, q)), (x - mu) / dispersion),
     )
 
 
 def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
     """Return the ln(dispersion) at which the profile has the value that it has, without censoring, for a
     variance of `ratio` times the dispersion squared."""
-    wanted = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
+    target = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
-    def above(y):
-        fall = 2 * (best - capacities.best_with(y))
-        return np.sign(log_dispersion - y) * np.sqrt(np.maximum(fall, 0.0)) - wanted
+    def residual(y):
+        fall = 2 * (best - capacities.best_at_dispersion(y))
+        return np.sign(log_dispersion - y) * np.sqrt(np.maximum(fall, 0.0)) - target
 
-    return _zero(above, log_dispersion)
+    return _find_decreasing_zero(residual, log_dispersion)
 
 
-def of_each_left_out(whole: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
-    """Return intervals (2, …) of estimates `whole` (…) by the jackknife, from the estimates `without` (n, …)
-    each record.
+def jackknife_intervals(estimate: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
+    """Return intervals (2, …) of estimates (…) by the jackknife, from the estimates `without` each record,
+    (n, …).
 
     They are corrected for bias, and their width uses Student's t.
     """
     n = len(without)
     mean = without.mean(axis=0)
     error = np.sqrt((n - 1) / n * np.sum((without - mean) ** 2, axis=0))
-    middle, half = n * whole - (n - 1) * mean, float(t.ppf((1 + confidence) / 2, n - 1)) * error
+    middle, half = n * estimate - (n - 1) * mean, float(t.ppf((1 + confidence) / 2, n - 1)) * error
     return np.stack([middle - half, middle + half])

@@ -24,7 +24,7 @@ from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._structures import Podium
 
-from .spectra import check_resumed_parameters, check_resumes, numbered
+from .spectra import boundary_axis, check_resumed_parameters, check_resumes
 
 if TYPE_CHECKING:
     import xarray
@@ -103,7 +103,7 @@ def overturning_spectrum(
 
 
 def check_overturning_resumes(
-    known: xarray.Dataset,
+    spectrum: xarray.Dataset,
     podium: Podium,
     pulse,
     frequency_ratio,
@@ -114,7 +114,7 @@ def check_overturning_resumes(
     """Raise `ValueError` unless a spectrum is one that [`overturning_spectrum`][] would return for these
     arguments.
 
-    - `known`: spectrum to resume
+    - `spectrum`: spectrum to resume
     - `podium`, `pulse`, `frequency_ratio`, `max_acceleration_ratio`, `sensitivities`, `options`: as for
       `overturning_spectrum`
     """
@@ -122,8 +122,8 @@ def check_overturning_resumes(
     attributes = _attributes(podium, pulse, options) | {
         "max_acceleration_ratio": float(max_acceleration_ratio)
     }
-    check_resumes(owner, known, attributes, {"frequency_ratio": frequency_ratio})
-    check_resumed_parameters(owner, known, sensitivities)
+    check_resumes(owner, spectrum, attributes, {"frequency_ratio": frequency_ratio})
+    check_resumed_parameters(owner, spectrum, sensitivities)
 
 
 def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
@@ -137,17 +137,17 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -> xarray.Dataset:
     import xarray
 
-    places, impacts = found.crossings.table(x.size)
+    boundaries, impacts = found.crossings.table(x.size)
     T_p = pulse_period(derived["p_rad_s"], x)
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
         {
             "minimum": (
                 "frequency_ratio",
-                places[:, 0],
+                boundaries[:, 0],
                 ratio | {"long_name": "least overturning a_p/(g tan α)"},
             ),
-            "boundaries": (("frequency_ratio", "boundary"), places, ratio),
+            "boundaries": (("frequency_ratio", "boundary"), boundaries, ratio),
             "impacts": (
                 ("frequency_ratio", "boundary"),
                 impacts,
@@ -165,12 +165,12 @@ def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -
             ),
         },
         coords={
-            "boundary": numbered(places),
+            "boundary": boundary_axis(boundaries),
             "frequency_ratio": ("frequency_ratio", x, variable_attributes("frequency_ratio")),
             "T_p": ("frequency_ratio", T_p, variable_attributes("T_p")),
             "minimum_a_p": (
                 "frequency_ratio",
-                places[:, 0] * derived["g_tan_alpha_m_s2"],
+                boundaries[:, 0] * derived["g_tan_alpha_m_s2"],
                 {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
             ),
         },

@@ -21,13 +21,13 @@ from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._structures import Podium
 
-from .fragility import ENSEMBLE, labels_of
+from .fragility import ENSEMBLE, record_labels
 
 if TYPE_CHECKING:
     import xarray
 
 
-OF_SIZE = ("R_m", "p_rad_s")  # attributes of a podium of one size
+SIZE_ATTRIBUTES = ("R_m", "p_rad_s")  # attributes of a podium of one size
 
 
 def record_spectrum(
@@ -64,8 +64,8 @@ def record_spectrum(
     owner = "record_spectrum"
     check_types(owner, podium, options)
     given = records
-    records, known = as_records(owner, given)
-    count, labels = len(records), labels_of(owner, records, known if names is None else names)
+    records, own_names = as_records(owner, given)
+    count, labels = len(records), record_labels(owner, records, own_names if names is None else names)
     sizes = np.asarray(as_float(p, f"{owner}: p"))
     if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
         raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
@@ -95,13 +95,17 @@ def record_spectrum(
     displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - sway))
     import xarray
 
-    one, of = {"units": "1"}, ("record", "p")
+    one, dims = {"units": "1"}, ("record", "p")
     return xarray.Dataset(
         {
-            "demand": (of, (1 / least).reshape(shape), one | {"long_name": "PGA over least overturning PGA"}),
-            "peak_rotation": (of, rotation, one | {"long_name": "max|θ|/α"}),
-            "overturned": (of, overturned, {"long_name": "overturned"}),
-            "top_displacement": (of, displacement, {"units": "m", "long_name": "max|u_b|"}),
+            "demand": (
+                dims,
+                (1 / least).reshape(shape),
+                one | {"long_name": "PGA over least overturning PGA"},
+            ),
+            "peak_rotation": (dims, rotation, one | {"long_name": "max|θ|/α"}),
+            "overturned": (dims, overturned, {"long_name": "overturned"}),
+            "top_displacement": (dims, displacement, {"units": "m", "long_name": "max|u_b|"}),
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
@@ -115,7 +119,7 @@ def record_spectrum(
             "max_scale": top,
             "scenes": cells.size + found.scenes,
             "certain_width": float(np.max(found.certain)),
-            **{k: y for k, y in describe_podium(podium).items() if k not in OF_SIZE},
+            **{k: y for k, y in describe_podium(podium).items() if k not in SIZE_ATTRIBUTES},
             **describe_options(options),
         },
     )

@@ -62,7 +62,7 @@ def rocking_spectrum(
     `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
     `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to unknown parameters.
     """
-    known = None if resume is None else [resume]
+    resumed = None if resume is None else [resume]
     try:
         (spectrum,) = rocking_spectra(
             [podium],
@@ -71,7 +71,7 @@ def rocking_spectrum(
             acceleration_ratio,
             options=options,
             progress=progress,
-            resume=known,
+            resume=resumed,
             sensitivities=sensitivities,
         )
     except Interrupted as interrupted:
@@ -119,60 +119,62 @@ def rocking_spectra(
         of_scenes(owner, podium, pulse(1.0, 1.0), names)
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
     require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
-    kinds = list(kinds_of(podiums).values())
+    groups = list(group_by_structure(podiums).values())
     import_in_background(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]
 
-    known = _known(owner, resume, podiums, pulse, axes, options, names)
+    resumed = _check_resumed(owner, resume, podiums, pulse, axes, options, names)
     stop = threading.Event()
 
     def solve(members: list[int]) -> list[xarray.Dataset | None]:
         T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha_m_s2"] for k in members])
-        together = stacked([podiums[k] for k in members], lambda y: y[:, None, None])
+        combined = stack_podiums([podiums[k] for k in members], lambda y: y[:, None, None])
         numbers = a_p[:, :, None], T_p[:, None, :]
         shape = np.broadcast_shapes(*(y.shape for y in numbers))
-        todo = np.stack([_unsolved(known[k], shape[1:]) for k in members])
-        if not todo.any():
-            return [known[k] for k in members]
-        if not todo.all():  # only the unsolved scenes, as a flat batch
-            chosen = lambda y: np.broadcast_to(y, shape)[todo] if np.ndim(y) else y
-            together, numbers = jax.tree.map(chosen, (together, numbers))
+        unsolved = np.stack([_find_unsolved(resumed[k], shape[1:]) for k in members])
+        if not unsolved.any():
+            return [resumed[k] for k in members]
+        if not unsolved.all():  # only the unsolved scenes, as a flat batch
+            select = lambda y: np.broadcast_to(y, shape)[unsolved] if np.ndim(y) else y
+            combined, numbers = jax.tree.map(select, (combined, numbers))
         try:
             motions = pulse(*numbers)
-            peaks = responses(together, motions, REST, None, options, progress, stop, sensitivities=names)
+            peaks = responses(combined, motions, REST, None, options, progress, stop, sensitivities=names)
             warn_of_failures(peaks, stacklevel=2)
         except Interrupted as interrupted:
             if interrupted.partial is None:
-                return [known[k] for k in members]
+                return [resumed[k] for k in members]
             peaks = interrupted.partial
-        if not todo.all():
-            peaks = jax.tree.map(lambda y: _placed(y, todo), peaks)
-        each = [jax.tree.map(lambda y, j=j: y[j], peaks) for j in range(len(members))]
+        if not unsolved.all():
+            peaks = jax.tree.map(lambda y: _place_values(y, unsolved), peaks)
+        member_peaks = [jax.tree.map(lambda y, j=j: y[j], peaks) for j in range(len(members))]
         return [
-            _with(known[k], _dataset(podiums[k], pulse, axes, a_p[j], T_p[j], each[j], options))
+            _merge_resumed(
+                resumed[k], _dataset(podiums[k], pulse, axes, a_p[j], T_p[j], member_peaks[j], options)
+            )
             for j, k in enumerate(members)
         ]
 
-    solved = _side_by_side(solve, kinds, stop)
+    solved = _solve_groups(solve, groups, stop)
     # Ctrl-C may come before the last kind has begun.
-    solved += [[known[k] for k in members] for members in kinds[len(solved) :]]
-    spectra = {k: data for pair in zip(kinds, solved, strict=True) for k, data in zip(*pair, strict=True)}
+    solved += [[resumed[k] for k in members] for members in groups[len(solved) :]]
+    spectra = {k: data for pair in zip(groups, solved, strict=True) for k, data in zip(*pair, strict=True)}
     ordered = [spectra[k] for k in sorted(spectra)]
     size = (axes["acceleration_ratio"].size, axes["frequency_ratio"].size)
-    left = sum(int(_unsolved(data, size).sum()) for data in ordered)
-    if left or stop.is_set():
+    unsolved_count = sum(int(_find_unsolved(data, size).sum()) for data in ordered)
+    if unsolved_count or stop.is_set():
         total = len(podiums) * size[0] * size[1]
-        raise Interrupted(f"stopped with {total - left} of {total} scenes solved", ordered)
+        raise Interrupted(f"stopped with {total - unsolved_count} of {total} scenes solved", ordered)
     return [data for data in ordered if data is not None]
 
 
-def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], stop: threading.Event) -> list:
+def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
     """Return the results of all kinds that were started: one is compiled while another runs. Ctrl-C sets
     `stop`."""
     futures = []
     try:
-        for members in kinds:
+        for members in groups:
             futures.append(submit(solve, members))
         concurrent.futures.wait(futures)
     except KeyboardInterrupt:
@@ -180,25 +182,25 @@ def _side_by_side(solve: Callable[[list[int]], Any], kinds: list[list[int]], sto
     return [future.result() for future in futures]
 
 
-def kinds_of(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
+def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
     """Return the podiums that can share one batch: their indices, by the structure of their pytrees.
 
     Those that take longest to compile come first.
     """
-    kinds: dict[Any, list[int]] = {}
+    groups: dict[Any, list[int]] = {}
     for k, podium in sorted(enumerate(podiums), key=lambda each: not each[1].vibrates):
-        kinds.setdefault(jax.tree.structure(podium.split()), []).append(k)
-    return kinds
+        groups.setdefault(jax.tree.structure(podium.split()), []).append(k)
+    return groups
 
 
-def stacked(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
+def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
     """Return podiums of one kind as one: numbers common to all are unchanged, others (n,) are shaped by
     `per_podium`."""
     stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else per_podium(np.asarray(y))
     return jax.tree.map(stack, *(podium.split() for podium in podiums))
 
 
-def numbered(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
+def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
     """Return the coordinate along the columns of a table of boundaries."""
     return "boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"}
 
@@ -215,7 +217,7 @@ def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarr
     return axes
 
 
-def _known(
+def _check_resumed(
     owner: str,
     resume,
     podiums: Sequence[Podium],
@@ -227,69 +229,69 @@ def _known(
     """Return the spectra solved already, checked: a spectrum or None for each podium."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {format_value(resume)}")
-    known = list(resume) if resume is not None else [None] * len(podiums)
-    if len(known) != len(podiums):
+    resumed = list(resume) if resume is not None else [None] * len(podiums)
+    if len(resumed) != len(podiums):
         raise ValueError(
             f"rocking_spectrum: resume must hold one spectrum or None per podium, got "
-            f"{len(known)} for {len(podiums)}"
+            f"{len(resumed)} for {len(podiums)}"
         )
-    for podium, data in zip(podiums, known, strict=True):
+    for podium, data in zip(podiums, resumed, strict=True):
         if data is not None:
             check_resumes(owner, data, _attributes(podium, pulse, options), axes)
             check_resumed_parameters(owner, data, sensitivities)
-    return known
+    return resumed
 
 
-def _unsolved(known: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
+def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
     """Return the scenes of a spectrum that are still to be solved."""
-    return np.ones(shape, bool) if known is None else np.asarray(known["result"] == results.INTERRUPTED)
+    return np.ones(shape, bool) if resumed is None else np.asarray(resumed["result"] == results.INTERRUPTED)
 
 
-def _placed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
-    whole = np.zeros((*where.shape, *values.shape[1:]), values.dtype)
-    whole[where] = values
-    return whole
+def _place_values(values: np.ndarray, where: np.ndarray) -> np.ndarray:
+    full = np.zeros((*where.shape, *values.shape[1:]), values.dtype)
+    full[where] = values
+    return full
 
 
-def _with(known: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
+def _merge_resumed(resumed: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
     """Return a spectrum, completed by the scenes that were known before."""
-    if known is None:
+    if resumed is None:
         return new
-    solved = ~_unsolved(known, ())
+    solved = ~_find_unsolved(resumed, ())
     for name, values in new.data_vars.items():
-        kept = solved.reshape(solved.shape + (1,) * (values.ndim - solved.ndim))
-        values.values[...] = np.where(kept, known[name].values, values.values)
+        keep = solved.reshape(solved.shape + (1,) * (values.ndim - solved.ndim))
+        values.values[...] = np.where(keep, resumed[name].values, values.values)
     return new
 
 
 def check_resumes(
-    owner: str, known: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]
+    owner: str, spectrum: xarray.Dataset, attributes: dict[str, Any], axes: dict[str, np.ndarray]
 ) -> None:
     """Raise `ValueError` unless a spectrum to resume has these attributes and axes.
 
     - `owner`: name of the calling function, for messages
-    - `known`: spectrum to resume
+    - `spectrum`: spectrum to resume
     - `attributes`: name → value that its attributes must have; `axes`: name → values of its axes
     """
-    if not hasattr(known, "coords"):
-        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {format_value(known)}")
+    if not hasattr(spectrum, "coords"):
+        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {format_value(spectrum)}")
     for name, values in axes.items():
-        if name not in known.coords or not np.array_equal(known[name].values, values):
+        if name not in spectrum.coords or not np.array_equal(spectrum[name].values, values):
             raise ValueError(
                 f"{owner}: the spectrum to resume has another axis {name}; repeat the call that was "
                 "interrupted"
             )
     for name, value in attributes.items():
-        found = known.attrs.get(name)
+        found = spectrum.attrs.get(name)
         if found != value:
             raise ValueError(
                 f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}"
             )
 
 
-def check_resumed_parameters(owner: str, known: xarray.Dataset, sensitivities: Sequence[str]) -> None:
+def check_resumed_parameters(owner: str, spectrum: xarray.Dataset, sensitivities: Sequence[str]) -> None:
     """Raise `ValueError` unless a spectrum to resume has sensitivities to these parameters."""
-    if (list(known["parameter"].values) if "parameter" in known.coords else []) != list(sensitivities):
+    if (list(spectrum["parameter"].values) if "parameter" in spectrum.coords else []) != list(sensitivities):
         raise ValueError(
             f"{owner}: the spectrum to resume has other sensitivities; repeat the call that was interrupted"
         )

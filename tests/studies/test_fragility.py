@@ -10,9 +10,9 @@ import xarray
 
 import rockjax as rj
 from rockjax import _lognormal
-from rockjax._studies.curve import FEW
+from rockjax._studies.curve import MIN_RECORDS
 from rockjax._studies.fragility import ENSEMBLE
-from rockjax._studies.intervals import Capacities, of_capacities
+from rockjax._studies.intervals import Capacities, profile_intervals
 from tests.scenes import PODIUMS, shaking
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -368,7 +368,7 @@ def test_records_that_never_overturn_are_censored(analysis):
     levels = np.sort(data["capacity"].values)[[0, 4]] * [1.0, 1.001]
     low = rj.incremental_dynamic_analysis(BLOCK, table, levels, resolution=64)
     known = np.isfinite(low["capacity"].values)
-    assert known.sum() >= FEW
+    assert known.sum() >= MIN_RECORDS
     assert known.sum() < 8
     curve = rj.fragility(low)
     assert float(curve["median_capacity"]) > np.exp(np.log(low["capacity"].values[known]).mean())
@@ -403,7 +403,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
     median, dispersion = (np.asarray(y) for y in fits)
     good = np.isfinite(median)
     of = Capacities.of(drawn[good], limit)
-    found = of_capacities(of, median[good], dispersion[good], np.array([[0.6], [1.6]]), 0.9)
+    found = profile_intervals(of, median[good], dispersion[good], np.array([[0.6], [1.6]]), 0.9)
     held = lambda bounds, truth: np.mean((bounds[0] <= truth) & (truth <= bounds[1]), axis=-1)
     shares = [held(found.log_median, 0), held(found.log_dispersion, np.log(0.4))]
     shares += list(held(found.probit, np.log([[0.6], [1.6]]) / 0.4))
