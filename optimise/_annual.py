@@ -16,7 +16,7 @@ from rockjax.internal import (
     AnyMotions,
     as_motions,
     fit_capacities,
-    measured_as,
+    measure_by_label,
     require_instance,
     require_number,
     single_motions,
@@ -85,7 +85,7 @@ class AnnualFrequency(AbstractScaleTarget):
         if len(motions) < 2:
             raise ValueError(f"{owner}: suite must hold two motions or more, got one")
         try:
-            sizes = [measured_as(motion, hazard.measure) for motion in motions]
+            sizes = [measure_by_label(motion, hazard.measure) for motion in motions]
         except ValueError as error:
             raise ValueError(f"{owner}: of the hazard, {error}") from None
         if min(sizes) == 0:

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax.internal import PULSES, Reader, format_call, load_table, models, parameters_of, periods, read
+from rockjax.internal import (
+    PULSES,
+    Reader,
+    format_call,
+    load_table,
+    models,
+    parameters_of,
+    pulse_periods,
+    read,
+)
 from rockjax.internal import problem_key as key
 
 from ._annual import AnnualFrequency
@@ -295,7 +304,7 @@ class _Reader(Reader):
                 if name not in known:
                     self.fail(f"minimise.cost.{name}", f"is not known; known are {', '.join(known)}")
             with self.at("minimise"):
-                suite = motions[self.named(motions, entry.motions, "minimise.motions")]
+                suite = motions[self.require_set(motions, entry.motions, "minimise.motions")]
                 risk = AnnualFrequency(
                     1.0,
                     self.hazard(entry.hazard),
@@ -312,7 +321,7 @@ class _Reader(Reader):
             self.fail("minimise.quantity", f"must be one of {every}, got {entry.quantity!r}")
         if entry.motions is None:
             self.fail("minimise", f"motions is missing; name the set of [motions] for {entry.quantity}")
-        return WORST[entry.quantity](motions[self.named(motions, entry.motions, "minimise.motions")])
+        return WORST[entry.quantity](motions[self.require_set(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:
         """Return the hazard curve in a file beside this one."""
@@ -327,12 +336,12 @@ class _Reader(Reader):
         with self.at(at):
             given: dict[str, Any] = entry.given("kind")
             if "motions" in given:
-                given["motions"] = motions[self.named(motions, entry.motions, f"{at}.motions")]
+                given["motions"] = motions[self.require_set(motions, entry.motions, f"{at}.motions")]
             if "hazard" in given:
                 given["hazard"] = self.hazard(entry.hazard)
             if "pulse" in given:
-                models.one_of(given, "T_p", "frequency_ratio")
-                given |= {"pulse": PULSES[entry.pulse], "T_p": periods(entry, podium)}
+                models.require_one(given, "T_p", "frequency_ratio")
+                given |= {"pulse": PULSES[entry.pulse], "T_p": pulse_periods(entry, podium)}
                 given.pop("frequency_ratio", None)
             if "motion" in given:
                 with self.at(f"{at}.motion"):

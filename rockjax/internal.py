@@ -18,7 +18,7 @@ from ._excitations.pulses import PULSES
 from ._files import as_json, write_atomically, write_figure
 from ._lognormal import fit_capacities
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, as_motions, as_pulse, single_motions
-from ._motions.intensity import measured_as
+from ._motions.intensity import measure_by_label
 from ._options import PEAKS
 from ._parameters.table import (
     DIMENSIONS,
@@ -33,7 +33,7 @@ from ._parameters.table import (
 from ._parameters.variants import find_parameter, has_parameter, parameters_of, read, with_values
 from ._problem import models
 from ._problem.models import key as problem_key
-from ._problem.reading import Reader, load_table, periods
+from ._problem.reading import Reader, load_table, pulse_periods
 from ._programs.key import TracedFunction
 from ._programs.program import KeptProgram
 from ._progress import bar
@@ -91,15 +91,15 @@ __all__ = [
     "html",
     "limit_state",
     "load_table",
-    "measured_as",
+    "measure_by_label",
     "models",
     "motion_parameter",
     "numbered_parameter",
     "parameters_of",
     "parse_limit",
-    "periods",
     "probability_at",
     "problem_key",
+    "pulse_periods",
     "read",
     "records_from_samples",
     "require",

@@ -9,7 +9,7 @@ import typer
 import typer.core
 
 from ._context import COMMAND
-from ._run import INTERRUPTED, NO_ANSWER, WRONG_INPUT, flowing
+from ._run import INTERRUPTED, NO_ANSWER, WRONG_INPUT, unwrap_docstring
 from ._terminal import terminal
 
 
@@ -55,7 +55,7 @@ def about(
     del version
 
 
-app.callback(help=flowing(about))(about)
+app.callback(help=unwrap_docstring(about))(about)
 
 
 def main() -> None:

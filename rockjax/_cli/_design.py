@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._given import Given
 from ._options import Output, accuracy, options_of, structure_options
-from ._outputs import outputs
+from ._outputs import parse_outputs
+from ._request import Request
 from ._run import INTERRUPTED, Report, command
 
 
 @command(structure_options(), options_of(models.Problem, "starts", "seed"), accuracy(rtol=None))
-def design(given: Given, report: Report, output: Output = "rockjax-design") -> None:
+def design(request: Request, report: Report, output: Output = "rockjax-design") -> None:
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
     minimise.
 
@@ -28,14 +28,14 @@ def design(given: Given, report: Report, output: Output = "rockjax-design") -> N
 
     optimise = extension("design")
 
-    if given.path is None:
+    if request.path is None:
         raise ValueError("design: needs a problem file (TOML), or --example column")
-    to = outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
-    asked = optimise.problem_of(given.merged, given.path, given.reader.set_by_options)
-    found, written, stopped = optimise.design_command(asked, to.prefix, report.quiet, to.format)
+    files = parse_outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
+    asked = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
+    found, written, stopped = optimise.design_command(asked, files.prefix, report.quiet, files.format)
     report.say(str(found))
     for path in written:
-        report.wrote(path)
+        report.add_file(path)
     report.facts |= {name: value for name, value in optimise.account(found).items() if name != "history"}
     if stopped is not None:
         report.error(f"{stopped}; the best design so far is kept", INTERRUPTED)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 from rockjax._problem import models
 from rockjax._problem.models import MOTION
 
-from ._given import Given, records_of
-from ._options import ONE, Output, accuracy, argument, option, options_of, structure_options
-from ._outputs import Outputs, outputs
+from ._options import SINGLE_DEFAULTS, Output, accuracy, argument, option, options_of, structure_options
+from ._outputs import Outputs, parse_outputs
+from ._request import Request, read_records
 from ._run import Report, command
 
 if TYPE_CHECKING:
@@ -24,13 +24,13 @@ FILES = ("units", "dt", "component", "pattern", "paired")
 
 
 @command(
-    structure_options(**ONE),
+    structure_options(**SINGLE_DEFAULTS),
     options_of(models.Suite, *FILES),
     options_of(models.Fragility),
     accuracy(rtol=1e-9, overturn_ratio=1.0),
 )
 def fragility(
-    given: Given,
+    request: Request,
     report: Report,
     inputs: Annotated[
         list[Path] | None,
@@ -68,20 +68,20 @@ def fragility(
     from rockjax._motions.convert import make_unique
     from rockjax._structures import g_tan_alpha
 
-    to = outputs(output, "rockjax-fragility").check(("fragility", "ida"))
-    podium, levels, options = given.podium(), given.settings, given.options()
-    found = _suite(given, synthetic, inputs or [])
-    measure = _measure(levels, found)
-    if levels.intensity is None:
+    files = parse_outputs(output, "rockjax-fragility").check(("fragility", "ida"))
+    podium, settings, options = request.podium(), request.settings, request.options()
+    found = _suite(request, synthetic, inputs or [])
+    measure = _measure(settings, found)
+    if settings.intensity is None:
         highest = (
             HIGHEST
             * float(g_tan_alpha(podium.alpha, podium.g))
             * float(np.median(measure.values / np.array([m.pga for m in found])))
         )
-        low, high = highest / levels.levels, highest
+        low, high = highest / settings.levels, highest
     else:
-        low, high = levels.intensity
-    x = np.linspace(low, high, levels.levels)
+        low, high = settings.intensity
+    x = np.linspace(low, high, settings.levels)
     report.note(
         f"{len(found)} records of up to "
         f"{max(map(len, found))} samples × {x.size} levels, and their boundaries"
@@ -93,80 +93,80 @@ def fragility(
             x,
             measure=measure,
             names=make_unique(found.names),
-            sensitivities=levels.sensitivities,
+            sensitivities=settings.sensitivities,
             options=options,
             progress=bar,
         )
-    _finish(report, to, analysis, levels)
+    _finish(report, files, analysis, settings)
 
 
-def _finish(report: Report, to: Outputs, analysis: xarray.Dataset, how: models.Fragility) -> None:
+def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: models.Fragility) -> None:
     """Fit the curve, report it and write the files."""
     import numpy as np
 
     from rockjax._units import displayed_or_empty
 
-    name, of = analysis.attrs["measure"], displayed_or_empty(analysis["intensity"].attrs["units"])
-    in_units = f" {of}" if of else ""
+    name, unit = analysis.attrs["measure"], displayed_or_empty(analysis["intensity"].attrs["units"])
+    unit_suffix = f" {unit}" if unit else ""
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
-    count, reached = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
+    count, overturning = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
     failed = int((analysis["result"] > 2).sum())
     report.say(
         f"{count} records at "
-        f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{in_units}: "
-        f"{analysis.attrs['scenes']} scenes, {reached} of the records overturn"
+        f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{unit_suffix}: "
+        f"{analysis.attrs['scenes']} scenes, {overturning} of the records overturn"
     )
     report.facts |= {
         "records": count,
-        "overturning_records": reached,
+        "overturning_records": overturning,
         "scenes": analysis.attrs["scenes"],
         "measure": name,
     }
-    curve = _curve(report, analysis, how)
+    curve = _curve(report, analysis, settings)
     if curve is None:
         # Keep the analysis: it is expensive and shows what to change.
-        report.write(to.data(), analysis)
-        report.draw(to.picture("ida"), "incremental_dynamic_analysis", analysis)
+        report.write(files.data(), analysis)
+        report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
-    report.write(to.data(), curve, {"analysis": analysis})
-    report.draw(to.picture("fragility"), "fragility", curve)
-    report.draw(to.picture("ida"), "incremental_dynamic_analysis", analysis)
+    report.write(files.data(), curve, {"analysis": analysis})
+    report.draw(files.picture("fragility"), "fragility", curve)
+    report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
-    of_median = of_dispersion = ""
-    report.facts |= {"units": of or "1", "median": median, "dispersion": dispersion}
+    median_note = dispersion_note = ""
+    report.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
         (a, b), (c, d) = np.asarray(curve["interval"].transpose("quantity", "bound"))
-        share = f", {how.confidence:.0%} interval"
-        of_median, of_dispersion = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
+        share = f", {settings.confidence:.0%} interval"
+        median_note, dispersion_note = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
         report.facts |= {
             "median_interval": [a, b],
             "dispersion_interval": [c, d],
-            "confidence": how.confidence,
+            "confidence": settings.confidence,
         }
-    report.say(f"median overturning {name}: {median:.4g}{in_units}{of_median}")
-    report.say(f"dispersion: {dispersion:.3f}{of_dispersion}")
+    report.say(f"median overturning {name}: {median:.4g}{unit_suffix}{median_note}")
+    report.say(f"dispersion: {dispersion:.3f}{dispersion_note}")
     if "median_sensitivity" in curve:
-        prices = dict(
+        slopes = dict(
             zip(curve["parameter"].values.tolist(), curve["median_sensitivity"].values.tolist(), strict=True)
         )
-        for parameter, value in prices.items():
+        for parameter, value in slopes.items():
             report.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
-        report.facts["median_sensitivity"] = prices
+        report.facts["median_sensitivity"] = slopes
     if failed:
         from rockjax._results import explain_failures
 
         report.error(explain_failures(analysis["result"]))
 
 
-def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> xarray.Dataset | None:
+def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
     """Return the curve with intervals, without them if they cannot be computed, or None if no curve fits."""
     import rockjax as rj
 
     try:
-        return rj.fragility(analysis, method=how.method, confidence=how.confidence)
+        return rj.fragility(analysis, method=settings.method, confidence=settings.confidence)
     except ValueError as error:
         try:
-            curve = rj.fragility(analysis, method=how.method, confidence=None)
+            curve = rj.fragility(analysis, method=settings.method, confidence=None)
         except ValueError:
             report.error(f"no curve: {error}")
             return None
@@ -174,44 +174,44 @@ def _curve(report: Report, analysis: xarray.Dataset, how: models.Fragility) -> x
         return curve
 
 
-def _suite(given: Given, synthetic: int | None, paths: list[Path]) -> Motions:
+def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motions:
     """Return the chosen records: files, synthetic ones, or a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:
         raise ValueError("--synthetic: give files or synthetic motions, not both")
     if synthetic is not None:
-        return synthetic_motions(synthetic, seed=given.settings.seed)
-    chosen = given.chosen(FILES)
+        return synthetic_motions(synthetic, seed=request.settings.seed)
+    chosen = request.chosen(FILES)
     if paths:
         paired = chosen.pop("paired", False)
-        found = records_of(given.reader, paths, chosen)
+        found = read_records(request.reader, paths, chosen)
         return found.paired() if paired else found
-    sets = given.problem.motions
+    sets = request.problem.motions
     if not sets:
         raise ValueError(
             "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
         )
     for name in chosen:
         raise ValueError(f"--{name}: is for files that are named here, not in the problem file")
-    return given.reader.recorded(sets, given.set_name(given.settings.motions, "motions"))
+    return request.reader.records(sets, request.set_name(request.settings.motions, "motions"))
 
 
-def _measure(levels: models.Fragility, found: Motions) -> rj.Measure:
+def _measure(settings: models.Fragility, found: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
-    from rockjax._motions.intensity import measured_as
+    from rockjax._motions.intensity import measure_by_label
 
-    name = levels.measure
-    if name != "Sa" and levels.measure_period is not None:
+    name = settings.measure
+    if name != "Sa" and settings.measure_period is not None:
         raise ValueError(
             f"--measure-period: is for Sa only; leave it out, or use --measure Sa instead of {name}"
         )
-    if name == "Sa" and levels.measure_period is None:
+    if name == "Sa" and settings.measure_period is None:
         raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
     if name == "scale":
         return rj.Measure(name, np.ones(len(found)), "1")
-    label = f"Sa({levels.measure_period:g} s)" if name == "Sa" else name
-    values = np.array([measured_as(motion, label) for motion in found])
+    label = f"Sa({settings.measure_period:g} s)" if name == "Sa" else name
+    values = np.array([measure_by_label(motion, label) for motion in found])
     return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")

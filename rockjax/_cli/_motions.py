@@ -10,9 +10,9 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import MOTION, OUTPUT
 
-from ._given import records_of
 from ._options import argument, option, options_of
-from ._outputs import outputs, require_writable
+from ._outputs import parse_outputs, require_writable
+from ._request import read_records
 from ._run import Report, command
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def motions(
     if any(path.suffix.lower() == ".toml" for path in paths):
         list_problem(paths, reader.set_by_options, report)
         return
-    to = None if output is None else outputs(output, "rockjax-motions").check()
+    files = None if output is None else parse_outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
     from rockjax._units import STANDARD_GRAVITY
 
@@ -71,10 +71,10 @@ def motions(
     if len(column) == 1:
         raise typer.BadParameter("give both --tan-alpha and --R, or neither")
     podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
-    how = reader.check(models.Measures, reader.chosen(("periods", "damping")))
-    found = records_of(reader, paths, reader.chosen(FILES))
-    data = intensity_measures(found, periods=how.periods, damping=how.damping, podium=podium)
-    spectral = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(how.periods)}
+    settings = reader.check(models.Measures, reader.chosen(("periods", "damping")))
+    found = read_records(reader, paths, reader.chosen(FILES))
+    data = intensity_measures(found, periods=settings.periods, damping=settings.damping, podium=podium)
+    spectral = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(settings.periods)}
     columns = {
         "dt [s]": data["dt"],
         "duration [s]": data["duration"],
@@ -97,8 +97,8 @@ def motions(
         ],
         numbers=True,
     )
-    if to is not None:
-        report.write(to.data(), data)
+    if files is not None:
+        report.write(files.data(), data)
 
 
 def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], report: Report) -> None:
@@ -123,7 +123,7 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
         reader.fail("motions", "holds no set of motions; add one, such as [motions.design]")
     podium = None if problem.structure is None else reader.structure(problem.structure)
     facts = [
-        {"set": name, "number": number} | _listed(member, reader.folder)
+        {"set": name, "number": number} | _motion_row(member, reader.folder)
         for name in problem.motions
         for number, member in enumerate(reader.members(problem.motions, name, podium), 1)
     ]
@@ -141,7 +141,7 @@ def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) ->
     report.facts["motions"] = facts
 
 
-def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
+def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
     """Return the row of a motion: name, source, sampling interval, duration and PGA."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
@@ -157,8 +157,8 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
         horizontal = member.horizontal if isinstance(member, GroundMotion) else member
         name, source, dt = repr(horizontal), "pulse", None
         start, end = map(float, member.support)
-        duration, pga = end - start, _largest(horizontal)
-        vertical = _largest(member.vertical) if isinstance(member, GroundMotion) else None
+        duration, pga = end - start, _pulse_pga(horizontal)
+        vertical = _pulse_pga(member.vertical) if isinstance(member, GroundMotion) else None
     in_g = lambda value: None if value is None else value / STANDARD_GRAVITY
     return {
         "name": name,
@@ -170,7 +170,7 @@ def _listed(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]
     }
 
 
-def _largest(pulse: AbstractExcitation) -> float:
+def _pulse_pga(pulse: AbstractExcitation) -> float:
     """Return the PGA of a pulse [m/s²]."""
     strength = pulse.strength()
     assert strength is not None
@@ -217,22 +217,22 @@ def synthetic(
 
     require_writable(output / "suite.csv")
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
-    how = reader.check(models.Synthetic, reader.chosen(models.Synthetic.model_fields))
-    given = how.model_dump(exclude={"synthetic", "vertical_ratio"})
-    made = synthetic_motions(how.synthetic, **given, pulse=wavelet)
+    settings = reader.check(models.Synthetic, reader.chosen(models.Synthetic.model_fields))
+    arguments = settings.model_dump(exclude={"synthetic", "vertical_ratio"})
+    suite = synthetic_motions(settings.synthetic, **arguments, pulse=wavelet)
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
-    parameters = [key for key in made[0].metadata if key not in ("format", "event")]
+    parameters = [key for key in suite[0].metadata if key not in ("format", "event")]
     writer.writerow(["file", "name", *parameters])
-    for motion in made:
+    for motion in suite:
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
     # Last, so that a folder with a table is complete.
-    report.wrote(
+    report.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")
         )
     )
-    report.say(repr(made))
-    report.say(f"wrote {len(made)} motions and suite.csv into {output}")
-    report.facts["motions"] = made.names
+    report.say(repr(suite))
+    report.say(f"wrote {len(suite)} motions and suite.csv into {output}")
+    report.facts["motions"] = suite.names

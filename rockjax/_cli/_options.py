@@ -12,7 +12,7 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-ONE = {
+SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
     "gamma": 10.0,
@@ -21,18 +21,18 @@ ONE = {
     "zeta": 0.05,
     "restitution": "paper",
 }
-PANELS = {name: ONE[name] for name in ("tan_alpha", "R", "gamma", "zeta", "restitution")}
+PANELS = {name: SINGLE_DEFAULTS[name] for name in ("tan_alpha", "R", "gamma", "zeta", "restitution")}
 PULSE = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
-def option(*names: str, panel: str, help: str, **more: Any) -> Any:
+def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
     """Return an option; brackets in its help are units, not markup."""
-    return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **more)
+    return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
 
-def argument(help: str, **more: Any) -> Any:
+def argument(help: str, **option_arguments: Any) -> Any:
     """Return an argument; brackets in its help are units, not markup."""
-    return typer.Argument(help=help.replace("[", r"\["), **more)
+    return typer.Argument(help=help.replace("[", r"\["), **option_arguments)
 
 
 Output = Annotated[
@@ -84,17 +84,17 @@ def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[s
     """Return the options of a table, all or those of `names`, with their defaults."""
     found = {}
     for name, field in model.model_fields.items():
-        how = field.json_schema_extra
-        if not isinstance(how, Flag) or (names and name not in names):
+        schema = field.json_schema_extra
+        if not isinstance(schema, Flag) or (names and name not in names):
             continue
-        kind, value, more = _typed(field.annotation)
+        kind, value, option_arguments = _option_type(field.annotation)
         default = defaults.get(name, None if field.is_required() else field.default)
         if isinstance(default, list):
             default = ",".join(y if isinstance(y, str) else f"{y:g}" for y in default)
-        flag = how.name or f"--{name.replace('_', '-')}"
-        made = option(flag, panel=how.panel, help=field.description or "", **more)
+        flag = schema.name or f"--{name.replace('_', '-')}"
+        option_annotation = option(flag, panel=schema.panel, help=field.description or "", **option_arguments)
         found[name] = Option(
-            Annotated[kind if default is not None else kind | None, made], default, flag, value
+            Annotated[kind if default is not None else kind | None, option_annotation], default, flag, value
         )
     return found
 
@@ -110,15 +110,15 @@ def accuracy(**defaults: Any) -> dict[str, Option]:
     return options_of(models.Options, *defaults, **defaults)
 
 
-def _typed(kind: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
+def _option_type(kind: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
     """Return the command-line type of a key, the conversion of its text, and arguments of its option."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        return _typed(arguments[0])
+        return _option_type(arguments[0])
     if origin is list:
-        return str, _numbers if _typed(arguments[0])[0] is float else _names, {}
+        return str, _numbers if _option_type(arguments[0])[0] is float else _names, {}
     if origin in (Union, types.UnionType):
-        members = [_typed(member) for member in arguments if member is not types.NoneType]
+        members = [_option_type(member) for member in arguments if member is not types.NoneType]
         words = [
             word for member in members if get_origin(member[0]) is Literal for word in get_args(member[0])
         ]

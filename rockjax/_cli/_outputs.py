@@ -11,7 +11,7 @@ from typing import NamedTuple
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # formats of data that commands write; these suffixes are removed from the prefix
 # Formats that are not written: a name with such a suffix is an error rather than a prefix.
-OTHERS = (
+UNSUPPORTED = (
     ".csv",
     ".txt",
     ".xlsx",
@@ -46,7 +46,7 @@ class Outputs(NamedTuple):
         return self
 
 
-def outputs(text: str, name: str) -> Outputs:
+def parse_outputs(text: str, name: str) -> Outputs:
     """Return the outputs of `--output`; in a folder their prefix is `name`.
 
     A folder exists or ends in a slash. The suffix of a picture is the format of all pictures. Raises
@@ -56,7 +56,7 @@ def outputs(text: str, name: str) -> Outputs:
     if output.is_dir() or text.endswith(("/", os.sep)):
         return Outputs(output / name)
     suffix = output.suffix.lower()
-    if suffix in OTHERS:
+    if suffix in UNSUPPORTED:
         raise ValueError(
             f"--output {output}: {suffix} is not written here; data go to .nc, pictures to "
             f"{', '.join(PICTURES)}: "
@@ -67,11 +67,11 @@ def outputs(text: str, name: str) -> Outputs:
     return Outputs(output.with_suffix("") if suffix in DATA else output)
 
 
-def store_place(output: Path) -> Path:
+def store_path(output: Path) -> Path:
     """Return the zarr store of `--output`. Raises `ValueError` or `OSError` if it cannot be one."""
     output = Path(os.path.expanduser(output))
     suffix = output.suffix.lower()
-    if suffix in (*PICTURES, *DATA, *OTHERS) and suffix != ".zarr":
+    if suffix in (*PICTURES, *DATA, *UNSUPPORTED) and suffix != ".zarr":
         raise ValueError(
             f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr"
         )

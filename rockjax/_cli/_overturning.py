@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._given import Given
 from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
-from ._outputs import outputs
-from ._panels import joined, least, pulse_of
-from ._run import Report, command, interrupted
+from ._outputs import parse_outputs
+from ._panels import combine_panels, make_pulse, report_minima
+from ._request import Request
+from ._run import Report, command, save_interrupted
 
 
 @command(structure_options(**PANELS), options_of(models.Overturning), accuracy(rtol=1e-11))
 def overturning(
-    given: Given, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
+    request: Request, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:
     """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
 
@@ -35,16 +35,16 @@ def overturning(
     from rockjax._cli import _checkpoint
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
-    podiums, ratios, periods, zeta = given.panels()
-    search = given.settings
+    podiums, ratios, periods, zeta = request.panels()
+    search = request.settings
     parameters, end = search.sensitivities, search.max_acceleration_ratio
     drawn = ("boundaries", "sensitivity") if parameters else ("boundaries",)
-    to = outputs(output, "rockjax-overturning").check(drawn)
+    files = parse_outputs(output, "rockjax-overturning").check(drawn)
     low, high = search.frequency_ratio
     x = np.linspace(low, high, search.points)
-    pulse, options = pulse_of(search.pulse, search.vertical_ratio), given.options()
+    pulse, options = make_pulse(search.pulse, search.vertical_ratio), request.options()
     found: list = (
-        _checkpoint.load(_checkpoint.path_of(to.prefix), len(podiums)) if resume else [None] * len(podiums)
+        _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
@@ -62,20 +62,20 @@ def overturning(
                         options=options,
                     )
                 except KeyboardInterrupt:
-                    raise interrupted(
-                        to.prefix, found, f"stopped with {k} of {len(podiums)} podiums done"
+                    raise save_interrupted(
+                        files.prefix, found, f"stopped with {k} of {len(podiums)} podiums done"
                     ) from None
                 report.note(f"podium {k + 1}: {found[k].attrs['scenes']} scenes")
             bar.update()
     try:
-        panels = joined(found, ratios, periods, zeta)
-        report.write(to.data(), panels)
+        panels = combine_panels(found, ratios, periods, zeta)
+        report.write(files.data(), panels)
     except KeyboardInterrupt:
-        raise interrupted(to.prefix, found) from None
+        raise save_interrupted(files.prefix, found) from None
     for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
-        report.draw(to.picture(suffix), draw, panels)
-    _checkpoint.path_of(to.prefix).unlink(missing_ok=True)
-    least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
+        report.draw(files.picture(suffix), draw, panels)
+    _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
+    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in found))
     report.say(f"{scenes} scenes; windows of survival at {windows} frequencies")

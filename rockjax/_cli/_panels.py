@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-def pulse_of(name: str, vertical_ratio: float | None) -> Any:
+def make_pulse(name: str, vertical_ratio: float | None) -> Any:
     """Return the function (a_p, T_p) → motion of a pulse by name."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._excitations.pulses import PULSES
@@ -19,7 +19,7 @@ def pulse_of(name: str, vertical_ratio: float | None) -> Any:
     return kind if vertical_ratio is None else GroundMotion.in_proportion(kind, vertical_ratio)
 
 
-def joined(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
+def combine_panels(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
     """Return the datasets of panels combined, with the dims `eta_over_gamma` and `T_s`.
 
     - `datasets`: of the panels, η/γ outermost
@@ -28,7 +28,7 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
     import numpy as np
     import xarray
 
-    each = iter(datasets)
+    remaining = iter(datasets)
     # Panels may differ in the number of boundaries.
     join = {
         "combine_attrs": "drop_conflicts",
@@ -40,7 +40,9 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
     }
     rows = [
         xarray.concat(
-            [next(each).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods], "T_s", **join
+            [next(remaining).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
+            "T_s",
+            **join,
         )
         for ratio in ratios
     ]
@@ -54,7 +56,7 @@ def joined(datasets: list, ratios: list[float], periods: list[float], zeta: floa
     return panels
 
 
-def least(
+def report_minima(
     report: Report,
     lowest: xarray.DataArray,
     ratios: list[float],

@@ -8,7 +8,7 @@ from typing import Annotated
 from rockjax._problem.models import OUTPUT
 
 from ._options import argument, option
-from ._outputs import Outputs, outputs, require_writable
+from ._outputs import Outputs, parse_outputs, require_writable
 from ._run import Report, command
 
 
@@ -48,9 +48,9 @@ def plot(
     """
     from rockjax.plots._from_file import redraw
 
-    to = Outputs(file.with_suffix("")) if output is None else outputs(output, file.stem)
-    require_writable(to.picture())
+    files = Outputs(file.with_suffix("")) if output is None else parse_outputs(output, file.stem)
+    require_writable(files.picture())
     for path in redraw(
-        file, to.prefix, [name.strip() for name in kind.split(",") if name.strip()], to.format
+        file, files.prefix, [name.strip() for name in kind.split(",") if name.strip()], files.format
     ):
-        report.wrote(path)
+        report.add_file(path)

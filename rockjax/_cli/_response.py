@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 from rockjax._problem import models
 
 from ._context import MASSES
-from ._given import Given
-from ._options import ONE, PULSE, Output, accuracy, options_of, structure_options
-from ._outputs import outputs
+from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._outputs import parse_outputs
+from ._request import Request
 from ._run import Report, command
 
 if TYPE_CHECKING:
@@ -27,13 +27,13 @@ def share_in_no_mode(podium: rj.Podium) -> float:
 
 
 @command(
-    structure_options(**ONE),
+    structure_options(**SINGLE_DEFAULTS),
     options_of(models.Pulses, **PULSE),
     options_of(models.Record),
     options_of(models.Response),
     accuracy(rtol=1e-8, method="dopri8"),
 )
-def response(given: Given, report: Report, output: Output = "rockjax-response") -> None:
+def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
@@ -50,10 +50,10 @@ def response(given: Given, report: Report, output: Output = "rockjax-response") 
     """
     import rockjax as rj
 
-    to = outputs(output, "rockjax-response").check(("",))
-    podium = given.podium()
-    excitation, options = given.motion(podium), given.options()
-    history = rj.simulate(podium, excitation, t_end=given.settings.t_end, options=options)
+    files = parse_outputs(output, "rockjax-response").check(("",))
+    podium = request.podium()
+    excitation, options = request.motion(podium), request.options()
+    history = rj.simulate(podium, excitation, t_end=request.settings.t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
     for line in _inputs(data.attrs | MASSES.get({})):
@@ -64,8 +64,8 @@ def response(given: Given, report: Report, output: Output = "rockjax-response") 
             f"  {share:.0%} of the mass of the superstructure is in no mode: shear and floor accelerations "
             "leave out its impulses at impacts"
         )
-    report.write(to.data(), data)
-    report.draw(to.picture(), "response", data)
+    report.write(files.data(), data)
+    report.draw(files.picture(), "response", data)
     from rockjax import _results as results
     from rockjax._responses.peak import VARIABLES
 

@@ -7,14 +7,14 @@ from typing import Any
 
 from rockjax._problem import models
 
-from ._given import Given
 from ._options import Output, options_of
-from ._outputs import outputs
+from ._outputs import parse_outputs
+from ._request import Request
 from ._run import Report, command
 
 
 @command(options_of(models.Risk))
-def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
+def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> None:
     """Compute the mean annual frequency of overturning: a fragility curve over the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
@@ -28,15 +28,15 @@ def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
         --hazard hazard_curve-mean.csv --site 0
       rockjax risk --example risk --years 100
     """
-    to = outputs(output, "rockjax-risk").check(("risk",))
-    asked = given.settings
+    files = parse_outputs(output, "rockjax-risk").check(("risk",))
+    asked = request.settings
     import rockjax as rj
     from rockjax._risk.annual import OUTSIDE
 
     if asked.hazard is None:
         raise ValueError("--hazard: is missing; give the file with the hazard curve of the site")
-    hazard = rj.Hazard.from_file(_path(given, asked.hazard), site=asked.site)
-    fragility = _fragility(given, asked)
+    hazard = rj.Hazard.from_file(_path(request, asked.hazard), site=asked.site)
+    fragility = _fragility(request, asked)
     found = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
     report.say(repr(hazard))
@@ -62,16 +62,16 @@ def risk(given: Given, report: Report, output: Output = "rockjax-risk") -> None:
         "extrapolated": share,
         "sensitivities": slopes,
     }
-    report.write(to.data(), contributions)
-    report.draw(to.picture("risk"), "risk", contributions)
+    report.write(files.data(), contributions)
+    report.draw(files.picture("risk"), "risk", contributions)
 
 
-def _path(given: Given, name: str) -> Path:
+def _path(request: Request, name: str) -> Path:
     """Return the path of a file: as given, or else beside the problem file."""
-    return Path(name) if given.path is None or Path(name).exists() else given.path.parent / name
+    return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name
 
 
-def _fragility(given: Given, curve: models.Risk) -> Any:
+def _fragility(request: Request, curve: models.Risk) -> Any:
     import jax.numpy as jnp
 
     import rockjax as rj
@@ -83,7 +83,7 @@ def _fragility(given: Given, curve: models.Risk) -> Any:
         return rj.Lognormal(jnp.asarray(by_numbers[0]), jnp.asarray(by_numbers[1]))
     if by_numbers:
         raise ValueError("--fragility: give a file, or --median and --dispersion, not both")
-    path = _path(given, curve.fragility)
+    path = _path(request, curve.fragility)
     if path.suffix.lower() == ".xml":
         return _of_model(path, rj.read_fragility_model(path), curve.structure)
     from rockjax.plots._from_file import load

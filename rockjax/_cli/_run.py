@@ -61,7 +61,7 @@ class Report:
         from rockjax._files import write_dataset
 
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
-        self.wrote(write_dataset(path, data, groups))
+        self.add_file(write_dataset(path, data, groups))
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:
         """Write the picture `rockjax.plots.<draw>(data)`."""
@@ -69,9 +69,9 @@ class Report:
         from rockjax import plots
         from rockjax._files import write_figure
 
-        self.wrote(write_figure(path, getattr(plots, draw)(data).figure))
+        self.add_file(write_figure(path, getattr(plots, draw)(data).figure))
 
-    def wrote(self, path: Path) -> None:
+    def add_file(self, path: Path) -> None:
         self.written.append(path)
 
     def close(self) -> None:
@@ -83,8 +83,8 @@ class Report:
             from rockjax._files import as_json
             from rockjax._version import __version__
 
-            about = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
-            facts = about | self.facts | {"files": list(map(str, self.written))}
+            run_facts = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
+            facts = run_facts | self.facts | {"files": list(map(str, self.written))}
             typer.echo(as_json(facts, ascii=True))  # valid in every encoding of stdout
         if self.verbose:
             self.note(_programs())
@@ -94,26 +94,26 @@ class Report:
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
     """Return a decorator that makes a command of a function, with the options of the groups.
 
-    The function takes `report`, its own options, and optionally `given` (problem file and options) or
+    The function takes `report`, its own options, and optionally `request` (problem file and options) or
     `reader` (options alone). With `jax`, compiled programs are kept between runs.
     """
     options = {name: one for group in groups for name, one in group.items()}
 
-    def make(function: Callable[..., None]) -> Any:
+    def decorate(function: Callable[..., None]) -> Any:
         hints = get_type_hints(function, include_extras=True)
-        own = inspect.signature(function).parameters
-        takes_file = "given" in own
-        taken: dict[str, Any] = {"ctx": (typer.Context, inspect.Parameter.empty)}
-        taken |= {name: (one.annotation, one.default) for name, one in options.items()}
+        accepted = inspect.signature(function).parameters
+        takes_file = "request" in accepted
+        options_by_name: dict[str, Any] = {"ctx": (typer.Context, inspect.Parameter.empty)}
+        options_by_name |= {name: (one.annotation, one.default) for name, one in options.items()}
         if takes_file:
-            taken |= {} if "inputs" in own else {"problem": (ProblemFile, None)}
-            taken |= {"example": (Example, None)}
-        taken |= {
+            options_by_name |= {} if "inputs" in accepted else {"problem": (ProblemFile, None)}
+            options_by_name |= {"example": (Example, None)}
+        options_by_name |= {
             name: (hints[name], p.default)
-            for name, p in own.items()
-            if name not in ("given", "reader", "report")
+            for name, p in accepted.items()
+            if name not in ("request", "reader", "report")
         }
-        taken |= {"quiet": (Quiet, False), "verbose": (Verbose, False), "json": (Json, False)}
+        options_by_name |= {"quiet": (Quiet, False), "verbose": (Verbose, False), "json": (Json, False)}
 
         @functools.wraps(function)
         def run(ctx: typer.Context, **values: Any) -> None:
@@ -122,35 +122,37 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
             def call() -> None:
                 if jax:
                     prepare(report)
-                typed = {name: one for name, one in options.items() if values[name] is not None}
-                chosen = values | {name: one.value(one.flag, values[name]) for name, one in typed.items()}
+                set_options = {name: one for name, one in options.items() if values[name] is not None}
+                chosen = values | {
+                    name: one.value(one.flag, values[name]) for name, one in set_options.items()
+                }
                 flags = {name: options[name].flag if name in options else f"--{name}" for name in values}
                 explicit = {name: (flags[name], chosen[name]) for name in values if _is_given(ctx, name)}
                 if takes_file:
-                    from ._given import Given, problem_file
+                    from ._request import Request, problem_file
 
                     path = problem_file(_take_problem(chosen), values["example"])
                     keys = {name: chosen[name] for name in options}
-                    chosen["given"] = Given(function.__name__, path, keys, explicit)
-                if "reader" in own:
+                    chosen["request"] = Request(function.__name__, path, keys, explicit)
+                if "reader" in accepted:
                     from rockjax._problem.reading import Reader
 
                     chosen["reader"] = Reader(None, explicit)
-                function(**{name: chosen[name] for name in own if name != "report"}, report=report)
+                function(**{name: chosen[name] for name in accepted if name != "report"}, report=report)
 
             _finish(report, call)
 
-        described: Any = run
+        wrapped: Any = run
         parameters = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
-            for name, (annotation, default) in taken.items()
+            for name, (annotation, default) in options_by_name.items()
         ]
-        described.__signature__ = inspect.Signature(parameters)
-        described.__annotations__ = {p.name: p.annotation for p in parameters}
-        described.__doc__ = flowing(function)
-        return described
+        wrapped.__signature__ = inspect.Signature(parameters)
+        wrapped.__annotations__ = {p.name: p.annotation for p in parameters}
+        wrapped.__doc__ = unwrap_docstring(function)
+        return wrapped
 
-    return make
+    return decorate
 
 
 def _take_problem(values: dict[str, Any]) -> Path | None:
@@ -172,12 +174,12 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
         warnings.filterwarnings("always", category=PlausibilityWarning)
-        warnings.showwarning = _speak
+        warnings.showwarning = _show_warning
         try:
             call()
         except KeyboardInterrupt as stopped:
-            there = ", ".join(map(str, report.written))
-            kept = f"written so far: {there}" if there else "nothing is kept"
+            paths = ", ".join(map(str, report.written))
+            kept = f"written so far: {paths}" if paths else "nothing is kept"
             typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; {kept}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     report.close()
@@ -185,7 +187,7 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
         raise typer.Exit(report.status)
 
 
-def flowing(function: Callable[..., None]) -> str:
+def unwrap_docstring(function: Callable[..., None]) -> str:
     """Return the docstring of a command without line breaks inside paragraphs, which help would keep."""
     paragraphs = (inspect.getdoc(function) or "").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
@@ -196,7 +198,7 @@ def _is_given(ctx: typer.Context, name: str) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def _speak(message, category, filename, lineno, file=None, line=None) -> None:
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
     del category, filename, lineno, file, line
     typer.echo(f"rockjax: warning: {message}", err=True)
 
@@ -225,7 +227,9 @@ def _programs() -> str:
     return f"{COUNTS['compiled']} programs compiled, {COUNTS['loaded']} loaded from {store.root()}"
 
 
-def interrupted(output: Path, datasets: list, message: str = "stopped before all was written") -> typer.Exit:
+def save_interrupted(
+    output: Path, datasets: list, message: str = "stopped before all was written"
+) -> typer.Exit:
     """Save the finished datasets, and report how to resume."""
     from rockjax._cli import _checkpoint
 

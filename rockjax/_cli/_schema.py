@@ -32,4 +32,4 @@ def schema(
     if output is None:
         report.say(text)
     else:
-        report.wrote(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))
+        report.add_file(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))

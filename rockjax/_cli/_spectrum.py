@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._given import Given
 from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
-from ._outputs import outputs
-from ._panels import joined, least, pulse_of
-from ._run import Report, command, interrupted
+from ._outputs import parse_outputs
+from ._panels import combine_panels, make_pulse, report_minima
+from ._request import Request
+from ._run import Report, command, save_interrupted
 
 
 @command(
@@ -17,7 +17,7 @@ from ._run import Report, command, interrupted
     accuracy(rtol=1e-8, method="dopri8"),
 )
 def spectrum(
-    given: Given, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
+    request: Request, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
 ) -> None:
     """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of
     overturning.
@@ -44,13 +44,13 @@ def spectrum(
     from rockjax._machine.memory import require_memory
     from rockjax._studies.grid_boundaries import with_boundaries
 
-    podiums, ratios, periods, zeta = given.panels()
-    grid = given.settings
+    podiums, ratios, periods, zeta = request.panels()
+    grid = request.settings
     parameters = grid.sensitivities
     drawn = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
-    to = outputs(output, "rockjax-spectrum").check(drawn)
-    pulse = pulse_of(grid.pulse, grid.vertical_ratio)
-    options = given.options(outputs=("peak_rotation",))
+    files = parse_outputs(output, "rockjax-spectrum").check(drawn)
+    pulse = make_pulse(grid.pulse, grid.vertical_ratio)
+    options = request.options(outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
     ranges = grid.frequency_ratio, grid.acceleration_ratio
@@ -60,31 +60,31 @@ def spectrum(
     report.note(
         f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
     )
-    known = _checkpoint.load(_checkpoint.path_of(to.prefix), len(podiums)) if resume else None
+    known = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
             how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
             spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
-        panels = joined(spectra, ratios, periods, zeta)
-        report.write(to.data(), panels)
+        panels = combine_panels(spectra, ratios, periods, zeta)
+        report.write(files.data(), panels)
     except rj.Interrupted as stopped:
-        raise interrupted(to.prefix, stopped.partial, str(stopped)) from None
+        raise save_interrupted(files.prefix, stopped.partial, str(stopped)) from None
     except KeyboardInterrupt:
-        raise interrupted(to.prefix, spectra) from None
-    report.draw(to.picture("rotation"), "spectra", panels)
-    report.draw(to.picture("overturning"), "overturning_curves", panels)
+        raise save_interrupted(files.prefix, spectra) from None
+    report.draw(files.picture("rotation"), "spectra", panels)
+    report.draw(files.picture("overturning"), "overturning_curves", panels)
     if parameters:
-        report.draw(to.picture("sensitivity"), "sensitivity_spectra", panels)
-    _checkpoint.path_of(to.prefix).unlink(missing_ok=True)
+        report.draw(files.picture("sensitivity"), "sensitivity_spectra", panels)
+    _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
     failed = int((panels["result"] > 2).sum())
     overturned = float(panels["overturned"].mean())
     from rockjax._responses.peak import UNTIL_OVERTURNING
 
     until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
     report.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
-    least(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
+    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:
         from rockjax._results import explain_failures

@@ -14,9 +14,9 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import GRID, MACHINES, OUTPUT
 
-from ._given import Given
-from ._options import ONE, PULSE, accuracy, option, options_of, structure_options
-from ._outputs import store_place
+from ._options import PULSE, SINGLE_DEFAULTS, accuracy, option, options_of, structure_options
+from ._outputs import store_path
+from ._request import Request
 from ._run import INTERRUPTED, Report, command
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 @command(
-    structure_options(**ONE),
+    structure_options(**SINGLE_DEFAULTS),
     options_of(models.Pulses, **PULSE),
     options_of(models.Record),
     options_of(models.Sweep),
     accuracy(rtol=1e-8, method="dopri8"),
 )
 def sweep(
-    given: Given,
+    request: Request,
     report: Report,
     axis: Annotated[
         list[str],
@@ -88,22 +88,22 @@ def sweep(
     from rockjax._sweep.store import require_zarr
 
     require_zarr()
-    store = store_place(store)
+    store = store_path(store)
     if workers is not None and scheduler is not None:
         raise ValueError("--workers and --scheduler: give one of them")
-    podium, axes = given.podium(), _axes(given, axis)
+    podium, axes = request.podium(), _axes(request, axis)
     if not axes:
         raise ValueError(
             "--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
         )
-    options = given.options(outputs=tuple(given.settings.outputs))
-    with given.reader.at("sweep.axes"):
-        scenes = rj.grid(podium, _excitation(given, podium), **axes)
+    options = request.options(outputs=tuple(request.settings.outputs))
+    with request.reader.at("sweep.axes"):
+        scenes = rj.grid(podium, _excitation(request, podium), **axes)
     report.note(repr(scenes))
     call: dict[str, Any] = {
         "store": store,
         "options": options,
-        "chunk": given.settings.chunk,
+        "chunk": request.settings.chunk,
         "progress": not report.quiet,
     }
     with _client(workers, scheduler) as client:
@@ -117,7 +117,7 @@ def sweep(
         except rj.Interrupted as stopped:
             typer.echo(f"\nrockjax: {stopped}", err=True)
             raise typer.Exit(INTERRUPTED) from None
-    report.wrote(store)
+    report.add_file(store)
     overturned = float(data["overturned"].mean())
     failed = int((data["result"] > 2).sum())
     from rockjax._responses.peak import UNTIL_OVERTURNING
@@ -131,7 +131,7 @@ def sweep(
         )
 
 
-def _axes(given: Given, texts: list[str]) -> dict[str, Any]:
+def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
     """Return the axes of the file, overridden by those of the command line."""
     import numpy as np
 
@@ -141,7 +141,7 @@ def _axes(given: Given, texts: list[str]) -> dict[str, Any]:
         if not equals or not name:
             raise ValueError(f"--axis: expected NAME=VALUES, got {text!r}")
         typed[name] = _parsed(values)
-    axes = given.settings.axes | given.reader.check(models.Sweep, {"axes": typed}).axes
+    axes = request.settings.axes | request.reader.check(models.Sweep, {"axes": typed}).axes
     return {
         name: np.asarray(axis)
         if isinstance(axis, list)
@@ -165,19 +165,19 @@ def _parsed(text: str) -> Any:
     return span | {"log": bool(log)}
 
 
-def _excitation(given: Given, podium: rj.Podium) -> Any:
+def _excitation(request: Request, podium: rj.Podium) -> Any:
     """Return one motion, or a set of them if the file has one and no option chooses a motion."""
-    from rockjax._problem.reading import as_excitation, has_pulses
+    from rockjax._problem.reading import has_pulses, to_excitation
 
-    sets, name = given.problem.motions, given.settings.motion
-    if (name is None and len(sets) > 1) or given.changes_motion:
-        return as_excitation(given.motion(podium))
-    name = given.set_name(name)
+    sets, name = request.problem.motions, request.settings.motion
+    if (name is None and len(sets) > 1) or request.changes_motion:
+        return to_excitation(request.motion(podium))
+    name = request.set_name(name)
     if not has_pulses(sets[name]):
-        found: Any = given.reader.recorded(sets, name)
+        found: Any = request.reader.records(sets, name)
     else:
-        found = [as_excitation(member) for member in given.reader.members(sets, name, podium)]
-    return as_excitation(found[0]) if len(found) == 1 else found
+        found = [to_excitation(member) for member in request.reader.members(sets, name, podium)]
+    return to_excitation(found[0]) if len(found) == 1 else found
 
 
 @contextlib.contextmanager

@@ -74,7 +74,9 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
     return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
 
 
-def measured(motion: Accelerogram, measure: str, period: float | None, damping: float) -> tuple[float, int]:
+def measure_motion(
+    motion: Accelerogram, measure: str, period: float | None, damping: float
+) -> tuple[float, int]:
     """Return an intensity measure of a motion by its name, and the power of the scale factor with which it
     grows.
 
@@ -106,17 +108,17 @@ def measured(motion: Accelerogram, measure: str, period: float | None, damping: 
 LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
-def measured_as(motion: Accelerogram, label: str) -> float:
+def measure_by_label(motion: Accelerogram, label: str) -> float:
     """Return a measure by its label on curves, "PGA", "PGV" or "Sa(0.5 s)", 5 % damped, in SI units.
 
     Raises `ValueError` for other labels.
     """
     found = LABEL.fullmatch(label)
     if found:
-        return measured(motion, "Sa", float(found["period"]), 0.05)[0]
+        return measure_motion(motion, "Sa", float(found["period"]), 0.05)[0]
     if label not in ("PGA", "PGV"):
         raise ValueError(f"measure must be 'PGA', 'PGV' or such as 'Sa(0.5 s)', got {label!r}")
-    return measured(motion, label, None, 0.05)[0]
+    return measure_motion(motion, label, None, 0.05)[0]
 
 
 def intensity_measures(

@@ -22,7 +22,7 @@ from rockjax._text import tables
 from rockjax._units import STANDARD_GRAVITY
 
 from .accelerogram import Accelerogram
-from .intensity import energy, intensity_measures, measured
+from .intensity import energy, intensity_measures, measure_motion
 from .record import Record
 from .stations import paired
 
@@ -313,7 +313,7 @@ class Motions(Sequence[Motion]):
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
-            present, power = measured(motion, measure, period, damping)
+            present, power = measure_motion(motion, measure, period, damping)
             if present == 0:
                 raise ValueError(
                     f"scaled_to: {measure} of {motion.name} is zero, so no factor changes it; leave the "

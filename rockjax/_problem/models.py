@@ -55,7 +55,7 @@ def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
 
-def in_words(words: str) -> WrapValidator:
+def described_as(words: str) -> WrapValidator:
     """Return a validator whose errors say in these words what a value must be."""
 
     def check(value: Any, handler: Any) -> Any:
@@ -67,7 +67,7 @@ def in_words(words: str) -> WrapValidator:
     return WrapValidator(check)
 
 
-def that(holds: Callable[[Any], bool]) -> AfterValidator:
+def satisfying(holds: Callable[[Any], bool]) -> AfterValidator:
     """Return a validator that refuses values for which `holds` is false."""
 
     def check(value: Any) -> Any:
@@ -78,26 +78,32 @@ def that(holds: Callable[[Any], bool]) -> AfterValidator:
     return AfterValidator(check)
 
 
-Number = Annotated[float, in_words("a number")]
-Positive = Annotated[float, Field(gt=0), in_words("a number > 0")]
-NotNegative = Annotated[float, Field(ge=0), in_words("a number >= 0")]
-Count = Annotated[int, Field(ge=1), in_words("a whole number ≥ 1")]
-Index = Annotated[int, Field(ge=0), in_words("a whole number ≥ 0")]
-Points = Annotated[int, Field(ge=2), in_words("a whole number ≥ 2")]
-Label = Annotated[int | str, in_words("a whole number or text")]
-Numbers = Annotated[list[Number], Field(min_length=1), in_words("a list of numbers")]
-Positives = Annotated[list[Positive], Field(min_length=1), in_words("a list of numbers > 0")]
-NotNegatives = Annotated[list[NotNegative], Field(min_length=1), in_words("a list of numbers >= 0")]
-OneOrMore = Annotated[float | Numbers, in_words("a number or a list of numbers")]
-Periods = Annotated[Positive | Positives, in_words("a number > 0 or a list of them")]
-Shares = Annotated[NotNegative | NotNegatives, in_words("a number >= 0 or a list of them")]
-Share = Annotated[float, Field(gt=0, lt=1), in_words("a number in (0, 1)")]
+Number = Annotated[float, described_as("a number")]
+Positive = Annotated[float, Field(gt=0), described_as("a number > 0")]
+NotNegative = Annotated[float, Field(ge=0), described_as("a number >= 0")]
+Count = Annotated[int, Field(ge=1), described_as("a whole number ≥ 1")]
+Index = Annotated[int, Field(ge=0), described_as("a whole number ≥ 0")]
+Points = Annotated[int, Field(ge=2), described_as("a whole number ≥ 2")]
+Label = Annotated[int | str, described_as("a whole number or text")]
+Numbers = Annotated[list[Number], Field(min_length=1), described_as("a list of numbers")]
+Positives = Annotated[list[Positive], Field(min_length=1), described_as("a list of numbers > 0")]
+NotNegatives = Annotated[list[NotNegative], Field(min_length=1), described_as("a list of numbers >= 0")]
+OneOrMore = Annotated[float | Numbers, described_as("a number or a list of numbers")]
+Periods = Annotated[Positive | Positives, described_as("a number > 0 or a list of them")]
+Shares = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of them")]
+Share = Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")]
 _ENDS = "two numbers [lowest, highest] with"
 Ends = Annotated[tuple[float, float], Strict(False)]
-Bounds = Annotated[Ends, in_words("two numbers [lowest, highest]")]
-Frequencies = Annotated[Ends, that(lambda y: 0 < y[0] < y[1]), in_words(f"{_ENDS} 0 < lowest < highest")]
-Amplitudes = Annotated[Ends, that(lambda y: 0 <= y[0] < y[1]), in_words(f"{_ENDS} 0 <= lowest < highest")]
-Levels = Annotated[Ends, that(lambda y: 0 < y[0] <= y[1]), in_words(f"{_ENDS} 0 < lowest <= highest")]
+Bounds = Annotated[Ends, described_as("two numbers [lowest, highest]")]
+Frequencies = Annotated[
+    Ends, satisfying(lambda y: 0 < y[0] < y[1]), described_as(f"{_ENDS} 0 < lowest < highest")
+]
+Amplitudes = Annotated[
+    Ends, satisfying(lambda y: 0 <= y[0] < y[1]), described_as(f"{_ENDS} 0 <= lowest < highest")
+]
+Levels = Annotated[
+    Ends, satisfying(lambda y: 0 < y[0] <= y[1]), described_as(f"{_ENDS} 0 < lowest <= highest")
+]
 PulseName = Literal["ricker", "antisymmetric-ricker", "one-sine", "one-cosine", "half-sine"]
 
 
@@ -109,11 +115,11 @@ class Keys(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _check_names(cls, given: Any) -> Any:
-        known = [field.alias or name for name, field in cls.model_fields.items()]
+        valid = [field.alias or name for name, field in cls.model_fields.items()]
         for name in given if isinstance(given, dict) else ():
-            if name not in known:
-                near = difflib.get_close_matches(str(name), known, 1)
-                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+            if name not in valid:
+                near = difflib.get_close_matches(str(name), valid, 1)
+                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(valid)}"
                 raise PydanticCustomError("unknown", "is not known; {hint}", {"hint": hint, "key": str(name)})
         return given
 
@@ -123,7 +129,7 @@ class Keys(BaseModel):
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
-def one_of(given: Mapping[str, Any], *names: str) -> str:
+def require_one(given: Mapping[str, Any], *names: str) -> str:
     """Return which of two keys is given. Raises `ValueError` for none or both."""
     found = [name for name in names if given.get(name) is not None]
     if len(found) != 1:
@@ -131,7 +137,7 @@ def one_of(given: Mapping[str, Any], *names: str) -> str:
     return found[0]
 
 
-def kind_of(entry: table.Parameter) -> Any:
+def type_of(entry: table.Parameter) -> Any:
     """Return the type of the key of a parameter, with its range."""
     if entry.is_integer:
         return Count
@@ -140,9 +146,9 @@ def kind_of(entry: table.Parameter) -> Any:
     limits: dict[str, Any] = {name: end for name, end in ends.items() if math.isfinite(end)}
     kind = Annotated[float, Field(**limits)]
     if entry.name == "restitution":
-        return Annotated[Literal["paper", "compatible"] | kind, in_words(_LAW)]
+        return Annotated[Literal["paper", "compatible"] | kind, described_as(_LAW)]
     words = f"a number {entry.range.words}".rstrip()
-    return Annotated[kind, in_words(f"{words}; {entry.note}" if entry.note else words)]
+    return Annotated[kind, described_as(f"{words}; {entry.note}" if entry.note else words)]
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
@@ -153,27 +159,27 @@ _NOTES = {
 }
 
 
-def field_of(name: str, entry: table.Parameter, needed: bool = False) -> Any:
+def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
     """Return the type and field of a parameter."""
     panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE  # --zeta serves both
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
-    kind, meaning = kind_of(entry), f"{entry.heading}{note}."
+    kind, meaning = type_of(entry), f"{entry.heading}{note}."
     return (kind, key(..., meaning, panel)) if needed else (kind | None, key(None, meaning, panel))
 
 
-def keys_of(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
+def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
     """Return a model with a key for each parameter."""
-    fields: Any = {name: field_of(name, entry, name in needed) for name, entry in entries.items()}
+    fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
-def _kept_in(*places: str) -> dict[str, table.Parameter]:
+def _stored_in(*places: str) -> dict[str, table.Parameter]:
     """Return the parameters of a structure stored in these places, without the sides of a column."""
-    plain = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
-    return {name: entry for name, entry in plain.items() if entry.place.partition(".")[0] in places}
+    entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
+    return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
 
-class Superstructure(keys_of(_kept_in("superstructure") | table.BUILDING, "eta")):
+class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):
     """A superstructure: rigid without T_s; with stories, a building of equal stories."""
 
     @model_validator(mode="after")
@@ -208,7 +214,9 @@ def _top(given: Any) -> str:
     return next((kinds[name] for name in kinds if isinstance(given, dict) and name in given), "one")
 
 
-class ByRatios(keys_of(_kept_in("alpha", "", "R", "gamma", "lam", "restitution", "g", "restrainers"), "R")):
+class ByRatios(
+    make_model(_stored_in("alpha", "", "R", "gamma", "lam", "restitution", "g", "restrainers"), "R")
+):
     """A structure by ratios."""
 
     superstructure: (
@@ -223,11 +231,11 @@ class ByRatios(keys_of(_kept_in("alpha", "", "R", "gamma", "lam", "restitution",
 
     @model_validator(mode="after")
     def _check(self) -> ByRatios:
-        one_of(self.given(), "alpha", "tan_alpha")
+        require_one(self.given(), "alpha", "tan_alpha")
         return self
 
 
-class ByDimensions(keys_of(table.DIMENSIONS | table.BUILDING, "width", "height", "column_mass")):
+class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "height", "column_mass")):
     """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
 
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
@@ -259,7 +267,7 @@ class Pulses(Keys):
     @model_validator(mode="after")
     def _check(self) -> Pulses:
         given = self.given()
-        pair = one_of(given, "a_p", "acceleration_ratio"), one_of(given, "T_p", "frequency_ratio")
+        pair = require_one(given, "a_p", "acceleration_ratio"), require_one(given, "T_p", "frequency_ratio")
         a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
         if a_p > 1 and T_p > 1 and a_p != T_p:
             raise ValueError(f"has {a_p} amplitudes and {T_p} periods; give as many of both, or one")

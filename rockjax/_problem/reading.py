@@ -31,7 +31,7 @@ from . import models
 K = TypeVar("K", bound=models.Keys)
 
 
-class Reported(ValueError):
+class LocatedError(ValueError):
     """An error that names the file and the key already."""
 
 
@@ -64,24 +64,24 @@ class Reader:
         """Name the file and a key in errors."""
         try:
             yield
-        except Reported:
+        except LocatedError:
             raise
         except (ValueError, TypeError) as error:
             self.fail(key, str(error))
 
     def fail(self, key: str, why: str) -> NoReturn:
         """Raise an error of a key."""
-        raise Reported(f"{self.prefix}{key}: {why}")
+        raise LocatedError(f"{self.prefix}{key}: {why}")
 
     def check(self, model: type[K], given: Any) -> K:
         """Return a table as its model. Raises `ValueError` for the first invalid key."""
         try:
             return model.model_validate(given)
         except ValidationError as error:
-            key, why, value = _explained(error, given)
+            key, why, value = _explain(error, given)
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
-            raise Reported(f"{flag}: {why}")
+            raise LocatedError(f"{flag}: {why}")
         return self.fail(key, why)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
@@ -104,12 +104,14 @@ class Reader:
                 numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
             found: dict[str, dict[str, Any]] = {}
             for name in [name for name in numbers if STRUCTURE[name].place.startswith("restrainers.")]:
-                _, kind, field = STRUCTURE[name].place.split(".")
-                found.setdefault(kind, {})[field] = numbers.pop(name)
+                _, class_name, field = STRUCTURE[name].place.split(".")
+                found.setdefault(class_name, {})[field] = numbers.pop(name)
             if "Damper" in found and "coefficient" not in found["Damper"]:
                 raise ValueError("exponent needs the coefficient of a damper")
-            least = {"Tendon": {"prestress": 0.0}}
-            parts = tuple(KINDS[name](**least.get(name, {}) | found[name]) for name in KINDS if name in found)
+            defaults = {"Tendon": {"prestress": 0.0}}
+            parts = tuple(
+                KINDS[name](**defaults.get(name, {}) | found[name]) for name in KINDS if name in found
+            )
             return Podium(
                 **numbers, superstructure=self.superstructure(given.superstructure), restrainers=parts
             )
@@ -118,18 +120,18 @@ class Reader:
         """Return the superstructure of a table, or None."""
         if given is None:
             return None
-        kinds: dict[type, Callable[..., Any]] = {
+        classes: dict[type, Callable[..., Any]] = {
             models.Building: ShearBuilding,
             models.ModesOfSuperstructure: Modes,
         }
         with self.at("structure.superstructure"):
-            return kinds.get(type(given), superstructure_of)(**given.given())
+            return classes.get(type(given), superstructure_of)(**given.given())
 
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
     ) -> dict[str, list[AbstractExcitation]]:
         """Return all sets of motions as excitations."""
-        return {name: [as_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
+        return {name: [to_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
 
     def members(
         self, sets: Mapping[str, models.MotionSet], name: str, podium: Podium | None
@@ -145,13 +147,13 @@ class Reader:
                 found += _pulses(entry, podium) if isinstance(entry, models.Pulses) else self._records(entry)
         return found
 
-    def recorded(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
+    def records(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
         """Return a set of records, with their names. Raises `ValueError` for pulses."""
         if has_pulses(sets[name]):
             self.fail(f"motions.{name}", "holds pulses; only records are wanted: file, suite or synthetic")
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
-    def named(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
+    def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
         """Return the name of a set of motions; None stands for the only set.
 
         Raises `ValueError` if there is no such set. `key` is the key in the error.
@@ -165,30 +167,30 @@ class Reader:
 
     def _records(self, entry: Any) -> Motions:
         """Return the records of an entry."""
-        more = entry.given("vertical_ratio", "paired", "file", "suite", "synthetic")
+        arguments = entry.given("vertical_ratio", "paired", "file", "suite", "synthetic")
         if isinstance(entry, models.Synthetic):
-            found = synthetic_motions(entry.synthetic, **{"seed": 0} | more)
+            found = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
         elif isinstance(entry, models.Suite):
-            found = read_suite(self.folder / entry.suite, **more)
+            found = read_suite(self.folder / entry.suite, **arguments)
         else:
-            found = Motions((self._record(self.folder / entry.file, more),))
+            found = Motions((self._record(self.folder / entry.file, arguments),))
         if (ratio := entry.vertical_ratio) is not None:
             found = found.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(ratio)))
         return found.paired() if getattr(entry, "paired", False) else found
 
-    def _record(self, path: Path, more: dict[str, Any]) -> Motion:
+    def _record(self, path: Path, arguments: dict[str, Any]) -> Motion:
         """Return the record of a file, with its vertical component if any."""
         scale, file, component = (
-            more.pop(name, None) for name in ("scale", "vertical", "vertical_component")
+            arguments.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
-        motion = read_motion(path, **more)
+        motion = read_motion(path, **arguments)
         if file is not None:
-            vertical = read_motion(self.folder / file, **more | {"component": component})
+            vertical = read_motion(self.folder / file, **arguments | {"component": component})
             motion = dataclasses.replace(motion, vertical=vertical)
         return motion if scale in (None, 1) else motion.scaled(scale)
 
 
-def _explained(error: ValidationError, given: Any) -> tuple[str, str, Any]:
+def _explain(error: ValidationError, given: Any) -> tuple[str, str, Any]:
     """Return the key of the first error of a table, the cause and the value."""
     first = error.errors(include_url=False)[0]
     place, value, why = "", given, first["msg"].removeprefix("Value error, ")
@@ -197,16 +199,16 @@ def _explained(error: ValidationError, given: Any) -> tuple[str, str, Any]:
             place, value = f"{place}.{part}".lstrip("."), value[part]
         elif isinstance(value, list) and isinstance(part, int) and part < len(value):
             place, value = f"{place}[{part}]", value[part]
-    kind, context = first["type"], first.get("ctx", {})
-    if kind == "missing":
+    error_type, context = first["type"], first.get("ctx", {})
+    if error_type == "missing":
         return place or "file", f"{first['loc'][-1]} is missing", None
-    if kind == "unknown":
+    if error_type == "unknown":
         return f"{place}.{context['key']}".lstrip("."), why, value[context["key"]]
-    if kind == "union_tag_invalid":
+    if error_type == "union_tag_invalid":
         return f"{place}.kind", f"must be one of {context['expected_tags']}, got {context['tag']!r}", None
-    if kind == "union_tag_not_found":
+    if error_type == "union_tag_not_found":
         return place, "kind is missing", None
-    if kind in ("model_type", "dict_type"):
+    if error_type in ("model_type", "dict_type"):
         why = "must be a table"
     why = why.replace("Input should be", "must be").replace("a valid string", "a text")
     return place or "file", f"{why}, got {value!r}" if why.startswith("must") else why, value
@@ -222,32 +224,36 @@ def has_pulses(motions: models.MotionSet) -> bool:
     return any(isinstance(entry, models.Pulses) for entry in entries_of(motions))
 
 
-def as_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
+def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
     """Return a motion as an excitation."""
     return member.record() if isinstance(member, Motion) else member
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
     """Return the pulses of an entry; ratios refer to the podium."""
-    kind = PULSES[entry.kind]
+    pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p
         if entry.acceleration_ratio is None
-        else np.asarray(pulse_acceleration(_needed(podium), np.asarray(entry.acceleration_ratio)))
+        else np.asarray(pulse_acceleration(_require_structure(podium), np.asarray(entry.acceleration_ratio)))
     )
-    pairs = np.broadcast_arrays(*np.atleast_1d(a_p, periods(entry, podium)))
-    make = kind if entry.vertical_ratio is None else GroundMotion.in_proportion(kind, entry.vertical_ratio)
+    pairs = np.broadcast_arrays(*np.atleast_1d(a_p, pulse_periods(entry, podium)))
+    make = (
+        pulse_class
+        if entry.vertical_ratio is None
+        else GroundMotion.in_proportion(pulse_class, entry.vertical_ratio)
+    )
     return [make(float(a), float(T)) for a, T in zip(*pairs, strict=True)]
 
 
-def periods(entry: Any, podium: Podium | None) -> Any:
+def pulse_periods(entry: Any, podium: Podium | None) -> Any:
     """Return the periods T_p of an entry, given directly or by ω_p/p of the podium [s]."""
     if entry.frequency_ratio is None:
         return entry.T_p
-    return pulse_period(float(_needed(podium).p), np.asarray(entry.frequency_ratio))
+    return pulse_period(float(_require_structure(podium).p), np.asarray(entry.frequency_ratio))
 
 
-def _needed(podium: Podium | None) -> Podium:
+def _require_structure(podium: Podium | None) -> Podium:
     if podium is None:
         raise ValueError("is given by ratios, which need a table [structure]")
     return podium

@@ -18,7 +18,7 @@ from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.peak import Peak, data_variables
 
-from .numbers import Arguments, Numbers
+from .scene_arrays import Arguments, SceneArrays
 from .store import ChunkRecord, Store
 
 Devices = Literal["all"] | Sequence[Any] | None
@@ -43,28 +43,30 @@ class Job(NamedTuple):
 
         Returns the row of the chunk.
         """
-        store, numbers = _opened(self)
+        store, numbers = _open_store(self)
         if (row := store.row(k)) is not None:
             return row
         began = time.perf_counter()
         with precision(self.precision):
             box = numbers.box(store.layout.box(k))
-            peaks = solved(box, self.options, threads, devices, self.sensitivities)
+            peaks = solve_scenes(box, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())
         answers = {name: values for name, (_, values, _) in variables.items()}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
-        return store.write(k, answers, time.perf_counter() - began, float(trial_steps(peaks).sum()), failed)
+        return store.write(
+            k, answers, time.perf_counter() - began, float(count_trial_steps(peaks).sum()), failed
+        )
 
 
-_OPENED: dict[tuple[str, str], tuple[Store, Numbers]] = {}  # by path and fingerprint
+_OPEN_STORES: dict[tuple[str, str], tuple[Store, SceneArrays]] = {}  # by path and fingerprint
 
 
-def _opened(job: Job) -> tuple[Store, Numbers]:
+def _open_store(job: Job) -> tuple[Store, SceneArrays]:
     """Return the store and its scenes, read once by each process. Raises `RuntimeError` if it is not the
     store of the job."""
     path, key = job.store, (job.store, job.fingerprint)
-    if key in _OPENED:
-        return _OPENED[key]
+    if key in _OPEN_STORES:
+        return _OPEN_STORES[key]
     store = Store.open(path)
     if store is None:
         raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
@@ -76,11 +78,11 @@ def _opened(job: Job) -> tuple[Store, Numbers]:
                 f"{path}: {name} is {store.identity[name]} there, not {text}; use the same versions on all "
                 "machines"
             )
-    found = _OPENED[key] = store, Numbers(store.inputs(), job.skeleton, store.layout.shape)
+    found = _OPEN_STORES[key] = store, SceneArrays(store.inputs(), job.skeleton, store.layout.shape)
     return found
 
 
-def solved(
+def solve_scenes(
     arguments: Arguments,
     options: Options,
     threads: int | None,
@@ -96,21 +98,21 @@ def solved(
     - `sensitivities`: names of parameters
     """
     stop = threading.Event()  # Ctrl-C then raises `Interrupted`
-    workers = _workers(devices, threads)
+    workers = _worker_arguments(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
 
-def _workers(devices: Devices, threads: int | None) -> dict[str, Any]:
+def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
     """Return the arguments of the batch that select devices or threads."""
     if devices is None:
         return {"threads": threads}
     return {"devices": jax.local_devices() if devices == "all" else devices}
 
 
-def cores_of(devices: Devices, threads: int | None) -> int:
-    who = executor("sweep", **_workers(devices, threads))
-    return who.hosts * who.devices
+def count_cores(devices: Devices, threads: int | None) -> int:
+    pool = executor("sweep", **_worker_arguments(devices, threads))
+    return pool.hosts * pool.devices
 
 
-def trial_steps(peaks: Peak) -> np.ndarray:
+def count_trial_steps(peaks: Peak) -> np.ndarray:
     return np.asarray(peaks.stats.steps + peaks.stats.rejected, float)

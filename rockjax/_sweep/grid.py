@@ -90,7 +90,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
         raise ValueError(
             f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes"
         )
-    motion, labels = _motions(excitation)
+    motion, labels = _as_motion(excitation)
     coords: Coords = {} if labels is None else {"motion": labels}
     for name, values in axes.items():
         values = np.asarray(as_float(values, f"grid: {name}"))
@@ -100,23 +100,23 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
             )
         coords[name] = values
     _check_names(structure, motion, tuple(axes), single=labels is None)
-    along = {
+    axis_values = {
         name: values.reshape(tuple(-1 if k == j else 1 for k in range(len(coords))))
         for j, (name, values) in enumerate(coords.items())
     }
     if labels is not None:
-        place = along.pop("motion").shape
+        place = axis_values.pop("motion").shape
         if isinstance(motion, Records | RecordPairs):
             motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
         else:
             motion = jax.tree.map(lambda y: y.reshape(place), motion)
-    of_podium = {name: along[name] for name in parameters_of(structure) if name in along}
-    check_values("grid", of_podium)
-    podium = with_values(structure, of_podium)
-    return Grid(podium, _motion(motion, podium, along), coords)
+    podium_values = {name: axis_values[name] for name in parameters_of(structure) if name in axis_values}
+    check_values("grid", podium_values)
+    podium = with_values(structure, podium_values)
+    return Grid(podium, _vary_motion(motion, podium, axis_values), coords)
 
 
-def _motions(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
+def _as_motion(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
     """Return the motion, and the labels of its batch along `motion`, None for a single motion."""
     if isinstance(excitation, Records) and excitation.which.ndim:
         records, _ = as_records("grid", excitation, "excitation")
@@ -134,31 +134,33 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    of_motion = numbers_of(motion) if single else {}
+    motion_numbers = numbers_of(motion) if single else {}
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    known = [*parameters_of(structure), *of_motion, *ratios, "scale"]
+    valid = [*parameters_of(structure), *motion_numbers, *ratios, "scale"]
     for name in names:
-        if name not in known:
+        if name not in valid:
             raise ValueError(
-                f"grid: axes must be some of {', '.join(known)} for this podium and motion, got {name!r}"
+                f"grid: axes must be some of {', '.join(valid)} for this podium and motion, got {name!r}"
             )
-    twice = find_clash(names)
-    if twice is not None:
+    clash = find_clash(names)
+    if clash is not None:
         raise ValueError(
-            f"grid: {twice[0]} and {twice[1]} describe the same quantity; give one of them as an axis"
+            f"grid: {clash[0]} and {clash[1]} describe the same quantity; give one of them as an axis"
         )
 
 
-def _motion(base: AbstractExcitation, podium: Podium, along: dict[str, np.ndarray]) -> AbstractExcitation:
+def _vary_motion(
+    base: AbstractExcitation, podium: Podium, axis_values: dict[str, np.ndarray]
+) -> AbstractExcitation:
     changes: dict[str, Any] = {
-        place: along[name] for name, place in numbers_of(base).items() if name in along
+        place: axis_values[name] for name, place in numbers_of(base).items() if name in axis_values
     }
-    check_values("grid", {name: along[name] for name in _RATIOS if name in along})
+    check_values("grid", {name: axis_values[name] for name in _RATIOS if name in axis_values})
     part = "horizontal." if isinstance(base, GroundMotion) else ""
-    if "acceleration_ratio" in along:
-        changes[f"{part}a_p"] = pulse_acceleration(podium, along["acceleration_ratio"])
-    if "frequency_ratio" in along:
-        changes[f"{part}T_p"] = pulse_period(podium.p, along["frequency_ratio"])
+    if "acceleration_ratio" in axis_values:
+        changes[f"{part}a_p"] = pulse_acceleration(podium, axis_values["acceleration_ratio"])
+    if "frequency_ratio" in axis_values:
+        changes[f"{part}T_p"] = pulse_period(podium.p, axis_values["frequency_ratio"])
     motion = with_numbers(base, changes)
-    return motion.scaled(along["scale"]) if "scale" in along else motion
+    return motion.scaled(axis_values["scale"]) if "scale" in axis_values else motion

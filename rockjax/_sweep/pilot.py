@@ -12,8 +12,8 @@ from rockjax._batch.batch import LANES
 from rockjax._machine.threads import precision
 from rockjax._responses.peak import data_variables
 
-from .chunks import Devices, cores_of, solved, trial_steps
-from .store import ChunkLayout, compressed_size, stored_as
+from .chunks import Devices, count_cores, count_trial_steps, solve_scenes
+from .store import ChunkLayout, compressed_size, variable_for
 from .study import SweepSpec
 
 SAMPLE = (256, 16384)  # least and greatest number of scenes
@@ -22,7 +22,7 @@ SHARE = 50  # one of this many scenes is sampled
 # time after a fault.
 CHUNK_SECONDS = 2.5, 10.0
 # Least number of chunks for each worker, if they are not too short, so that the wait for the last is short.
-CHUNKS_EACH = 8
+CHUNKS_PER_CORE = 8
 
 
 class Pilot(NamedTuple):
@@ -47,10 +47,10 @@ class Pilot(NamedTuple):
         - `scenes`: number of scenes to solve
         - `cores`: number of cores that solve the sweep; `cores_of_chunk`: number that solve one chunk
         """
-        a_scene = max(1e-9, self.core_seconds * float(self.steps.mean()))
+        scene_seconds = max(1e-9, self.core_seconds * float(self.steps.mean()))
         low, high = CHUNK_SECONDS
-        seconds = min(high, max(low, scenes * a_scene / (CHUNKS_EACH * cores)))
-        return max(1, round(seconds * cores_of_chunk / a_scene))
+        seconds = min(high, max(low, scenes * scene_seconds / (CHUNKS_PER_CORE * cores)))
+        return max(1, round(seconds * cores_of_chunk / scene_seconds))
 
     def expected(self, layout: ChunkLayout) -> np.ndarray:
         """Return the expected trial steps of every chunk: the mean of its sample, or of all samples if it has
@@ -72,20 +72,20 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(study.precision):
         names = study.sensitivities
-        solve = lambda which: solved(numbers.at(which), options, threads, devices, names)
+        solve = lambda which: solve_scenes(numbers.at(which), options, threads, devices, names)
         solve(scenes[:: max(1, count // low)])  # compiles
         began = time.perf_counter()
         peaks = solve(scenes)
         seconds = time.perf_counter() - began
-    steps = trial_steps(peaks)
+    steps = count_trial_steps(peaks)
     answers = data_variables(peaks, options.outputs, ())
-    variables = {name: stored_as(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
-    kept = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
-    per_step = seconds / steps.sum() * min(cores_of(devices, threads), -(-count // LANES))
-    return Pilot(scenes, steps, per_step, variables, compressed_size(kept) / count, _resident())
+    variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
+    stored = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
+    per_step = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
+    return Pilot(scenes, steps, per_step, variables, compressed_size(stored) / count, _resident_memory())
 
 
-def _resident() -> int:
+def _resident_memory() -> int:
     """Return the greatest memory of this process so far, compiler included; the present one if the system
     does not report it [bytes]."""
     import psutil

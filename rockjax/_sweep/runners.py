@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .chunks import Devices, Job, cores_of
+from .chunks import Devices, Job, count_cores
 from .pilot import Pilot, pilot
 from .store import ChunkRecord, Store
 from .study import SweepSpec
@@ -21,36 +21,36 @@ class LocalRunner:
 
     def __init__(self, devices: Devices):
         self.devices = devices
-        self.cores = self.cores_of_chunk = cores_of(devices, None)
+        self.cores = self.cores_of_chunk = count_cores(devices, None)
 
     def pilot(self, study: SweepSpec) -> Pilot:
         return pilot(study, None, self.devices)
 
-    def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
+    def run(self, job: Job, unsolved: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks one after the other.
 
         - `job`: inputs of the sweep
-        - `todo`: indices of the chunks, in order
+        - `unsolved`: indices of the chunks, in order
         - `bar`: progress to advance
 
         Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
         written.
         """
         try:
-            for k in map(int, todo):
+            for k in map(int, unsolved):
                 job.solve(k, None, self.devices)
                 bar.finished(k)
-        except KeyboardInterrupt as stopped:
-            return stopped
+        except KeyboardInterrupt as interrupt:
+            return interrupt
         except OSError as error:
-            raise _unwritten(job, bar, error) from error
+            raise _write_error(job, bar, error) from error
         return None
 
 
-def _unwritten(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
+def _write_error(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
     cause = getattr(error, "strerror", None) or error
-    kept = f"{bar.done} of {bar.count} chunks are kept, the same call goes on from there"
-    return OSError(f"{job.store} could not be written: {cause}; {kept}")
+    stored_note = f"{bar.done} of {bar.count} chunks are kept, the same call goes on from there"
+    return OSError(f"{job.store} could not be written: {cause}; {stored_note}")
 
 
 class DaskRunner:
@@ -74,15 +74,15 @@ class DaskRunner:
         return max(1, sum(threads.values()))
 
     def pilot(self, study: SweepSpec) -> Pilot:
-        held: Any = self.client.scatter([study])  # records may be long
+        scattered: Any = self.client.scatter([study])  # records may be long
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
-        return _result(self.client.submit(pilot, held[0], 1, self.devices, key=key))
+        return _result(self.client.submit(pilot, scattered[0], 1, self.devices, key=key))
 
-    def run(self, job: Job, todo: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
+    def run(self, job: Job, unsolved: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks on the workers.
 
         - `job`: inputs of the sweep
-        - `todo`: indices of the chunks, in order of priority
+        - `unsolved`: indices of the chunks, in order of priority
         - `bar`: progress to advance
 
         Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
@@ -93,16 +93,16 @@ class DaskRunner:
         call = uuid.uuid4().hex[:8]
         tasks = {}
         try:
-            for k in map(int, todo):
+            for k in map(int, unsolved):
                 key = f"rockjax-{job.fingerprint}-{k}-{call}"
                 tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
             for task in as_completed(list(tasks)):
                 _result(task)
                 bar.finished(tasks[task])
-        except KeyboardInterrupt as stopped:
-            return stopped
+        except KeyboardInterrupt as interrupt:
+            return interrupt
         except OSError as error:
-            raise _unwritten(job, bar, error) from error
+            raise _write_error(job, bar, error) from error
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
                 self.client.cancel(list(tasks))
@@ -118,20 +118,20 @@ def _result(task: Any) -> Any:
     from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
-    kept = "what was solved until then is kept, the same call goes on"
+    stored_note = "what was solved until then is kept, the same call goes on"
     try:
         return task.result()
     except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
         raise RuntimeError(
-            f"sweep: the scheduler is lost, or has dropped the work ({_line(error)}); {kept}"
+            f"sweep: the scheduler is lost, or has dropped the work ({_first_line(error)}); {stored_note}"
         ) from error
     except KilledWorker as error:
         raise RuntimeError(
-            f"sweep: workers died over one chunk again and again ({_line(error)}); {kept}"
+            f"sweep: workers died over one chunk again and again ({_first_line(error)}); {stored_note}"
         ) from error
 
 
-def _line(error: BaseException) -> str:
+def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -139,19 +139,19 @@ class ChunkProgress:
     """Progress in expected trial steps, so that the remaining time is right although chunks differ in
     cost."""
 
-    def __init__(self, found: Store, todo: np.ndarray, done: np.ndarray, progress: bool):
+    def __init__(self, store: Store, unsolved: np.ndarray, done: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
 
         from rockjax._progress import start_clock
 
-        self.expected = found.expected
-        self.done, self.count = len(done), found.layout.number
+        self.expected = store.expected
+        self.done, self.count = len(done), store.layout.number
         self.bar = tqdm(
-            total=float(self.expected[todo].sum()),
+            total=float(self.expected[unsolved].sum()),
             disable=not progress,
             bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
-        self.bar.set_description_str(self._words(), refresh=False)
+        self.bar.set_description_str(self._describe(), refresh=False)
         self.ended = start_clock(self.bar)
 
     def __enter__(self) -> ChunkProgress:
@@ -161,11 +161,11 @@ class ChunkProgress:
         self.ended.set()
         self.bar.close()
 
-    def _words(self) -> str:
+    def _describe(self) -> str:
         return f"{self.done} of {self.count} chunks"
 
     def finished(self, k: int) -> None:
         """Advance by a finished chunk, limited to the total despite rounding."""
         self.done += 1
-        self.bar.set_description_str(self._words(), refresh=False)
+        self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

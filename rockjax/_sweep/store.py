@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Box = tuple[slice, ...]
 FORMAT = 1
 _IDENTITY = "sweep"  # attribute with everything that identifies a sweep
-_LONG = 1_000_000  # inputs with more entries than this are stored in chunks
+_LONG_INPUT = 1_000_000  # inputs with more entries than this are stored in chunks
 
 
 class TakenError(Exception):
@@ -64,10 +64,10 @@ class ChunkLayout(NamedTuple):
     def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
         """Return chunks of at most `chunk` scenes, and about as many: the last axes in full, the first one by
         one."""
-        block, room = [], max(1, chunk)
+        block, remaining = [], max(1, chunk)
         for n in reversed(shape):
-            block.append(min(n, room))
-            room = room // n if room >= n else 1
+            block.append(min(n, remaining))
+            remaining = remaining // n if remaining >= n else 1
         return cls(tuple(shape), tuple(reversed(block)))
 
     @property
@@ -107,21 +107,21 @@ class Variable(NamedTuple):
 
     dtype: np.dtype
     attrs: dict[str, Any]
-    further: dict[str, int]
+    extra_dims: dict[str, int]
 
     @property
-    def missing(self) -> Any:
+    def fill_value(self) -> Any:
         """Value that marks a scene that has not been solved."""
         if "flag_meanings" in self.attrs:
             return results.INTERRUPTED
         return {"f": np.nan, "b": False, "i": -1}[self.dtype.kind]
 
 
-def stored_as(values: np.ndarray, attrs: Mapping[str, Any], further: Sequence[str]) -> Variable:
+def variable_for(values: np.ndarray, attrs: Mapping[str, Any], extra_dims: Sequence[str]) -> Variable:
     """Return the variable in which results of a table of scenes are stored; counts do not need 64 bits."""
     dtype = np.dtype(np.int32) if values.dtype.kind == "i" and values.dtype.itemsize > 4 else values.dtype
     plain_attrs = {name: y.tolist() if isinstance(y, np.ndarray) else y for name, y in attrs.items()}
-    return Variable(dtype, plain_attrs, dict(zip(further, values.shape[1:], strict=True)))
+    return Variable(dtype, plain_attrs, dict(zip(extra_dims, values.shape[1:], strict=True)))
 
 
 def checksum(parts: Mapping[str, np.ndarray]) -> float:
@@ -161,13 +161,13 @@ class Store:
 
         Raises `ValueError` if there is something else, and if the metadata of the store cannot be read.
         """
-        path = located(path)
+        path = expand_path(path)
         if is_local(path) and not Path(path).exists():
             return None
         foreign = ValueError(f"{path}: exists and is no store of a sweep; give another path, or remove it")
         if is_local(path) and not Path(path).is_dir():
             raise foreign
-        with _readable(path):
+        with _explain_damage(path):
             try:
                 group = _zarr().open_group(_zarr_store(path), mode="r+")
             except FileNotFoundError:
@@ -204,32 +204,34 @@ class Store:
 
         Raises `TakenError` if another process was faster; its store is left unchanged.
         """
-        path = located(path)
+        path = expand_path(path)
         zarr = _zarr()
         layout = ChunkLayout(tuple(identity["shape"]), tuple(identity["chunk"]))
-        with _in_one_move(path) as place:
+        with _atomic_folder(path) as temporary:
             blocks = dict(zip(dims, layout.block, strict=True))
             # Axes are stored in full, numbers of every scene in the chunks of the results.
-            kept = {name: {"chunks": _chunks(array, blocks)} for name, array in coords.variables.items()}
-            at = _zarr_store(place)
-            coords.to_zarr(at, mode="w", zarr_format=3, consolidated=False, encoding=kept)
-            group = zarr.open_group(at, mode="r+")
-            more: Any = {"compressors": _codecs()}
+            coord_encoding = {
+                name: {"chunks": _coord_chunks(array, blocks)} for name, array in coords.variables.items()
+            }
+            zarr_store = _zarr_store(temporary)
+            coords.to_zarr(zarr_store, mode="w", zarr_format=3, consolidated=False, encoding=coord_encoding)
+            group = zarr.open_group(zarr_store, mode="r+")
+            array_options: Any = {"compressors": _codecs()}
             for name, variable in variables.items():
                 group.create_array(
                     name,
-                    shape=(*layout.shape, *variable.further.values()),
+                    shape=(*layout.shape, *variable.extra_dims.values()),
                     dtype=variable.dtype,
-                    chunks=(*layout.block, *variable.further.values()),
-                    fill_value=variable.missing,
-                    dimension_names=(*dims, *variable.further),
+                    chunks=(*layout.block, *variable.extra_dims.values()),
+                    fill_value=variable.fill_value,
+                    dimension_names=(*dims, *variable.extra_dims),
                     attributes=variable.attrs,
-                    **more,
+                    **array_options,
                 )
             for name, values in inputs.items():
-                size = values.shape if values.size <= _LONG else _cut(values.shape, layout)
-                kind = {"shape": values.shape, "dtype": values.dtype, "chunks": size}
-                group.create_array(f"inputs/{name}", **kind, **more)[...] = values
+                size = values.shape if values.size <= _LONG_INPUT else _input_chunks(values.shape, layout)
+                input_options = {"shape": values.shape, "dtype": values.dtype, "chunks": size}
+                group.create_array(f"inputs/{name}", **input_options, **array_options)[...] = values
             progress = group.create_group("progress")
             progress.create_array(
                 "rows",
@@ -238,22 +240,22 @@ class Store:
                 chunks=(1, len(ChunkRecord._fields)),
                 fill_value=np.nan,
                 attributes={"columns": list(ChunkRecord._fields)},
-                **more,
+                **array_options,
             )
             progress.create_array(
-                "expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **more
+                "expected", shape=expected.shape, dtype="f8", chunks=expected.shape, **array_options
             )[...] = expected
             group.attrs.update(attrs)
             progress.attrs[_IDENTITY] = {**identity, "variables": list(variables)}
-        opened = cls.open(path)
-        assert opened is not None
-        return opened
+        store = cls.open(path)
+        assert store is not None
+        return store
 
     def inputs(self) -> dict[str, Any]:
         """Return the numbers of the scenes; long arrays stay in the store until they are sliced."""
         group: Any = self.group["inputs"]
         return {
-            name: array if array.size > _LONG and array.chunks != array.shape else array[...]
+            name: array if array.size > _LONG_INPUT and array.chunks != array.shape else array[...]
             for name, array in group.arrays()
         }
 
@@ -276,7 +278,7 @@ class Store:
         """Mark a chunk as not done, so that it is solved again."""
         self._rows[k] = np.full(len(ChunkRecord._fields), np.nan)
 
-    def intact(self, k: int, row: np.ndarray) -> bool:
+    def is_intact(self, k: int, row: np.ndarray) -> bool:
         """Return whether the results of a chunk match the checksum in its row."""
         box = self.layout.box(k)
         try:
@@ -302,7 +304,7 @@ class Store:
 
         Returns the row. Raises `RuntimeError` if another sweep has replaced the store meanwhile.
         """
-        with _readable(self.path):
+        with _explain_damage(self.path):
             identity = _read_identity(_zarr().open_group(_zarr_store(self.path), mode="r"))
         if identity != self.identity:
             raise RuntimeError(
@@ -321,7 +323,7 @@ class Store:
         `interrupted`."""
         import xarray
 
-        with _readable(self.path):
+        with _explain_damage(self.path):
             return xarray.open_zarr(_zarr_store(self.path), consolidated=False, chunks={})[self.variables]
 
 
@@ -331,7 +333,7 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
     return dict(attrs.get(_IDENTITY, {}))
 
 
-def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
+def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
     """Return chunks for numbers whose first axes are those of the grid, aligned with the chunks of the
     results; others are not divided."""
     axes = len(layout.shape)
@@ -340,15 +342,15 @@ def _cut(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
     return tuple(min(n, b) for n, b in zip(shape, layout.block, strict=False)) + shape[axes:]
 
 
-def _chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
+def _coord_chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
     names = [str(name) for name in array.dims]
     return tuple(
-        n if len(names) == 1 and n < _LONG else blocks[name]
+        n if len(names) == 1 and n < _LONG_INPUT else blocks[name]
         for name, n in zip(names, array.shape, strict=True)
     )
 
 
-def located(path: str | Path) -> str:
+def expand_path(path: str | Path) -> str:
     """Return a path as text with the home folder in place of `~`; URLs other than of files are unchanged."""
     text = str(path).removeprefix("file://")
     return os.path.expanduser(text) if is_local(text) else text
@@ -358,10 +360,10 @@ def is_local(path: str) -> bool:
     return "://" not in path
 
 
-def require_place(path: str | Path) -> None:
+def require_creatable(path: str | Path) -> None:
     """Raise `OSError` if no store can be made at a path: tested by making a folder of that name and removing
     it."""
-    path = located(path)
+    path = expand_path(path)
     if not is_local(path):
         return
     try:
@@ -385,7 +387,7 @@ def _zarr_store(path: str) -> Any:
 
 
 @contextlib.contextmanager
-def _in_one_move(path: str) -> Iterator[str]:
+def _atomic_folder(path: str) -> Iterator[str]:
     """Provide a folder beside the target, which is renamed to it once complete. (Behind a URL the attributes
     are written last.)"""
     if not is_local(path):
@@ -393,17 +395,17 @@ def _in_one_move(path: str) -> Iterator[str]:
         return
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    place = tempfile.mkdtemp(prefix=".sweep-", dir=target.parent)  # short: names have at most 255 bytes
+    temporary = tempfile.mkdtemp(prefix=".sweep-", dir=target.parent)  # short: names have at most 255 bytes
     try:
-        yield place
+        yield temporary
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(place, 0o777 & ~umask)
-        _rename(place, target)
+        os.chmod(temporary, 0o777 & ~umask)
+        _rename(temporary, target)
     except BaseException as error:
         for _ in range(20):  # other threads of zarr may still be writing into it
-            shutil.rmtree(place, ignore_errors=True)
-            if not os.path.exists(place):
+            shutil.rmtree(temporary, ignore_errors=True)
+            if not os.path.exists(temporary):
                 break
             time.sleep(0.05)
         if isinstance(error, OSError):
@@ -411,10 +413,10 @@ def _in_one_move(path: str) -> Iterator[str]:
         raise
 
 
-def _rename(place: str, target: Path) -> None:
+def _rename(temporary: str, target: Path) -> None:
     """Rename a folder to the target. Raises `TakenError` if the target has been created meanwhile."""
     try:
-        os.rename(place, target)
+        os.rename(temporary, target)
     except OSError as error:
         # Linux reports that the folder is not empty, other systems that it exists, or that access is denied.
         if target.is_dir() and any(target.iterdir()):
@@ -423,23 +425,23 @@ def _rename(place: str, target: Path) -> None:
 
 
 @contextlib.contextmanager
-def _readable(path: str) -> Iterator[None]:
+def _explain_damage(path: str) -> Iterator[None]:
     """Raise `ValueError` that names the store, the file and the cure for metadata that zarr cannot read."""
     try:
         yield
     except (ValueError, KeyError, TypeError) as error:
-        damaged = _damaged(path) if is_local(path) else None
+        damaged = _first_damaged_file(path) if is_local(path) else None
         if damaged is None and str(error).startswith(path):
             raise  # already a clear message
-        what = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
+        cause = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
         raise ValueError(
-            f"{path}: {what}, so that this sweep cannot be gone on with; put the file back from a copy, or "
+            f"{path}: {cause}, so that this sweep cannot be gone on with; put the file back from a copy, or "
             f"move "
             "the store away: the same call then begins a new one"
         ) from error
 
 
-def _damaged(path: str) -> Path | None:
+def _first_damaged_file(path: str) -> Path | None:
     """Return the first metadata file that is not JSON."""
     for file in sorted(Path(path).rglob("zarr.json")):
         try:

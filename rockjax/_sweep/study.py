@@ -18,7 +18,7 @@ from rockjax._responses.arguments import as_end, as_start, check_range, check_ty
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.sensitivities import of_scenes
 
-from .numbers import Numbers
+from .scene_arrays import SceneArrays
 from .store import FORMAT, ChunkLayout, Store, digest, fingerprint
 
 
@@ -26,7 +26,7 @@ class SweepSpec(NamedTuple):
     """The numbers of the scenes of a sweep, the names and labels of their axes, and the options to solve
     them."""
 
-    numbers: Numbers
+    numbers: SceneArrays
     dims: tuple[str, ...]
     labels: dict[str, np.ndarray]
     options: Options
@@ -54,7 +54,7 @@ class SweepSpec(NamedTuple):
             "dims": list(self.dims),
             "shape": list(self.shape),
             "chunk": list(layout.block),
-            "numbers": {name: digest(y) for name, y in self.numbers.named.items()},
+            "numbers": {name: digest(y) for name, y in self.numbers.arrays.items()},
             "labels": {name: digest(y) for name, y in self.labels.items()},
             "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
             "sensitivities": list(self.sensitivities),
@@ -66,7 +66,7 @@ def _plain(y: Any) -> Any:
     return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
 
 
-def study_of(
+def make_study(
     structures, excitations, coords, initial, t_end, options: Options, outputs, sensitivities=()
 ) -> SweepSpec:
     """Return the specification of a sweep, from the arguments of [`rockjax.sweep`][].
@@ -84,7 +84,7 @@ def study_of(
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
     initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
-    numbers = Numbers.of("sweep", structures.split(), excitations, initial, t_end)
+    numbers = SceneArrays.of("sweep", structures.split(), excitations, initial, t_end)
     dims, labels = _axes(coords, numbers.shape)
     names = of_scenes("sweep", structures, excitations, sensitivities)
     return SweepSpec(numbers, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
@@ -111,47 +111,47 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
     return dims, labels
 
 
-def check_same(found: Store, study: SweepSpec, chunk: int | None) -> None:
+def check_same(store: Store, study: SweepSpec, chunk: int | None) -> None:
     """Raise `ValueError` unless a store belongs to exactly this sweep."""
-    layout = found.layout if chunk is None else ChunkLayout.of(study.shape, chunk)
-    differences = list(_differences(found.identity, study.identity(layout)))
+    layout = store.layout if chunk is None else ChunkLayout.of(study.shape, chunk)
+    differences = list(_differences(store.identity, study.identity(layout)))
     if differences:
         raise ValueError(
-            f"{found.path}: holds another sweep: "
+            f"{store.path}: holds another sweep: "
             f"{'; '.join(differences[:4])}; give another path, remove it, or make the "
             "call that it was made with"
         )
 
 
-def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
+def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[str]:
     """Describe the differences of two sweeps: numbers and labels by their names, all else by its values."""
-    for name in here:
-        before, now = there.get(name), here.get(name)
+    for name in requested:
+        before, now = stored.get(name), requested.get(name)
         if isinstance(before, dict) and isinstance(now, dict):
             keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
             for key in keys:
-                of_options = f"options.{key}: {before.get(key)} there, {now.get(key)} here"
-                yield of_options if name == "options" else f"the {name} of {key} are others"
+                option_difference = f"options.{key}: {before.get(key)} there, {now.get(key)} here"
+                yield option_difference if name == "options" else f"the {name} of {key} are others"
         elif before != now and name != "fingerprint":
             yield f"{name}: {before} there, {now} here"
 
 
-def coords_of(study: SweepSpec) -> Iterator[tuple[str, Any]]:
+def sweep_coords(study: SweepSpec) -> Iterator[tuple[str, Any]]:
     """Return the labels of the axes and of sensitivities, and every number that varies between scenes along
     the axes on which it does."""
     for name, labels in study.labels.items():
-        of_axis = (
+        axis_attrs = (
             {"units": "1", "long_name": "ground motion"} if name == "motion" else variable_attributes(name)
         )
-        yield name, ((name,), labels, of_axis)
+        yield name, ((name,), labels, axis_attrs)
     if study.sensitivities:
         yield "parameter", ("parameter", np.array(study.sensitivities), {"long_name": "y of sensitivities"})
     taken = {*study.labels, *study.dims, "parameter"}
     for name, y in study.numbers.varying().items():
         short = name.rsplit(".", 1)[-1]
-        along = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)
+        dims = tuple(d for d, n in zip(study.dims, y.shape, strict=True) if n > 1)
         values = y.reshape([n for n in y.shape if n > 1])
-        if along == (short,) and np.array_equal(values, study.labels.get(short, [])):
+        if dims == (short,) and np.array_equal(values, study.labels.get(short, [])):
             continue  # already the labels
-        yield (name if short in taken else short), (along, values, variable_attributes(name))
+        yield (name if short in taken else short), (dims, values, variable_attributes(name))
         taken.add(short)

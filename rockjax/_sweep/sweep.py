@@ -26,8 +26,8 @@ from rockjax._structures import Podium
 from .chunks import Devices, Job
 from .pilot import Pilot
 from .runners import ChunkProgress, DaskRunner, LocalRunner
-from .store import ChunkLayout, Store, TakenError, located, require_place, require_zarr
-from .study import SweepSpec, check_same, coords_of, study_of
+from .store import ChunkLayout, Store, TakenError, expand_path, require_creatable, require_zarr
+from .study import SweepSpec, check_same, make_study, sweep_coords
 
 if TYPE_CHECKING:
     import xarray
@@ -85,35 +85,35 @@ def sweep(
     without the extra `rockjax[sweep]`. Chunks solved until then are kept in all cases.
     """
     require_zarr()
-    study = study_of(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
+    study = make_study(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
     if chunk is not None:
         require_whole("sweep", "chunk", chunk, 1)
     require_instance("sweep", "store", store, str | Path, "a folder or a URL")
     found = Store.open(store)
     if found is not None:
         check_same(found, study, chunk)
-    where = LocalRunner(devices) if client is None else DaskRunner(client, devices)
+    runner = LocalRunner(devices) if client is None else DaskRunner(client, devices)
     if found is None or dry_run:
         if not dry_run:
-            require_place(store)
-        pilot = where.pilot(study)
-        size = chunk or pilot.chunk(study.scenes, where.cores, where.cores_of_chunk)
+            require_creatable(store)
+        pilot = runner.pilot(study)
+        size = chunk or pilot.chunk(study.scenes, runner.cores, runner.cores_of_chunk)
         layout = ChunkLayout.of(study.shape, size) if found is None else found.layout
         if dry_run:
-            return _plan(study, layout, pilot, found, where, located(store))
-        found = _created(store, study, layout, pilot, chunk, describe_motions(excitations))
+            return _plan(study, layout, pilot, found, runner, expand_path(store))
+        found = _create_store(store, study, layout, pilot, chunk, describe_motions(excitations))
     fingerprint, skeleton = found.identity["fingerprint"], study.numbers.skeleton
     job = Job(found.path, fingerprint, skeleton, study.options, study.precision, study.sensitivities)
-    todo, solved = _todo(found, progress)
-    with ChunkProgress(found, todo, solved, progress) as bar:
-        stopped = where.run(job, todo, bar)
+    unsolved, solved = _find_unsolved(found, progress)
+    with ChunkProgress(found, unsolved, solved, progress) as bar:
+        interrupt = runner.run(job, unsolved, bar)
     data = found.dataset()
-    if stopped is not None:
+    if interrupt is not None:
         message = (
             f"stopped with "
             f"{bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
         )
-        raise Interrupted(message, data) from stopped
+        raise Interrupted(message, data) from interrupt
     failed = int(np.nansum(found.rows()[:, -1]))
     if failed:
         message = f"{failed} of {study.scenes} scenes did not finish; their variable 'result' names the cause"
@@ -121,15 +121,17 @@ def sweep(
     return data
 
 
-def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions) -> Store:
+def _create_store(
+    path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
+) -> Store:
     """Return a new store; or, if another client was the first to start this very sweep, its store."""
     import xarray
 
-    coords = xarray.Dataset(coords=dict(coords_of(study)))
-    fixed = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
-    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **fixed, **motions}
+    coords = xarray.Dataset(coords=dict(sweep_coords(study)))
+    common_numbers = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
+    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **common_numbers, **motions}
     attrs |= describe_options(study.options)
-    parts = coords, pilot.variables, study.numbers.named, pilot.expected(layout), attrs
+    parts = coords, pilot.variables, study.numbers.arrays, pilot.expected(layout), attrs
     try:
         return Store.create(path, study.identity(layout), study.dims, *parts)
     except TakenError:
@@ -139,7 +141,7 @@ def _created(path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: i
         return found
 
 
-def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
+def _find_unsolved(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the chunks to solve, the most expensive first, so that the last ones are short; and those that
     are done."""
     from tqdm.auto import tqdm  # a widget in notebooks
@@ -149,15 +151,15 @@ def _todo(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
     for k in tqdm(
         np.flatnonzero(done), desc="verifying", unit=" chunks", disable=not progress or not done.any()
     ):
-        if not found.intact(int(k), rows[k]):
+        if not found.is_intact(int(k), rows[k]):
             warnings.warn(
                 f"{found.path}: chunk {k} is damaged, and is solved again", RuntimeWarning, stacklevel=3
             )
             found.forget(int(k))
             done[k] = False
     expected = found.expected
-    todo = np.flatnonzero(~done)
-    return todo[np.argsort(-expected[todo], kind="stable")], np.flatnonzero(done)
+    unsolved = np.flatnonzero(~done)
+    return unsolved[np.argsort(-expected[unsolved], kind="stable")], np.flatnonzero(done)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,7 +217,7 @@ def _plan(
     layout: ChunkLayout,
     pilot: Pilot,
     found: Store | None,
-    where: LocalRunner | DaskRunner,
+    runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
     expected = pilot.expected(layout)
@@ -223,7 +225,7 @@ def _plan(
     sizes = layout.sizes()
     steps = float(expected[~done].sum())
     core_seconds = steps * pilot.core_seconds
-    own = sum(y.itemsize for y in study.numbers.varying().values())
+    bytes_per_scene = sum(y.itemsize for y in study.numbers.varying().values())
     return SweepPlan(
         scenes=study.scenes,
         shape=study.shape,
@@ -232,9 +234,9 @@ def _plan(
         done=int(sizes[done].sum()),
         steps=steps,
         core_seconds=core_seconds,
-        cores=where.cores,
-        seconds=core_seconds / min(where.cores, where.cores_of_chunk * max(1, int((~done).sum()))),
-        memory=pilot.resident + int(sizes.max()) * (BYTES + 4 * own),
-        disk=int(pilot.bytes_ * study.scenes + sum(y.nbytes for y in study.numbers.named.values())),
+        cores=runner.cores,
+        seconds=core_seconds / min(runner.cores, runner.cores_of_chunk * max(1, int((~done).sum()))),
+        memory=pilot.resident + int(sizes.max()) * (BYTES + 4 * bytes_per_scene),
+        disk=int(pilot.bytes_ * study.scenes + sum(y.nbytes for y in study.numbers.arrays.values())),
         store=path,
     )

@@ -150,7 +150,7 @@ def test_a_spectrum_of_a_file(run, tmp_path):
 
 def panels(*arguments, table=None):
     """The podiums of a spectrum, without solving it."""
-    from rockjax._cli import _given, _options
+    from rockjax._cli import _options, _request
 
     group = typer.main.get_command(app)
     context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
@@ -163,7 +163,7 @@ def panels(*arguments, table=None):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rockjax._problem.reading.load_table", lambda _: table)
         explicit = {name: (options[name].flag, values[name]) for name in explicit}
-        return _given.Given("spectrum", table and Path("a.toml"), values, explicit).panels()
+        return _request.Request("spectrum", table and Path("a.toml"), values, explicit).panels()
 
 
 def test_panels_of_buildings():

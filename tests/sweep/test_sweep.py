@@ -340,16 +340,16 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     """A worker that is still at it when its store is removed, and made again for something else."""
     store = tmp_path / "a.zarr"
     other = GRID.structures.replace(gamma=11.0)
-    solve = _chunks.solved
+    solve = _chunks.solve_scenes
 
     def replaced(*args):
-        monkeypatch.setattr(_chunks, "solved", solve)
+        monkeypatch.setattr(_chunks, "solve_scenes", solve)
         peaks = solve(*args)
         shutil.rmtree(store)
         sweep(store, (other, *GRID[1:]))
         return peaks
 
-    monkeypatch.setattr(_chunks, "solved", replaced)
+    monkeypatch.setattr(_chunks, "solve_scenes", replaced)
     with pytest.raises(RuntimeError, match="another sweep has replaced this one"):
         sweep(store)
     same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))

@@ -14,15 +14,15 @@ GROUPS = ("structures", "excitations", "initial", "t_end")
 Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_end)
 
 
-class Numbers(NamedTuple):
+class SceneArrays(NamedTuple):
     """Every number of (structures, excitations, initial, t_end).
 
-    - `named`: arrays, or objects that can be sliced like arrays: first the axes of the grid, each full or of
+    - `arrays`: arrays, or objects that can be sliced like arrays: first the axes of the grid, each full or of
       length 1, then those of one scene; numbers common to all scenes have no axes of the grid
     - `skeleton`: the arguments with names in the place of their numbers; `shape`: of the grid
     """
 
-    named: Mapping[str, Any]
+    arrays: Mapping[str, Any]
     skeleton: Arguments
     shape: tuple[int, ...]
 
@@ -43,63 +43,65 @@ class Numbers(NamedTuple):
         outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
         if not shape:
             shape, outer[0], leaves[0] = (1,), (1,), leaves[0][None]
-        named = {
+        arrays = {
             name: y.reshape((1,) * (len(shape) - len(batch)) + y.shape) if batch else y
             for name, y, batch in zip(names, leaves, outer, strict=True)
         }
-        return cls(named, jax.tree.unflatten(structure, names), shape)
+        return cls(arrays, jax.tree.unflatten(structure, names), shape)
 
     @property
     def size(self) -> int:
         """Number of scenes."""
         return int(np.prod(self.shape, dtype=np.int64))
 
-    def _own(self) -> dict[str, int]:
+    def _own_dimensions(self) -> dict[str, int]:
         own = own_dimensions(jax.tree.structure(self.skeleton), self.skeleton[1])
         return dict(zip(jax.tree.leaves(self.skeleton), own, strict=True))
 
-    def _batched(self, name: str, own: int) -> bool:
-        return self.named[name].ndim > own
+    def _has_grid_axes(self, name: str, own: int) -> bool:
+        return self.arrays[name].ndim > own
 
-    def _arguments(self, cut) -> Arguments:
-        """Return the arguments with `cut` applied to every number that has axes of the grid."""
-        chosen = [
-            np.asarray(cut(self.named[name], own) if self._batched(name, own) else self.named[name][...])
-            for name, own in self._own().items()
+    def _arguments(self, select) -> Arguments:
+        """Return the arguments with `select` applied to every number that has axes of the grid."""
+        values = [
+            np.asarray(
+                select(self.arrays[name], own) if self._has_grid_axes(name, own) else self.arrays[name][...]
+            )
+            for name, own in self._own_dimensions().items()
         ]
-        return jax.tree.unflatten(jax.tree.structure(self.skeleton), chosen)
+        return jax.tree.unflatten(jax.tree.structure(self.skeleton), values)
 
     def box(self, where: tuple[slice, ...]) -> Arguments:
         """Return the arguments of a part of the grid."""
 
-        def cut(y, own: int):
+        def select(y, own: int):
             axes = y.shape[: y.ndim - own]
             return y[tuple(part if n > 1 else slice(0, 1) for part, n in zip(where, axes, strict=True))]
 
-        return self._arguments(cut)
+        return self._arguments(select)
 
     def at(self, scenes: np.ndarray) -> Arguments:
         """Return the arguments of some scenes, by their indices in the order of the grid, as a table."""
         place = np.unravel_index(scenes, self.shape)
 
-        def cut(y, own: int):
+        def select(y, own: int):
             axes = y.shape[: y.ndim - own]
             return y[tuple(j if n > 1 else np.zeros_like(j) for j, n in zip(place, axes, strict=True))]
 
-        return self._arguments(cut)
+        return self._arguments(select)
 
     def varying(self) -> dict[str, np.ndarray]:
         """Return the single numbers that have axes of the grid."""
         return {
-            name: self.named[name]
-            for name, own in self._own().items()
-            if own == 0 and self._batched(name, own)
+            name: self.arrays[name]
+            for name, own in self._own_dimensions().items()
+            if own == 0 and self._has_grid_axes(name, own)
         }
 
     def common(self) -> dict[str, np.ndarray]:
         """Return the single numbers that all scenes share."""
         return {
-            name: self.named[name]
-            for name, own in self._own().items()
-            if own == 0 and not self._batched(name, own)
+            name: self.arrays[name]
+            for name, own in self._own_dimensions().items()
+            if own == 0 and not self._has_grid_axes(name, own)
         }

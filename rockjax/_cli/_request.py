@@ -21,7 +21,7 @@ _STRUCTURE = [*models.ByRatios.model_fields, *_TOP, *models.ByDimensions.model_f
 _SIDES = ("width", "height", "column_mass")
 _PULSE = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
 _MOTION = [*models.Pulses.model_fields, *models.Record.model_fields]
-_EITHER = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
+_ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
@@ -36,7 +36,7 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
     return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
-class Given:
+class Request:
     """A problem file, if any, with options that override it.
 
     - `command`: name of the command; its table is `settings`
@@ -85,16 +85,16 @@ class Given:
             merged["motions"] = self._motions(merged)
         return {name: value for name, value in merged.items() if value is not None}
 
-    def _options(self, given: Any) -> Any:
+    def _options(self, values: Any) -> Any:
         """Return each option from the command line, else from the file, else the default of the command."""
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
         explicit = self.chosen(names)
-        if not isinstance(given, dict):
-            return given
-        merged = {name: self.values[name] for name in names} | given | explicit
-        if "rtol" in explicit or ("rtol" in names and "atol" not in given):
+        if not isinstance(values, dict):
+            return values
+        merged = {name: self.values[name] for name in names} | values | explicit
+        if "rtol" in explicit or ("rtol" in names and "atol" not in values):
             merged["atol"] = 0.01 * merged["rtol"] if isinstance(merged["rtol"], float) else None
         return {name: value for name, value in merged.items() if value is not None}
 
@@ -117,7 +117,7 @@ class Given:
 
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the table of a structure by ratios, overridden by values."""
-        merged = self._either(table, {name: y for name, y in values.items() if name not in _TOP})
+        merged = self._override(table, {name: y for name, y in values.items() if name not in _TOP})
         top = merged.pop("superstructure", {})
         changes = {name: values[name] for name in _TOP if name in values}
         if changes and isinstance(top, dict):
@@ -134,10 +134,10 @@ class Given:
                 top = {}
         return merged | ({"superstructure": top} if top else {})
 
-    def _either(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return an entry, overridden by values. Of two alternative keys the explicit one stays."""
         merged = {**entry, **values}
-        for pair in _EITHER.items():
+        for pair in _ALTERNATIVES.items():
             given = [name for name in pair if name in self.flags]
             if len(given) == 2:
                 raise ValueError(f"{self.flags[pair[0]]} and {self.flags[pair[1]]}: give one of them")
@@ -153,14 +153,16 @@ class Given:
             return {"record": explicit}
         if not sets:
             pulse = {name: self.values[name] for name in _PULSE if name in self.values}
-            return {"pulse": self._either({}, pulse | explicit)}
+            return {"pulse": self._override({}, pulse | explicit)}
         name = (
             own.get("motion", next(iter(sets)) if len(sets) == 1 else None) if isinstance(own, dict) else None
         )
         if not explicit or not isinstance(sets, dict) or name not in sets:
             return sets
         entries = sets[name] if isinstance(sets[name], list) else [sets[name]]
-        return sets | {name: [self._either(entry, explicit) for entry in entries if isinstance(entry, dict)]}
+        return sets | {
+            name: [self._override(entry, explicit) for entry in entries if isinstance(entry, dict)]
+        }
 
     @property
     def changes_motion(self) -> bool:
@@ -181,36 +183,36 @@ class Given:
         MASSES.set(attributes)
         return self.reader.structure(given)
 
-    def panels(self) -> PanelsOf:
+    def panels(self) -> Panels:
         """Return podiums for each mass ratio η/γ and each (longest) period T_s, 0 for a rigid top."""
         from rockjax._structures import superstructure_of
 
-        podium, swept = self.podium(), self.settings
-        given = {*self.flags, *swept.model_fields_set}
+        podium, settings = self.podium(), self.settings
+        given = {*self.flags, *settings.model_fields_set}
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
-        whole = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
+        has_structure = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
         if {"eta", "eta_over_gamma"} <= self.flags.keys():
             raise ValueError("--eta and --eta-over-gamma: give one of them")
-        if "eta" in self.flags or (whole and "eta_over_gamma" not in given):
+        if "eta" in self.flags or (has_structure and "eta_over_gamma" not in given):
             ratios, etas = [eta / gamma if gamma else float("inf") if eta else 0.0], [eta]
         else:
-            ratios = swept.eta_over_gamma
+            ratios = settings.eta_over_gamma
             etas = [ratio * gamma for ratio in ratios]
-        stories = _alike_stories(self.problem.structure) or self.values.get("stories")
+        stories = _equal_stories(self.problem.structure) or self.values.get("stories")
         changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in given]
-        if whole and changed and not stories and top is not None and top.several:
+        if has_structure and changed and not stories and top is not None and top.several:
             raise ValueError(
                 f"--{changed[0].replace('_', '-')}: the superstructure has several modes or stories, which "
                 "no single number can change; give stories that are alike, or change the file"
             )
         period, damping = _longest(top)
         zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in given else damping)
-        if whole and not changed:
-            return PanelsOf([podium], ratios, [period], zeta)
-        periods = swept.T_s if not whole or "T_s" in given else [period]
+        if has_structure and not changed:
+            return Panels([podium], ratios, [period], zeta)
+        periods = settings.T_s if not has_structure or "T_s" in given else [period]
         with self.reader.at("structure"):
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
-        return PanelsOf([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
+        return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def set_name(self, name: str | None, key: str = "motion") -> str:
         """Return the name of the chosen set of motions."""
@@ -218,7 +220,7 @@ class Given:
         if name is None and len(sets) > 1:
             which = f"{key} is missing: which of {', '.join(sets)}?"
             self.reader.fail(self.command, f"{which} ([{self.command}] {key}, or --{key})")
-        return self.reader.named(sets, name, f"{self.command}.{key}")
+        return self.reader.require_set(sets, name, f"{self.command}.{key}")
 
     def motion(self, podium: rj.Podium) -> Any:
         """Return the chosen motion, a record with its name and source."""
@@ -233,7 +235,7 @@ class Given:
         return found[(number or 1) - 1]
 
 
-class PanelsOf(NamedTuple):
+class Panels(NamedTuple):
     """Podiums of panels, η/γ outermost."""
 
     podiums: list[rj.Podium]
@@ -242,19 +244,19 @@ class PanelsOf(NamedTuple):
     zeta: float  # of those
 
 
-def records_of(reader: Any, paths: list[Path], how: Mapping[str, Any]) -> Motions:
-    """Return the motions of files, folders and tables; `how` are further keys of their entries."""
+def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Motions:
+    """Return the motions of files, folders and tables; `keys` are further keys of their entries."""
     from rockjax._motions.readers import is_table
 
     entries = []
     for path in paths:
         source = "suite" if path.is_dir() or is_table(path) else "file"
-        more = {name: y for name, y in how.items() if name != "pattern" or path.is_dir()}
-        entries.append({source: str(path.absolute())} | more)
-    return reader.recorded(reader.check(models.Problem, {"motions": {"files": entries}}).motions, "files")
+        entry_keys = {name: y for name, y in keys.items() if name != "pattern" or path.is_dir()}
+        entries.append({source: str(path.absolute())} | entry_keys)
+    return reader.records(reader.check(models.Problem, {"motions": {"files": entries}}).motions, "files")
 
 
-def _alike_stories(structure: Any) -> int | None:
+def _equal_stories(structure: Any) -> int | None:
     """Return the number of equal stories of a structure, None without."""
     return getattr(structure, "stories", None) or getattr(
         getattr(structure, "superstructure", None), "stories", None
