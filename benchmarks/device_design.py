@@ -41,7 +41,7 @@ from optimise._objectives import AbstractObjective, OfPodium
 from optimise._optimality import optimality
 from optimise._suite import Suite
 from optimise._targets import AbstractResponses
-from optimise._variables import variables
+from optimise._variables import make_variables
 from rockjax import plots
 from rockjax._files import write_figure
 
@@ -160,7 +160,7 @@ class Check(NamedTuple):
 
 
 def check(problem: Problem, answer: optimise.Design) -> Check:
-    varied = variables(answer.structure, problem.vary)
+    varied = make_variables(answer.structure, problem.vary)
     x = np.asarray(varied.start())
     f, c, peaks = fresh(problem, varied.podium(jnp.asarray(x)))
     slopes: tuple[list, list] = [], []

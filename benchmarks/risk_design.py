@@ -23,7 +23,7 @@ import optax
 
 import optimise
 import rockjax as rj
-from optimise._evaluator import _least_scales, traced
+from optimise._evaluator import _least_scales, options_as_arrays
 from rockjax.internal import fit_capacities
 
 from .measure import IMAGES, keep, kept_so_far, show
@@ -77,7 +77,7 @@ def least(target, vary: dict[str, tuple[float, float]], starts: int = 1, **how: 
 def capacities(podium: rj.Podium, motions: list[rj.AbstractExcitation]) -> np.ndarray:
     """Least overturning PGA under each of some records [m/s²], inf above the last point of the hazard."""
     target = optimise.AnnualFrequency(1e-3, HAZARD, motions, width=WIDTH)
-    return np.asarray(_least_scales(target, traced(OPTIONS), podium))
+    return np.asarray(_least_scales(target, options_as_arrays(OPTIONS), podium))
 
 
 @jax.jit

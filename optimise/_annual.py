@@ -51,7 +51,7 @@ class AnnualFrequency(AbstractScaleTarget):
     width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
-    averages: ClassVar[bool] = True
+    accepts_fresh_samples: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -74,10 +74,11 @@ class AnnualFrequency(AbstractScaleTarget):
             )
         highest = float(hazard.intensity[-1]) if max_intensity is None else max_intensity
         highest = require_number(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
-        often = float(hazard(jnp.asarray(float(highest))))
-        if often >= at_most:
+        exceedance_rate = float(hazard(jnp.asarray(float(highest))))
+        if exceedance_rate >= at_most:
             raise ValueError(
-                f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {often:.3g} times a year, "
+                f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {exceedance_rate:.3g} "
+                "times a year, "
                 f"more often than at_most = {at_most:g}; give a higher one"
             )
         given = suite.records(owner) if isinstance(suite, FreshSamples) else suite
@@ -85,45 +86,45 @@ class AnnualFrequency(AbstractScaleTarget):
         if len(motions) < 2:
             raise ValueError(f"{owner}: suite must hold two motions or more, got one")
         try:
-            sizes = [measure_by_label(motion, hazard.measure) for motion in motions]
+            intensities = [measure_by_label(motion, hazard.measure) for motion in motions]
         except ValueError as error:
             raise ValueError(f"{owner}: of the hazard, {error}") from None
-        if min(sizes) == 0:
+        if min(intensities) == 0:
             raise ValueError(
-                f"{owner}: motion {int(np.argmin(sizes)) + 1} of the suite has {hazard.measure} = 0; "
+                f"{owner}: motion {int(np.argmin(intensities)) + 1} of the suite has {hazard.measure} = 0; "
                 "leave it out"
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
         # Scaled to unit intensity, so that a factor on a motion is its intensity.
         members = single_motions(owner, given, "suite").members
-        unit = [motion.scaled(1 / size) for motion, size in zip(members, sizes, strict=True)]
-        drawn = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
-        self.suite = Suite.of(drawn, owner, "suite")
+        unit = [motion.scaled(1 / size) for motion, size in zip(members, intensities, strict=True)]
+        members_or_samples = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
+        self.suite = Suite.of(members_or_samples, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Fit a lognormal distribution to the least overturning intensities [as the hazard].
 
         Its numbers are NaN where fewer than two motions overturn.
         """
-        return self._fitted(self.least_scales(podium, options))
+        return self._fit(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
         """Mean annual frequency λ_f [1/year]; an upper limit where fewer than two motions overturn."""
         return self._frequency(self.least_scales(podium, options))
 
-    def _fitted(self, found: Float[Array, " k"]) -> rj.Lognormal:
-        return fit_capacities(found, jnp.full_like(found, self.max_scale))
+    def _fit(self, scales: Float[Array, " k"]) -> rj.Lognormal:
+        return fit_capacities(scales, jnp.full_like(scales, self.max_scale))
 
-    def _frequency(self, found: Float[Array, " k"]) -> Float[Array, ""]:
-        fitted = self._fitted(found)
-        known = ~jnp.isnan(fitted.median)
-        curve = rj.Lognormal(*(jnp.where(known, y, 1.0) for y in fitted))
-        end = jax.lax.stop_gradient(self.hazard(self.max_scale))
-        return jnp.where(known, rj.annual_frequency(curve, self.hazard).frequency, end)
+    def _frequency(self, scales: Float[Array, " k"]) -> Float[Array, ""]:
+        fitted = self._fit(scales)
+        is_fitted = ~jnp.isnan(fitted.median)
+        curve = rj.Lognormal(*(jnp.where(is_fitted, y, 1.0) for y in fitted))
+        upper_limit = jax.lax.stop_gradient(self.hazard(self.max_scale))
+        return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, upper_limit)
 
-    def of_scales(self, found: Float[Array, " k"]) -> Margins:
-        return jnp.log(self.at_most / self._frequency(found))[None]
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+        return jnp.log(self.at_most / self._frequency(scales))[None]
 
     def describe(self) -> str:
         return f"overturning at most {self.at_most:g} times a year"

@@ -16,7 +16,7 @@ from rockjax.internal import UNTIL_OVERTURNING, Module, align_rows, html, requir
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
 from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, UNVERIFIED, named
-from ._variables import Structure, Variables, as_podium, variables
+from ._variables import Structure, Variables, as_podium, make_variables
 
 
 class Outcome(NamedTuple):
@@ -96,7 +96,7 @@ class Design(Module):
         return _html(self)
 
 
-def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
+def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     """Return the headline, the rows of variables and the rows of targets; first rows are headings."""
     state = "satisfied" if design.satisfied else "not satisfied"
     until = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
@@ -110,8 +110,8 @@ def _account(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     targets = [["target", "worst margin", "of", "shadow price"]]
     for name, margins in design.margins.items():
         price = float(np.sum(design.multipliers[name]))
-        shown = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
-        targets.append([name, f"{float(np.min(margins)):+.3g}", str(len(margins)), shown])
+        price_text = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
+        targets.append([name, f"{float(np.min(margins)):+.3g}", str(len(margins)), price_text])
     return headline, variables, targets
 
 
@@ -123,7 +123,7 @@ def check_design(owner: str, design) -> None:
 def table(design: Design) -> str:
     """Return the design as text: variables, targets with worst margins and shadow prices, and its cost."""
     check_design("table", design)
-    headline, variables, targets = _account(design)
+    headline, variables, targets = _tabulate(design)
     text = [f"Design: {headline}"]
     for rows in (variables, targets):
         text += aligned(rows)
@@ -169,14 +169,14 @@ def _remarks(design: Design) -> list[str]:
 
 def _html(design: Design) -> str:
     """Return the design as HTML for notebooks."""
-    headline, *tables = _account(design)
+    headline, *tables = _tabulate(design)
     parts = [f"<p><b>Design</b>: {escape(headline)}</p>"]
     parts += [html(rows, heads="row") for rows in tables if len(rows) > 1]
     parts += [f"<p>{escape(sentence)}</p>" for sentence in _remarks(design)]
     return "".join(parts)
 
 
-class Sampled(NamedTuple):
+class SampleEstimates(NamedTuple):
     """Estimates of independent samples at a design, by the index of the target.
 
     - `probabilities`: probabilities of failure; `errors`: standard errors of margins (k,) [–]
@@ -186,7 +186,7 @@ class Sampled(NamedTuple):
     errors: Mapping[int, np.ndarray] = {}
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Result of a search.
 
     - `ends`: end of every start; `evaluations`: verified evaluations there
@@ -202,28 +202,28 @@ class Found(NamedTuple):
     effort: Effort
 
 
-def answer_of(
+def build_design(
     given: Structure,
-    varied: Variables,
+    variables: Variables,
     objective: AbstractObjective | None,
-    found: Found,
-    sampled: Callable[[np.ndarray], Sampled],
+    search: SearchResult,
+    estimate_samples: Callable[[np.ndarray], SampleEstimates],
 ) -> Design:
     """Return the best start as a design, with the outcomes of all.
 
-    - `given`: the structure as the user gave it; `varied`: its variables
+    - `given`: the structure as the user gave it; `variables`: its variables
     - `objective`: what was minimised, None for the nearest design
-    - `found`: result of the search
-    - `sampled`: function of scaled variables (n,) that returns the estimates of independent samples there
+    - `search`: result of the search
+    - `estimate_samples`: scaled variables (n,) → estimates of independent samples there
     """
-    pairs = zip(found.ends, found.evaluations, strict=True)
-    outcomes = tuple(_outcome(varied, end, there) for end, there in pairs)
-    best = min(range(len(outcomes)), key=lambda k: _order(outcomes[k], bool(found.sizes)))
-    final, end, there = outcomes[best], found.ends[best], found.evaluations[best]
-    parts = np.cumsum([0, *found.sizes.values()])
+    pairs = zip(search.ends, search.evaluations, strict=True)
+    outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
+    best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.sizes)))
+    final, end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
+    parts = np.cumsum([0, *search.sizes.values()])
     spans = [slice(a, b) for a, b in itertools.pairwise(parts)]
-    by_sample = sampled(end.x)
-    margins = there.c.copy()
+    by_sample = estimate_samples(end.x)
+    margins = evaluation.c.copy()
     unverified = [k for k, p in by_sample.probabilities.items() if not p.converged]
     if unverified:
         for k in unverified:
@@ -231,54 +231,54 @@ def answer_of(
         result = named(UNVERIFIED) if final.satisfied else final.result
         final = final._replace(margin=np.nan, satisfied=False, result=result)
         outcomes = (*outcomes[:best], final, *outcomes[best + 1 :])
-    prices = found.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
-    sides = np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist()
-    bounds = dict(zip(varied.names, zip(*sides, strict=True), strict=True))
+    prices = search.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
+    sides = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
+    bounds = dict(zip(variables.names, zip(*sides, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
     # From the user's own structure, so that plain numbers are not turned into arrays.
-    structure = variables(given, bounds).structure(end.x)
+    structure = make_variables(given, bounds).structure(end.x)
     return Design(
         podium=as_podium(structure),
         structure=structure,
         variables=final.variables,
         objective=final.objective,
         satisfied=final.satisfied,
-        margins={name: margins[span] for name, span in zip(found.sizes, spans, strict=True)},
-        multipliers={name: prices[span] for name, span in zip(found.sizes, spans, strict=True)},
+        margins={name: margins[span] for name, span in zip(search.sizes, spans, strict=True)},
+        multipliers={name: prices[span] for name, span in zip(search.sizes, spans, strict=True)},
         result=final.result,
-        history=tuple(found.history),
-        stats=found.effort,
+        history=tuple(search.history),
+        stats=search.effort,
         starts=outcomes,
         best=best,
         bounds=bounds,
-        units=dict(zip(varied.names, varied.units, strict=True)),
+        units=dict(zip(variables.names, variables.units, strict=True)),
         minimised=minimised,
-        probabilities={list(found.sizes)[k]: p for k, p in by_sample.probabilities.items()},
-        standard_errors={list(found.sizes)[k]: errors for k, errors in by_sample.errors.items()},
+        probabilities={list(search.sizes)[k]: p for k, p in by_sample.probabilities.items()},
+        standard_errors={list(search.sizes)[k]: errors for k, errors in by_sample.errors.items()},
         overturned={
             name: int(count)
-            for name, count in zip([*found.sizes, minimised], there.overturned, strict=True)
+            for name, count in zip([*search.sizes, minimised], evaluation.overturned, strict=True)
             if count
         },
     )
 
 
-def _outcome(varied: Variables, end: End, there: Evaluation) -> Outcome:
+def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
     """Return the outcome of a start, decided by its verified evaluation."""
-    finite = bool(np.isfinite(there.c).all() and np.isfinite(there.f).all())
-    satisfied = finite and there.violation == 0
+    finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
+    satisfied = finite and evaluation.violation == 0
     code = end.result if finite else NOT_FINITE
     if code in (CONVERGED, STALLED) and not satisfied:
         code = INFEASIBLE
     if code == INFEASIBLE and satisfied:
         code = STALLED
-    values = varied.values(end.x)
-    numbers = dict(zip(varied.names, map(float, values), strict=True))
-    worst = float(np.min(there.c, initial=np.inf))
-    return Outcome(numbers, float(np.max(there.f)), worst, satisfied, named(code), end.iterations)
+    values = variables.values(end.x)
+    numbers = dict(zip(variables.names, map(float, values), strict=True))
+    worst = float(np.min(evaluation.c, initial=np.inf))
+    return Outcome(numbers, float(np.max(evaluation.f)), worst, satisfied, named(code), end.iterations)
 
 
-def _order(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
+def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
     """Sort key of outcomes: satisfied ones by objective, others by worst margin, non-finite ones last."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)

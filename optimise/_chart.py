@@ -21,7 +21,7 @@ from rockjax.internal import (
     variable_attributes,
 )
 
-from ._variables import Structure, as_podium, parameter, replaced, variables
+from ._variables import Structure, as_podium, make_variables, parameter, with_variables
 
 if TYPE_CHECKING:
     import xarray
@@ -72,7 +72,7 @@ def design_chart(
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
         raise ValueError(f'{owner}: vary must be like ("alpha", (0.1, 0.3)), got {vary!r}') from None
-    variables(podium, {name: (low, high)}, owner)
+    make_variables(podium, {name: (low, high)}, owner)
     pulse = as_pulse(owner, pulse)
     require_instance(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _axes(owner, T_p, a_p)
@@ -81,21 +81,21 @@ def design_chart(
     for amplitude in amplitudes:
 
         def plane(x, y, amplitude=amplitude):
-            varied = replaced(podium, {name: y})
-            return as_podium(varied), pulse(amplitude, x)
+            structure = with_variables(podium, {name: y})
+            return as_podium(structure), pulse(amplitude, x)
 
         found = scan(plane, periods, (low, high), resolution, options, progress, width=None)
         crossings = found.crossings
-        places, _ = crossings.table(periods.size)
-        counts = np.sum(np.isfinite(places), axis=1)
-        rows.append(places)
+        boundaries, _ = crossings.table(periods.size)
+        counts = np.sum(np.isfinite(boundaries), axis=1)
+        rows.append(boundaries)
         # Survival at the upper end, from that at the lower one and the number of changes.
-        at_last = found.starts_surviving ^ (counts % 2 == 1)
-        last = np.where(counts > 0, places[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
-        least.append(np.where(at_last, last, np.nan))
+        survives_at_end = found.starts_surviving ^ (counts % 2 == 1)
+        last = np.where(counts > 0, boundaries[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
+        least.append(np.where(survives_at_end, last, np.nan))
         cost.append(found.scenes)
     width = max(part.shape[1] for part in rows)
-    changes = np.stack(
+    all_boundaries = np.stack(
         [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows]
     )
     unit = {"units": parameter(podium, name).unit}
@@ -108,7 +108,7 @@ def design_chart(
             ),
             "boundaries": (
                 ("a_p", "T_p", "boundary"),
-                changes,
+                all_boundaries,
                 unit | {"long_name": f"{name} where survival changes"},
             ),
         },

@@ -45,18 +45,18 @@ def design_command(
         if interrupted.partial is None:
             raise
         design, stopped = interrupted.partial, interrupted
-    text = as_json(account(design)) + "\n"
+    text = as_json(design_record(design)) + "\n"
     written = [write_atomically(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
     written.append(write_figure(f"{output}-convergence{suffix}", figure))
     motions = [motion for group in problem.motions.values() for motion in group]
     if motions:
-        picture = before_after(as_podium(problem.podium), design, _decisive(problem, design, motions))
+        picture = before_after(as_podium(problem.podium), design, _decisive_motion(problem, design, motions))
         written.append(write_figure(f"{output}-response{suffix}", picture))
     return design, written, stopped
 
 
-def _decisive(problem: Problem, design: Design, motions: list) -> Any:
+def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
     """Return the motion with the least margin of the targets on responses.
 
     Without such a target, return the motion that comes closest to overturning the design.
@@ -67,14 +67,14 @@ def _decisive(problem: Problem, design: Design, motions: list) -> Any:
     found = []
     for target, margins in zip(problem.targets, design.margins.values(), strict=True):
         if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
-            each = margins.reshape(len(target.suite), -1).min(axis=1)
-            found.append((each.min(), target.suite.motion(int(np.argmin(each)))))
+            worst = margins.reshape(len(target.suite), -1).min(axis=1)
+            found.append((worst.min(), target.suite.motion(int(np.argmin(worst)))))
     if found:
         return min(found, key=lambda pair: pair[0])[1]
     return motions[int(np.nanargmin(Suite.of(motions).margins(design.podium, problem.options)))]
 
 
-def account(design) -> dict[str, Any]:
+def design_record(design) -> dict[str, Any]:
     """Return a design as a dictionary for a JSON file."""
     from ._results import result_name
 

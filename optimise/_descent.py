@@ -26,7 +26,7 @@ class Evaluation(NamedTuple):
     overturned: Vector = np.zeros(0)
 
     @property
-    def finite(self) -> bool:
+    def is_finite(self) -> bool:
         return all(bool(np.isfinite(y).all()) for y in self)
 
     @property
@@ -52,7 +52,7 @@ class Rules(NamedTuple):
     max_iterations: int
 
     @property
-    def feasible_enough(self) -> float:
+    def accepted_violation(self) -> float:
         """Accepted violation of the margins aimed at, with which the targets still hold [–]."""
         return 0.5 * self.shift
 
@@ -81,30 +81,35 @@ class End(NamedTuple):
     """End of a descent.
 
     - `x`: scaled variables (n,); `multipliers`: of the margins (m,), in units of the scaled objective
-    - `result`: code of `RESULTS`; `iterations`: their number; `there`: evaluation at `x`
+    - `result`: code of `RESULTS`; `iterations`: their number; `evaluation`: that at `x`
     """
 
     x: Vector
     multipliers: Vector
     result: int
     iterations: int
-    there: Evaluation
+    evaluation: Evaluation
 
 
 Descent = Generator[Vector, Evaluation, End]
 
 
-def prepared(raw: Evaluation, rules: Rules) -> Evaluation:
+def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
     """Return an evaluation for descents: values scaled, margins relative to those aimed at."""
-    return Evaluation(raw.f / rules.scale, raw.c - rules.shift, raw.f_slope / rules.scale, raw.c_slope)
+    return Evaluation(
+        evaluation.f / rules.scale,
+        evaluation.c - rules.shift,
+        evaluation.f_slope / rules.scale,
+        evaluation.c_slope,
+    )
 
 
-def rank(there: Evaluation) -> tuple[float, float]:
+def rank(evaluation: Evaluation) -> tuple[float, float]:
     """Sort key of evaluations: by violation, then by value."""
-    return (there.violation, float(np.max(there.f)))
+    return (evaluation.violation, float(np.max(evaluation.f)))
 
 
-def scale_of(first: list[Evaluation]) -> float:
+def objective_scale(first: list[Evaluation]) -> float:
     """Return the typical change of the objective across the box, from its slopes at the starts."""
     slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
     slopes = [slope for slope in slopes if slope > 0]
@@ -113,8 +118,8 @@ def scale_of(first: list[Evaluation]) -> float:
     return max([float(np.max(np.abs(e.f))) for e in first if np.any(e.f != 0)], default=1.0)
 
 
-def at_rest(here: Evaluation, residual: float, rules: Rules) -> int:
+def result_at_rest(current: Evaluation, residual: float, rules: Rules) -> int:
     """Return the result code of a descent that no step improves."""
-    if here.violation > rules.shift:
+    if current.violation > rules.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * rules.tolerance else STALLED

@@ -12,9 +12,9 @@ import rockjax as rj
 from rockjax.internal import bar as bar_of
 from rockjax.internal import format_value, require_instance, require_number, require_whole
 
-from ._answer import Design, Effort, Found, Sampled, answer_of
-from ._descent import End, Evaluation, Iterate, Rules, prepared, rank, scale_of
-from ._evaluator import Evaluator, problem_of, side_by_side, source_of
+from ._answer import Design, Effort, SampleEstimates, SearchResult, build_design
+from ._descent import End, Evaluation, Iterate, Rules, objective_scale, rank, scale_evaluation
+from ._evaluator import Evaluator, build_problem, fresh_samples_of, run_descents
 from ._failure import FailureProbability
 from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
 from ._gradients import GradientSteps, transformation_of
@@ -25,7 +25,7 @@ from ._sqp import MAX_ITERATIONS, descend
 from ._stochastic import MAX_ITERATIONS as FRESH_ITERATIONS
 from ._stochastic import FreshSearch
 from ._targets import AbstractScaleTarget, AbstractTarget
-from ._variables import Structure, Variables, variables
+from ._variables import Structure, Variables, make_variables
 
 if TYPE_CHECKING:
     import optax
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
 SAMPLED_TOLERANCE = 1e-4  # smaller tolerances are below the scatter of sampled probabilities
 CORRECTIONS = 3  # restarts of a search after independent samples
-CHECKS = 4  # ends at which independent samples are taken in a round
-SAMPLED = 0.2  # largest violation of an independent sample that is corrected
+MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in a round
+MAX_SAMPLE_VIOLATION = 0.2  # largest violation of an independent sample that is corrected
 
 
 def design(
@@ -87,40 +87,42 @@ def design(
     targets = tuple(targets)
     require_whole("design", "seed", seed, 0)
     _check(starts, tolerance, max_iterations, targets, minimise)
-    varied = variables(podium, vary)
+    variables = make_variables(podium, vary)
     objective = (
         minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
     )
     options = options.replace(throw=False)
-    sampled = SampledTargets(varied, targets)
-    tolerance = max(tolerance, SAMPLED_TOLERANCE) if sampled.targets else tolerance
-    problem = problem_of(
-        varied, objective, tuple(t for k, t in enumerate(targets) if k not in sampled.targets)
+    sampled_targets = SampledTargets(variables, targets)
+    tolerance = max(tolerance, SAMPLED_TOLERANCE) if sampled_targets.targets else tolerance
+    problem = build_problem(
+        variables, objective, tuple(t for k, t in enumerate(targets) if k not in sampled_targets.targets)
     )
-    fresh = any(source_of(target) is not None for target in targets)
+    has_fresh_samples = any(fresh_samples_of(target) is not None for target in targets)
     _check_fresh(transformation, targets, objective)
     if max_iterations is None:
-        by_default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
-        max_iterations = FRESH_ITERATIONS if fresh else by_default
-    points = _points(varied, starts, seed)
+        default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
+        max_iterations = FRESH_ITERATIONS if has_fresh_samples else default
+    points = _points(variables, starts, seed)
     # An upper bound: the first evaluation, one per iteration, and verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
-        evaluate = Evaluator(problem, sampled, options, points, tolerance, bar)
-        search: _Search | FreshSearch
-        if transformation is not None and fresh:
+        evaluate = Evaluator(problem, sampled_targets, options, points, tolerance, bar)
+        search: DescentSearch | FreshSearch
+        if transformation is not None and has_fresh_samples:
             search = FreshSearch(transformation, evaluate, points, tolerance, max_iterations)
         else:
-            search = _Search(transformation, evaluate, points, tolerance, max_iterations)
+            search = DescentSearch(transformation, evaluate, points, tolerance, max_iterations)
         stopped = search.run()
     effort = evaluate.effort(search.iterations, time.perf_counter() - began)
     sizes = _names(targets, evaluate.sizes)
-    answer = answer_of(podium, varied, objective, search.found(sizes, effort), search.sampled)
+    answer = build_design(
+        podium, variables, objective, search.search_result(sizes, effort), search.estimate_samples
+    )
     if stopped:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
     return answer
 
 
-class _Search:
+class DescentSearch:
     """All starts of a design: first evaluation, simultaneous descents, verification."""
 
     def __init__(
@@ -134,7 +136,7 @@ class _Search:
         self.transformation, self.evaluate, self.points = transformation, evaluate, points
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.history: list[Iterate] = []
-        self.ended: dict[int, End] = {}
+        self.ends: dict[int, End] = {}
         self.scale = 1.0
         self.evaluations: list[Evaluation] = []
 
@@ -148,110 +150,120 @@ class _Search:
             first = evaluate(self.points)
         except KeyboardInterrupt:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
-        self.scale = scale_of([e for e in first if e.finite])
+        self.scale = objective_scale([e for e in first if e.is_finite])
         steps = 0 if self.transformation is None else self.max_iterations
-        most = steps + MAX_ITERATIONS if steps else self.max_iterations
-        rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, most)
+        max_iterations = steps + MAX_ITERATIONS if steps else self.max_iterations
+        rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, max_iterations)
         points = self.points
         try:
             if self.transformation is not None:
-                how = evaluate, points, first, self.tolerance, self.history
-                GradientSteps(self.transformation, *how).walk(steps, np.array([e.finite for e in first]))
+                arguments = evaluate, points, first, self.tolerance, self.history
+                GradientSteps(self.transformation, *arguments).take_steps(
+                    steps, np.array([e.is_finite for e in first])
+                )
                 points = np.stack([x for x, _ in evaluate.best])
-                first = [there for _, there in evaluate.best]
+                first = [evaluation for _, evaluation in evaluate.best]
             descents = {k: descend(points[k], rules, self.history, k, steps) for k in starts}
-            side_by_side(descents, evaluate, points, first, self.ended)
+            run_descents(descents, evaluate, points, first, self.ends)
             self.correct(rules)
-            evaluate.verifies()
+            evaluate.use_accurate()
             self.verify()
         except KeyboardInterrupt:
-            evaluate.verifies()
-            self.ended |= {k: self.so_far(k, rules) for k in starts if k not in self.ended}
-            self.evaluations = evaluate(self.places)
+            evaluate.use_accurate()
+            self.ends |= {k: self.end_so_far(k, rules) for k in starts if k not in self.ends}
+            self.evaluations = evaluate(self.end_points)
             return True
         return False
 
     def verify(self) -> None:
         """Verify the ends by accurate simulation; correct those with small violations by further steps."""
         tolerance = self.tolerance
-        self.evaluations = self.checked()
+        self.evaluations = self.evaluate_checked()
         rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
-        nearly = SAMPLED if self.evaluate.sampled.targets else 1e3 * tolerance
+        largest = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
         for _ in range(REFINEMENTS):
-            missing = {k: _missing(self.ended[k], e, nearly) for k, e in enumerate(self.evaluations)}
-            # Aim further inside by the violation.
-            again = {
-                k: descend(self.ended[k].x, rules._replace(shift=tolerance + 2 * short), [], k)
-                for k, short in missing.items()
-                if short
+            violations = {
+                k: _small_violation(self.ends[k], e, largest) for k, e in enumerate(self.evaluations)
             }
-            if not again:
+            # Aim further inside by the violation.
+            descents = {
+                k: descend(self.ends[k].x, rules._replace(shift=tolerance + 2 * violation), [], k)
+                for k, violation in violations.items()
+                if violation
+            }
+            if not descents:
                 break
-            side_by_side(again, self.evaluate, self.places, self.evaluations, self.ended)
-            self.evaluations = self.checked()
+            run_descents(descents, self.evaluate, self.end_points, self.evaluations, self.ends)
+            self.evaluations = self.evaluate_checked()
 
-    def checked(self) -> list[Evaluation]:
+    def evaluate_checked(self) -> list[Evaluation]:
         """Return the evaluations at the ends, after taking independent samples at the best of them."""
-        for _ in range(CHECKS):
-            found = self.evaluate(self.places)
-            if not self.evaluate.sampled.targets:
-                return found
-            new, _ = self.evaluate.sampled.check(self.places[_best(found)])
+        for _ in range(MAX_CHECKED_ENDS):
+            search_result = self.evaluate(self.end_points)
+            if not self.evaluate.sampled_targets.targets:
+                return search_result
+            new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(search_result)])
             if not new:
-                return found
-        return self.evaluate(self.places)
+                return search_result
+        return self.evaluate(self.end_points)
 
     def correct(self, rules: Rules) -> None:
         """Continue from the ends while an independent sample differs from the one used by the search."""
-        for _ in range(CORRECTIONS if self.evaluate.sampled.targets else 0):
-            best = _best(self.evaluate(self.places))
-            _, differs = self.evaluate.sampled.check(self.places[best])
+        for _ in range(CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
+            best = _best(self.evaluate(self.end_points))
+            _, differs = self.evaluate.sampled_targets.check(self.end_points[best])
             if not differs:
                 return
-            places, first = self.places, self.evaluate(self.places)
-            again = {
+            end_points, first = self.end_points, self.evaluate(self.end_points)
+            descents = {
                 k: descend(x, rules, [], k)
-                for k, x in enumerate(places)
-                if self.ended[k].result != NOT_FINITE
+                for k, x in enumerate(end_points)
+                if self.ends[k].result != NOT_FINITE
             }
-            side_by_side(again, self.evaluate, places, first, self.ended)
+            run_descents(descents, self.evaluate, end_points, first, self.ends)
 
-    def so_far(self, k: int, rules: Rules) -> End:
+    def end_so_far(self, k: int, rules: Rules) -> End:
         """Best point of a start; its multipliers are unknown (NaN)."""
-        x, there = self.evaluate.best[k]
+        x, evaluation = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
-        return End(x, np.full(len(there.c), np.nan), INTERRUPTED, iterations, prepared(there, rules))
+        return End(
+            x,
+            np.full(len(evaluation.c), np.nan),
+            INTERRUPTED,
+            iterations,
+            scale_evaluation(evaluation, rules),
+        )
 
-    def sampled(self, x: np.ndarray) -> Sampled:
+    def estimate_samples(self, x: np.ndarray) -> SampleEstimates:
         """Return the estimates of independent samples at the end of a start."""
-        return self.evaluate.sampled.probabilities(x)
+        return self.evaluate.sampled_targets.probabilities(x)
 
     @property
-    def places(self) -> np.ndarray:
-        return np.stack([self.ended[k].x for k in range(len(self.ended))])
+    def end_points(self) -> np.ndarray:
+        return np.stack([self.ends[k].x for k in range(len(self.ends))])
 
     @property
     def iterations(self) -> int:
-        return sum(end.iterations for end in self.ended.values())
+        return sum(end.iterations for end in self.ends.values())
 
-    def found(self, sizes: dict[str, int], effort: Effort) -> Found:
-        ends = [self.ended[k] for k in range(len(self.points))]
-        return Found(ends, self.evaluations, sizes, self.scale, self.history, effort)
+    def search_result(self, sizes: dict[str, int], effort: Effort) -> SearchResult:
+        ends = [self.ends[k] for k in range(len(self.points))]
+        return SearchResult(ends, self.evaluations, sizes, self.scale, self.history, effort)
 
 
 def _check_fresh(
     transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
 ) -> None:
     """Raise `ValueError` for what cannot be combined with fresh samples."""
-    right = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.averages]
-    others = [t for t in targets if not any(t is other for other in right)]
+    distributional = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.accepts_fresh_samples]
+    others = [t for t in targets if not any(t is other for other in distributional)]
     for item in (*others, objective, getattr(objective, "risk", None)):
-        if source_of(item) is not None:
+        if fresh_samples_of(item) is not None:
             raise ValueError(
                 "design: FreshSamples are for targets on a distribution of capacities, "
                 f"optimise.AnnualFrequency or MedianCapacity, not for {type(item).__name__} here"
             )
-    if not any(source_of(t) is not None for t in right):
+    if not any(fresh_samples_of(t) is not None for t in distributional):
         return
     if any(isinstance(target, FailureProbability) for target in targets):
         raise ValueError(
@@ -282,19 +294,19 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
         raise ValueError("design: nothing to do: give minimise, targets or both")
 
 
-def _points(varied: Variables, starts: int, seed: int) -> np.ndarray:
+def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
     """Return the starting points: the given structure and a Latin hypercube."""
     rng = np.random.default_rng(seed)
-    n = len(varied.names)
+    n = len(variables.names)
     strata = (
         np.stack([rng.permutation(starts - 1) for _ in range(n)], axis=1) if starts > 1 else np.zeros((0, n))
     )
     sample = (strata + rng.uniform(size=strata.shape)) / max(starts - 1, 1)
-    return np.concatenate([np.asarray(varied.start())[None], sample])
+    return np.concatenate([np.asarray(variables.start())[None], sample])
 
 
 def _best(found: list[Evaluation]) -> int:
-    return min(range(len(found)), key=lambda k: rank(found[k]) if found[k].finite else (np.inf, np.inf))
+    return min(range(len(found)), key=lambda k: rank(found[k]) if found[k].is_finite else (np.inf, np.inf))
 
 
 def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
@@ -309,8 +321,8 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
     return names
 
 
-def _missing(end: End, found: Evaluation, nearly: float) -> float:
+def _small_violation(end: End, found: Evaluation, largest: float) -> float:
     """Return the small violation of a design that its search found satisfied, 0 for all others."""
-    if end.result in (INFEASIBLE, NOT_FINITE) or not found.finite or found.violation == 0:
+    if end.result in (INFEASIBLE, NOT_FINITE) or not found.is_finite or found.violation == 0:
         return 0.0
-    return found.violation if found.violation <= nearly else 0.0
+    return found.violation if found.violation <= largest else 0.0

@@ -21,26 +21,26 @@ from ._descent import Descent, End, Evaluation, rank
 from ._fresh import FreshSamples
 from ._objectives import AbstractObjective, OfPodium
 from ._sampling import SampledTargets
-from ._suite import Suite, same
+from ._suite import Suite, is_same_suite
 from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
 
-VERIFIED = {"rtol": 1e-11, "atol": 1e-13}
-RESAMPLED = 200  # bootstrap samples, for standard errors
+VERIFICATION_TOLERANCES = {"rtol": 1e-11, "atol": 1e-13}
+BOOTSTRAP_SAMPLES = 200  # bootstrap samples, for standard errors
 
 
 class DesignProblem(Module):
     """The function that is differentiated: values of the objective and margins of the targets.
 
-    All motions whose responses are read form one suite without repetitions; `uses` holds the part of it that
-    each item reads.
+    All motions whose responses are read form one suite without repetitions; `slices` holds the part of it
+    that each item reads.
     """
 
     variables: Variables
     objective: AbstractObjective | None
     targets: tuple[AbstractTarget, ...]
     suite: Suite | None
-    uses: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)  # of the targets, then the objective
+    slices: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)  # of the targets, then the objective
     outputs: tuple[str, ...] = eqx.field(static=True)  # of the suite
     scenes: int = eqx.field(static=True)
 
@@ -53,57 +53,57 @@ class DesignProblem(Module):
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
-        overturned = jnp.zeros(len(self.uses), int)
+        overturned = jnp.zeros(len(self.slices), int)
 
-        def of(k: int, item, alone: Callable):
+        def evaluate_item(k: int, item, evaluate_alone: Callable):
             nonlocal overturned
-            part = self.uses[k]
+            part = self.slices[k]
             if part is None:
-                return alone(podium, options)
-            own = jax.tree.map(lambda y: y[slice(*part)], peaks)
+                return evaluate_alone(podium, options)
+            item_peaks = jax.tree.map(lambda y: y[slice(*part)], peaks)
             if item.until_overturning:
-                overturned = overturned.at[k].set(jnp.sum(own.overturned))
-            return item.read(own, options)
+                overturned = overturned.at[k].set(jnp.sum(item_peaks.overturned))
+            return item.read(item_peaks, options)
 
-        margins = [jnp.atleast_1d(of(k, t, t.margins)) for k, t in enumerate(self.targets)]
+        margins = [jnp.atleast_1d(evaluate_item(k, t, t.margins)) for k, t in enumerate(self.targets)]
         if self.objective is None:
             values = jnp.sum((x - self.variables.start()) ** 2)[None]
         else:
-            values = of(len(self.targets), self.objective, self.objective.values)
+            values = evaluate_item(len(self.targets), self.objective, self.objective.values)
         return values, margins, overturned
 
 
-def problem_of(
-    varied: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
+def build_problem(
+    variables: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
 ) -> DesignProblem:
     suite: Suite | None = None
-    known: list[tuple[Suite, tuple[int, int]]] = []
-    uses: list[tuple[int, int] | None] = []
+    suites: list[tuple[Suite, tuple[int, int]]] = []
+    slices: list[tuple[int, int] | None] = []
     outputs: set[str] = set()
     stripped: list[Any] = []
     scenes = 0
-    for item in (*targets, _named(varied, objective)):
+    for item in (*targets, _trace_functions(variables, objective)):
         part = None
         if isinstance(item, AbstractResponses):
             outputs |= set(item.outputs)
-            part = next((part for other, part in known if same(other, item.suite)), None)
+            part = next((part for other, part in suites if is_same_suite(other, item.suite)), None)
             if part is None:
                 first = 0 if suite is None else len(suite)
                 part = first, first + len(item.suite)
-                suite = item.suite if suite is None else suite.and_also(item.suite)
-                known.append((item.suite, part))
+                suite = item.suite if suite is None else suite.merged_with(item.suite)
+                suites.append((item.suite, part))
             item = eqx.tree_at(lambda i: i.suite, item, None)
         elif item is not None:
             scenes += item.scenes
-        uses.append(part)
-        stripped.append(_passed(item))
-    varied = dataclasses.replace(varied, base=_passed(varied.base))
+        slices.append(part)
+        stripped.append(_numbers_to_arrays(item))
+    variables = dataclasses.replace(variables, base=_numbers_to_arrays(variables.base))
     items = stripped[-1], tuple(stripped[:-1])
     scenes += 0 if suite is None else len(suite)
-    return DesignProblem(varied, *items, suite, tuple(uses), tuple(sorted(outputs)), scenes)
+    return DesignProblem(variables, *items, suite, tuple(slices), tuple(sorted(outputs)), scenes)
 
 
-def _passed(item: Any) -> Any:
+def _numbers_to_arrays(item: Any) -> Any:
     """Turn Python numbers into arrays, so that they are not compiled in.
 
     Zeros stay: they may mean that a part is absent.
@@ -111,31 +111,31 @@ def _passed(item: Any) -> Any:
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
-def _named(varied: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
+def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
     """Trace user functions on their own: their jaxpr identifies them in the store of programs."""
 
-    def named(part: Any) -> Any:
+    def trace(part: Any) -> Any:
         if not isinstance(part, OfPodium) or isinstance(part.function, TracedFunction):
             return part
-        like = jax.eval_shape(varied.podium, jax.ShapeDtypeStruct((len(varied.names),), float))
+        like = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
         try:
             return OfPodium(TracedFunction(part.function, like))
         except Exception:  # its error is reported where it is evaluated
             return part
 
-    return jax.tree.map(named, objective, is_leaf=lambda part: isinstance(part, OfPodium))
+    return jax.tree.map(trace, objective, is_leaf=lambda part: isinstance(part, OfPodium))
 
 
 @functools.partial(KeptProgram, arrays_only=True, words="the design with its derivatives")
-def _evaluated(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
+def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """Return the Jacobians of (values, margins of every target) and the answers, at all points."""
 
     def at(x):
-        def twice(x):
+        def with_answer(x):
             answer = problem(x, options)
             return answer[:2], answer
 
-        return jax.jacfwd(twice, has_aux=True)(x)
+        return jax.jacfwd(with_answer, has_aux=True)(x)
 
     return jax.vmap(at)(points)
 
@@ -146,34 +146,36 @@ def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.P
 
 
 @functools.partial(KeptProgram, arrays_only=True)
-def _of_samples(target: AbstractScaleTarget, found: Float[Array, "samples k"]):
-    return jax.vmap(target.of_scales)(found)
+def _margins_of_samples(target: AbstractScaleTarget, found: Float[Array, "samples k"]):
+    return jax.vmap(target.margins_of_scales)(found)
 
 
-class Estimate(NamedTuple):
+class MarginEstimate(NamedTuple):
     """Estimate of an independent sample: margins of a target (k,) and their standard errors (k,) [–]."""
 
     margins: np.ndarray
     errors: np.ndarray
 
 
-def source_of(item: Any) -> FreshSamples | None:
+def fresh_samples_of(item: Any) -> FreshSamples | None:
     """Return the fresh samples of a target, None if its motions are fixed."""
     suite = getattr(item, "suite", None)
-    return suite.source if isinstance(suite, Suite) else None
+    return suite.fresh_samples if isinstance(suite, Suite) else None
 
 
-def _with(target: Any, records: rj.Records) -> Any:
+def _with_records(target: Any, records: rj.Records) -> Any:
     """Return a target with a batch of fresh samples."""
-    return eqx.tree_at(lambda t: t.suite, target, target.suite.drawn(records))
+    return eqx.tree_at(lambda t: t.suite, target, target.suite.draws(records))
 
 
-def verified(options: rj.Options) -> rj.Options:
+def verification_options(options: rj.Options) -> rj.Options:
     """Return the options of the simulations that verify a design."""
-    return options.replace(**{name: min(value, getattr(options, name)) for name, value in VERIFIED.items()})
+    return options.replace(
+        **{name: min(value, getattr(options, name)) for name, value in VERIFICATION_TOLERANCES.items()}
+    )
 
 
-def traced(options: rj.Options) -> rj.Options:
+def options_as_arrays(options: rj.Options) -> rj.Options:
     """Return options with numbers as arrays, so that they are not compiled in."""
     return jax.tree.map(as_float, options)
 
@@ -181,28 +183,28 @@ def traced(options: rj.Options) -> rj.Options:
 class Evaluator:
     """Evaluates one point of every start in a batch, with one program; keeps the best and counts the cost.
 
-    A point is better if it violates the margins less, aimed `inside`; among satisfied points, if its
+    A point is better if it violates the margins less, aimed at `target_margin`; among satisfied points, if its
     objective is lower.
 
-    - `problem`: values and margins; `sampled`: targets on probabilities of failure
+    - `problem`: values and margins; `sampled_targets`: targets on probabilities of failure
     - `options`: of the simulations; `points`: starting points (starts, n), in scaled variables
-    - `inside`: margin aimed at [–]; `bar`: progress bar
+    - `target_margin`: margin aimed at [–]; `bar`: progress bar
     """
 
     def __init__(
         self,
         problem: DesignProblem,
-        sampled: SampledTargets,
+        sampled_targets: SampledTargets,
         options: rj.Options,
         points: np.ndarray,
-        inside: float,
+        target_margin: float,
         bar,
     ):
-        self.sampled, self.drawn, self.verifying = sampled, 0, 0
+        self.sampled_targets, self.draws, self.verification_scenes = sampled_targets, 0, 0
         self.accurate = False  # whether a design is being verified
-        self.sources = {k: s for k, t in enumerate(problem.targets) if (s := source_of(t)) is not None}
-        self.width, self.inside, self.bar = len(points), inside, bar
-        self.options, self.certain = options, problem
+        self.sources = {k: s for k, t in enumerate(problem.targets) if (s := fresh_samples_of(t)) is not None}
+        self.width, self.target_margin, self.bar = len(points), target_margin, bar
+        self.options, self.full_problem = options, problem
         objective = problem.objective
         self.problem = dataclasses.replace(
             problem,
@@ -218,18 +220,18 @@ class Evaluator:
         `count` is the number of points that count as evaluated, by default all. Accurate evaluations use the
         tolerances of verification and the full resolution of the targets.
         """
-        options = verified(self.options) if self.accurate else self.options
-        problem = self.certain if self.accurate else self.problem
+        options = verification_options(self.options) if self.accurate else self.options
+        problem = self.full_problem if self.accurate else self.problem
         if self.sources:  # new motions
             targets = list(problem.targets)
             for k, source in self.sources.items():
-                targets[k] = _with(self.problem.targets[k], source.draw(self.drawn))
+                targets[k] = _with_records(self.problem.targets[k], source.draw(self.draws))
             problem = dataclasses.replace(problem, targets=tuple(targets))
-            self.drawn += 1
-        slopes, values = _evaluated(problem, traced(options), as_float(points))
+            self.draws += 1
+        slopes, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
         (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
-        margins, slopes = self._with_sampled(points, margins, slopes)
-        for k in self.sampled.targets:
+        margins, slopes = self._insert_sampled(points, margins, slopes)
+        for k in self.sampled_targets.targets:
             overturned = np.insert(overturned, k, 0, axis=1)
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
@@ -238,54 +240,63 @@ class Evaluator:
             np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True)
         )
         found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, overturned, strict=True)]
-        seen = list(zip(np.array(points), found, strict=True))
-        self.best = [min(pair, key=self._standing) for pair in zip(self.best or seen, seen, strict=True)]
+        pairs = list(zip(np.array(points), found, strict=True))
+        self.best = [min(pair, key=self._rank_pair) for pair in zip(self.best or pairs, pairs, strict=True)]
         self.bar.update(1)
         return found
 
-    def estimates(self, x: np.ndarray, k: int) -> dict[int, Estimate]:
+    def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
         """Return the estimates of the k-th independent sample at a point (n,), by the index of the target."""
-        podium = self.certain.variables.podium(x)
-        return {place: self._estimate(place, podium, k) for place in self.sources}
+        podium = self.full_problem.variables.podium(x)
+        return {index: self._estimate(index, podium, k) for index in self.sources}
 
-    def _estimate(self, place: int, podium: rj.Podium, k: int) -> Estimate:
-        target, source = self.problem.targets[place], self.sources[place]
+    def _estimate(self, index: int, podium: rj.Podium, k: int) -> MarginEstimate:
+        target, source = self.problem.targets[index], self.sources[index]
         assert isinstance(target, AbstractScaleTarget)
         parts = [
-            _least_scales(_with(target, part), traced(self.options), podium) for part in source.sample(k)
+            _least_scales(_with_records(target, part), options_as_arrays(self.options), podium)
+            for part in source.sample(k)
         ]
         found = np.concatenate([np.asarray(part) for part in parts])
-        self.verifying += found.size
+        self.verification_scenes += found.size
         rng = np.random.default_rng([source.seed, k])
-        chosen = rng.integers(found.size, size=(RESAMPLED, found.size))
-        chosen[0] = np.arange(found.size)  # the sample itself
-        margins = np.asarray(_of_samples(_with(target, source.draw(0)), as_float(found[chosen])))
-        return Estimate(margins[0], margins.std(axis=0))
+        resamples = rng.integers(found.size, size=(BOOTSTRAP_SAMPLES, found.size))
+        resamples[0] = np.arange(found.size)  # the sample itself
+        margins = np.asarray(
+            _margins_of_samples(_with_records(target, source.draw(0)), as_float(found[resamples]))
+        )
+        return MarginEstimate(margins[0], margins.std(axis=0))
 
-    def _with_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
+    def _insert_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
         """Insert the margins and slopes of sampled targets among those of the traced ones."""
-        rows = [self.sampled.at(x) for x in points]
+        rows = [self.sampled_targets.at(x) for x in points]
         margins, slopes = list(margins), list(slopes)
-        for k in self.sampled.targets:
+        for k in self.sampled_targets.targets:
             margins.insert(k, np.array([[row[k].margin] for row in rows]))
             slopes.insert(k, np.stack([row[k].slope[None] for row in rows]))
         return margins, slopes
 
-    def verifies(self) -> None:
+    def use_accurate(self) -> None:
         """Switch to accurate evaluations."""
         self.accurate = True
-        self.sampled.verifies()
+        self.sampled_targets.use_accurate()
 
-    def _standing(self, seen: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
-        _, there = seen
-        return rank(there._replace(c=there.c - self.inside)) if there.finite else (np.inf, np.inf)
+    def _rank_pair(self, pair: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
+        _, evaluation = pair
+        return (
+            rank(evaluation._replace(c=evaluation.c - self.target_margin))
+            if evaluation.is_finite
+            else (np.inf, np.inf)
+        )
 
     def effort(self, iterations: int, seconds: float) -> Effort:
-        scenes = self.evaluations * self.problem.scenes + self.sampled.scenes + self.verifying
+        scenes = (
+            self.evaluations * self.problem.scenes + self.sampled_targets.scenes + self.verification_scenes
+        )
         return Effort(self.evaluations, scenes, iterations, seconds)
 
 
-def side_by_side(
+def run_descents(
     descents: dict[int, Descent],
     evaluate: Evaluator,
     points: np.ndarray,
@@ -300,7 +311,7 @@ def side_by_side(
     """
     points = np.array(points)
 
-    def goes_on(k: int, evaluation: Evaluation | None) -> bool:
+    def advance(k: int, evaluation: Evaluation | None) -> bool:
         try:
             points[k] = next(descents[k]) if evaluation is None else descents[k].send(evaluation)
         except StopIteration as stop:
@@ -308,7 +319,7 @@ def side_by_side(
             return False
         return True
 
-    running = [k for k in descents if goes_on(k, None)]
+    running = [k for k in descents if advance(k, None)]
     evaluations = first
-    while running := [k for k in running if goes_on(k, evaluations[k])]:
+    while running := [k for k in running if advance(k, evaluations[k])]:
         evaluations = evaluate(points, len(running))

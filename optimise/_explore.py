@@ -34,7 +34,15 @@ from rockjax.internal import (
     require_instance,
 )
 
-from ._variables import Structure, as_podium, numbers_as_arrays, parameter, replaced, value_of, variables
+from ._variables import (
+    Structure,
+    as_podium,
+    make_variables,
+    numbers_as_arrays,
+    parameter,
+    value_of,
+    with_variables,
+)
 
 if TYPE_CHECKING:
     import ipywidgets
@@ -43,11 +51,11 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*PEAKS, "margin")
 POINTS = 1001  # of the curves
-SHOWN = 12.0  # time drawn after the motion, in units of 1/p
+TIME_AFTER = 12.0  # time drawn after the motion, in units of 1/p
 _WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
-SHARP = 2  # pixels for each of the screen's points, as many screens have
-PLACES = 500  # approximate number of positions of a slider
-FINER = 3  # the step is refined up to 10^FINER times, so that the first value is a position
+PIXEL_RATIO = 2  # pixels for each of the screen's points, as many screens have
+SLIDER_POSITIONS = 500  # approximate number of positions of a slider
+MAX_REFINEMENTS = 3  # the step is refined up to 10^FINER times, so that the first value is a position
 
 
 class Explorer:
@@ -64,11 +72,11 @@ class Explorer:
 
         self._study = _Study(numbers_as_arrays(structure), excitation, tuple(vary))
         self._options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
-        now = {name: self._study.now(name) for name in vary}
-        self._given = {name: value for name, (value, _) in now.items()}
-        self._values = dict(self._given)
-        self._grids = {name: _Grid.around(*bounds, now[name][0]) for name, bounds in vary.items()}
-        self.sliders = {name: _slider(name, self._grids[name], *now[name]) for name in vary}
+        present = {name: self._study.present_value(name) for name in vary}
+        self._initial_values = {name: value for name, (value, _) in present.items()}
+        self._values = dict(self._initial_values)
+        self._grids = {name: _Grid.around(*bounds, present[name][0]) for name, bounds in vary.items()}
+        self.sliders = {name: _slider(name, self._grids[name], *present[name]) for name in vary}
         self._text = ipywidgets.HTML()
         self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
         left = ipywidgets.VBox(
@@ -79,11 +87,11 @@ class Explorer:
             layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"},
         )
         self.widget = ipywidgets.HBox([left, right], layout={"align_items": "flex-start"})
-        self._first = self._solved()
+        self._first = self._solve()
         self._drawing = _Drawing(self._first, self._study.structure)
         self._update()
         for name, slider in self.sliders.items():
-            slider.observe(functools.partial(self._move, name), "value")
+            slider.observe(functools.partial(self._on_slider, name), "value")
 
     @property
     def values(self) -> dict[str, float]:
@@ -112,18 +120,18 @@ class Explorer:
     def _numbers(self) -> np.ndarray:
         return np.array(list(self._values.values()))
 
-    def _solved(self) -> _Answer:
+    def _solve(self) -> _Answer:
         return jax.tree.map(np.asarray, _answer(self._study, self._numbers(), self._options))
 
-    def _move(self, name: str, change: Mapping[str, Any]) -> None:
-        value = self._grids[name].read(change["new"], self._given[name])
+    def _on_slider(self, name: str, change: Mapping[str, Any]) -> None:
+        value = self._grids[name].read(change["new"], self._initial_values[name])
         if value != self._values[name]:
             self._values[name] = value
             self._update()
 
     def _update(self) -> None:
-        self._last = self._solved()
-        self._text.value = _account(self._first.peak, self._last.peak)
+        self._last = self._solve()
+        self._text.value = _peak_table(self._first.peak, self._last.peak)
         self._image.value = self._drawing(self._last)
 
     def _repr_mimebundle_(self, **kwargs) -> Any:
@@ -160,10 +168,10 @@ def explore(
         raise ValueError(
             'explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}'
         )
-    moved = _moved(structure, excitation, tuple(vary))
-    own = {name: bounds for name, bounds in vary.items() if name not in moved}
-    if own or not isinstance(structure, Structure):
-        variables(structure, own, "explore")
+    motion_names = _motion_names(structure, excitation, tuple(vary))
+    structure_bounds = {name: bounds for name, bounds in vary.items() if name not in motion_names}
+    if structure_bounds or not isinstance(structure, Structure):
+        make_variables(structure, structure_bounds, "explore")
     study = _Study(structure, excitation, tuple(vary))
     for name, pair in vary.items():
         try:
@@ -172,12 +180,12 @@ def explore(
             raise ValueError(
                 f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
             ) from None
-        value, _ = study.now(name)
+        value, _ = study.present_value(name)
         if not low <= value <= high or not low < high:
             raise ValueError(
                 f"explore: vary[{name!r}] = ({low:g}, {high:g}) must be a range around the present {value:g}"
             )
-        for bound in (low, high) if name in moved else ():
+        for bound in (low, high) if name in motion_names else ():
             try:
                 dataclasses.replace(excitation, **{name: bound})
             except ValueError as error:
@@ -194,7 +202,9 @@ def _outputs(options: rj.Options) -> tuple[str, ...]:
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
-def _moved(structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]) -> list[str]:
+def _motion_names(
+    structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]
+) -> list[str]:
     """Return the names of single numbers of the motion that are not names of the structure."""
     numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     own = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
@@ -211,13 +221,15 @@ class _Study(Module):
 
     def at(self, numbers: Any) -> tuple[Structure, rj.AbstractExcitation]:
         values = dict(zip(self.names, numbers, strict=True))
-        motion = {name: values.pop(name) for name in _moved(self.structure, self.excitation, self.names)}
-        structure = replaced(self.structure, values) if values else self.structure
+        motion = {
+            name: values.pop(name) for name in _motion_names(self.structure, self.excitation, self.names)
+        }
+        structure = with_variables(self.structure, values) if values else self.structure
         return structure, dataclasses.replace(self.excitation, **motion)
 
-    def now(self, name: str) -> tuple[float, str]:
+    def present_value(self, name: str) -> tuple[float, str]:
         """Return the present value of a number and its unit."""
-        if name in _moved(self.structure, self.excitation, self.names):
+        if name in _motion_names(self.structure, self.excitation, self.names):
             return float(getattr(self.excitation, name)), displayed(motion_parameter(name).unit)
         value: Any = value_of(self.structure, name)
         return float(value), displayed(parameter(self.structure, name).unit)
@@ -239,7 +251,7 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
     podium = as_podium(structure)
     response = rj.simulate(podium, excitation, options=options)
     start, end = excitation.support
-    t = jnp.linspace(start, end + SHOWN / podium.p, POINTS)
+    t = jnp.linspace(start, end + TIME_AFTER / podium.p, POINTS)
     peak = rj.Peak(
         **{field.name: getattr(response, field.name) for field in dataclasses.fields(AbstractPeak)}
     )
@@ -257,7 +269,7 @@ def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Fl
     return deformation if deformation.ndim == 1 else deformation[:, 0]
 
 
-def _of_sway(podium: rj.Podium) -> str:
+def _sway_label(podium: rj.Podium) -> str:
     """Return the label of `_sway`."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return "roof\n[mm]"
@@ -274,11 +286,11 @@ class _Grid(NamedTuple):
     @classmethod
     def around(cls, low: float, high: float, value: float) -> _Grid:
         """Return a grid of some hundred positions with round steps, refined until it holds `value`."""
-        rough = (high - low) / PLACES
+        rough = (high - low) / SLIDER_POSITIONS
         power = 10.0 ** math.floor(math.log10(rough))
         step = power * next(part for part in (1, 2, 5, 10) if part * power >= 0.999 * rough)
-        finer = (cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(FINER + 1))
-        return next((grid for grid in finer if grid.holds(value)), cls(low, high, step / 10**FINER))
+        finer = (cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(MAX_REFINEMENTS + 1))
+        return next((grid for grid in finer if grid.holds(value)), cls(low, high, step / 10**MAX_REFINEMENTS))
 
     def holds(self, value: float) -> bool:
         place = (value - self.low) / self.step
@@ -320,7 +332,7 @@ class _Drawing:
         podium = as_podium(structure)
         rows = [
             (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
-            (lambda a: MM_PER_M * np.asarray(a.sway), _of_sway(podium), COLOURS[3]),
+            (lambda a: MM_PER_M * np.asarray(a.sway), _sway_label(podium), COLOURS[3]),
             (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
         ]
         if not podium.vibrates:
@@ -350,7 +362,7 @@ class _Drawing:
             ax.autoscale_view(scalex=False)
         self.curves[0][0].set_xlim(float(answer.t[0]), float(answer.t[-1]))
         file = io.BytesIO()
-        self.figure.savefig(file, format="png", dpi=SHARP * _DPI, pil_kwargs={"compress_level": 1})
+        self.figure.savefig(file, format="png", dpi=PIXEL_RATIO * _DPI, pil_kwargs={"compress_level": 1})
         return file.getvalue()
 
 
@@ -365,15 +377,22 @@ _ROWS = {
 }
 
 
-def _account(first: rj.Peak, now: rj.Peak) -> str:
+def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
     """Return a table of the first and the present peaks."""
 
     def number(peak: rj.Peak, field: str, factor: float) -> str:
         return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # the largest over modes or stories
 
-    known = {name: of for name, of in _ROWS.items() if getattr(first, of[0]) is not None}
-    rows = [(name, *(number(peak, *of) for peak in (first, now))) for name, of in known.items()]
-    rows += [("the scene", _end(first), _end(now))]
+    available = {
+        name: field_and_factor
+        for name, field_and_factor in _ROWS.items()
+        if getattr(first, field_and_factor[0]) is not None
+    }
+    rows = [
+        (name, *(number(peak, *field_and_factor) for peak in (first, present)))
+        for name, field_and_factor in available.items()
+    ]
+    rows += [("the scene", _describe_end(first), _describe_end(present))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
     head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
     lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
@@ -384,7 +403,7 @@ def _account(first: rj.Peak, now: rj.Peak) -> str:
     )
 
 
-def _end(peak: rj.Peak) -> str:
+def _describe_end(peak: rj.Peak) -> str:
     if bool(peak.overturned):
         return f"overturns at {float(peak.overturn_time):.3g} s"
     good = (rj.RESULTS.settled, rj.RESULTS.end_of_time)

@@ -31,9 +31,9 @@ from rockjax.internal import (
 from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFE = 1.645  # standard errors of ln P kept as a margin, so that 95 % of independent samples agree
+SAFETY_FACTOR = 1.645  # standard errors of ln P kept as a margin, so that 95 % of independent samples agree
 MAX_SCENES = 10_000_000  # of an independent sample
-CLOSE = 1e-3  # relative change of a structure below which a check is reused
+SAME_STRUCTURE = 1e-3  # relative change of a structure below which a check is reused
 
 
 class FailureProbability(AbstractTarget):
@@ -96,13 +96,13 @@ class FailureProbability(AbstractTarget):
             raise ValueError(
                 "FailureProbability is sampled and has no margins in traced code; use it in optimise.design"
             )
-        return jnp.asarray([Sampled(self, podium).at(podium, ()).margin])
+        return jnp.asarray([RayTarget(self, podium).at(podium, ()).margin])
 
     def describe(self) -> str:
         return f"P(failure) ≤ {self.at_most:g}"
 
 
-class Margin(NamedTuple):
+class MarginAndSlopes(NamedTuple):
     """A margin and its derivatives with respect to the logarithms of numbers of a structure, by name."""
 
     margin: float
@@ -113,11 +113,11 @@ class _Check(NamedTuple):
     """An independent sample at a structure: its estimate, and its ratio to the estimate of the rays."""
 
     numbers: np.ndarray
-    found: rj.FailureProbability
+    estimate: rj.FailureProbability
     ratio: float
 
 
-class Sampled:
+class RayTarget:
     """A target with the rays that a search uses (host).
 
     `scenes` counts the scenes simulated.
@@ -126,7 +126,7 @@ class Sampled:
     def __init__(self, target: FailureProbability, podium: rj.Podium):
         self.target, self.scenes = target, 0
         self.checks: list[_Check] = []
-        self.verified = False
+        self.is_verified = False
         limit = self._limit(podium)
         try:
             self.rays = sample_rays(limit, target.at_most, target.rays, target.cov, target.seed)
@@ -138,57 +138,61 @@ class Sampled:
     def _limit(self, podium: rj.Podium):
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
 
-    def at(self, podium: rj.Podium, names: tuple[str, ...]) -> Margin:
+    def at(self, podium: rj.Podium, names: tuple[str, ...]) -> MarginAndSlopes:
         """Return the margin of a structure, with slopes for `names`."""
         limit = self._limit(podium)
-        cut = solve_factor(limit, self.rays, self._wanted(podium), names, self.factor)
-        self.factor = min(max(cut.factor, 0.1), 10.0)  # the start of the next root search
+        solution = solve_factor(limit, self.rays, self._target_probability(podium), names, self.factor)
+        self.factor = min(max(solution.factor, 0.1), 10.0)  # the start of the next root search
         self.scenes += limit.scenes
-        return Margin(math.log(cut.factor), dict(zip(names, cut.sensitivities.tolist(), strict=True)))
+        return MarginAndSlopes(
+            math.log(solution.factor), dict(zip(names, solution.sensitivities.tolist(), strict=True))
+        )
 
-    def _wanted(self, podium: rj.Podium) -> float:
+    def _target_probability(self, podium: rj.Podium) -> float:
         """Return the probability at which the rays are cut."""
-        inside = 0.0 if self.verified else self.spread
-        return min(self.target.at_most / self._ratio(podium) * math.exp(-inside), 0.9)
+        safety = 0.0 if self.is_verified else self.spread
+        return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
     @property
     def spread(self) -> float:
         """Largest difference of ln P expected between two samples."""
-        return SAFE * math.sqrt(2) * self.target.cov
+        return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
         """Return the ratio of the nearest independent estimate to that of the rays, 1 without any."""
         if not self.checks:
             return 1.0
-        return min(self.checks, key=lambda check: _apart(check.numbers, _numbers(podium))).ratio
+        return min(self.checks, key=lambda check: _largest_difference(check.numbers, _numbers(podium))).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
         """Take an independent sample at a structure and return the change of ln P; None if it has one."""
-        if self.checked(podium) is not None:
+        if self.checked_estimate(podium) is not None:
             return None
         before = self._ratio(podium)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the design reports it
-            found = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
-        self.scenes += found.scenes
+            estimate = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
+        self.scenes += estimate.scenes
         ratio = before
-        if found.converged:
+        if estimate.converged:
             limit = self._limit(podium)
-            ratio = found.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
+            ratio = estimate.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
             self.scenes += limit.scenes
-        self.checks.append(_Check(_numbers(podium), found, ratio))
+        self.checks.append(_Check(_numbers(podium), estimate, ratio))
         return math.log(ratio / before)
 
-    def checked(self, podium: rj.Podium) -> rj.FailureProbability | None:
+    def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
         """Return the estimate of the independent sample at this structure, None if there is none."""
-        near = [c for c in self.checks if _apart(c.numbers, _numbers(podium)) <= CLOSE]
-        return near[-1].found if near else None
+        nearby = [
+            c for c in self.checks if _largest_difference(c.numbers, _numbers(podium)) <= SAME_STRUCTURE
+        ]
+        return nearby[-1].estimate if nearby else None
 
 
 def _numbers(podium: rj.Podium) -> np.ndarray:
     return np.array([float(y) for y in jax.tree.leaves(podium)])
 
 
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
+def _largest_difference(a: np.ndarray, b: np.ndarray) -> float:
     """Return the largest relative difference of numbers."""
     return float(np.max(np.abs(a - b) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-12)))

@@ -24,7 +24,7 @@ from rockjax.internal import (
 )
 
 from ._suite import has_answer
-from ._variables import Structure, Variables, as_podium, variables
+from ._variables import Structure, Variables, as_podium, make_variables
 
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong rotation, fitted one after the other
 STRONG = 0.1  # rotation is strong above this part of its peak
@@ -71,7 +71,7 @@ class Fit(Module):
         return "\n".join(lines)
 
 
-def _measured(times, theta) -> tuple[np.ndarray, np.ndarray]:
+def _check_measurement(times, theta) -> tuple[np.ndarray, np.ndarray]:
     """Return times and rotations as arrays; raise `ValueError` if they are invalid."""
     times, theta = (
         np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
@@ -113,12 +113,12 @@ def fit(
     transformed so that they stay within the bounds. Raises `ValueError` for invalid inputs.
     """
     began = time.perf_counter()
-    varied = variables(podium, vary, "fit")
+    variables = make_variables(podium, vary, "fit")
     excitation = as_excitation("fit", excitation)
     require_instance("fit", "options", options, rj.Options, "rockjax.Options")
     require_number("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     require_whole("fit", "seed", seed, 0)
-    times, theta = _measured(times, theta)
+    times, theta = _check_measurement(times, theta)
     require_whole("fit", "starts", starts, 1)
     if len(times) < len(vary):
         raise ValueError(
@@ -131,48 +131,48 @@ def fit(
             f"fit: times must begin at or after the scene does, at {begin:g} s; got {times[0]:g} s"
         )
     scene = _Scene(
-        varied, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
+        variables, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
     )
     # In units of the signal, so that tolerances are relative.
     unit = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
-    n = len(varied.names)
-    first = np.asarray(varied.start())
-    drawn = rng.uniform(size=(starts * WALK, n))
-    drawn[0] = first
-    spans = [_window(times, theta, part) for part in WINDOWS]
-    tried = np.asarray(_costs(scene, jnp.asarray(drawn), jnp.asarray(spans[0]), unit))
+    n = len(variables.names)
+    first = np.asarray(variables.start())
+    draws = rng.uniform(size=(starts * WALK, n))
+    draws[0] = first
+    windows = [_window_weights(times, theta, part) for part in WINDOWS]
+    draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), unit))
     # Each start begins at the best of its draws on the first window, the first start at the given structure.
-    chosen = [k * WALK + int(np.argmin(tried[k * WALK : (k + 1) * WALK])) for k in range(starts)]
-    z = _open(jnp.clip(jnp.asarray(drawn[chosen]).at[0].set(first), EDGE, 1 - EDGE))
-    done = None
-    for span in spans:
-        z, done = _solved(scene, z, jnp.asarray(span), unit, jnp.asarray(tolerance))
-    assert done is not None
-    ends = np.asarray(_box(z))
-    costs, slopes = (np.asarray(y) for y in _assessed(scene, jnp.asarray(ends)))
+    chosen = [k * WALK + int(np.argmin(draw_costs[k * WALK : (k + 1) * WALK])) for k in range(starts)]
+    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(first), EDGE, 1 - EDGE))
+    has_converged = None
+    for window in windows:
+        z, has_converged = _solve_window(scene, z, jnp.asarray(window), unit, jnp.asarray(tolerance))
+    assert has_converged is not None
+    ends = np.asarray(_to_unit_interval(z))
+    costs, slopes = (np.asarray(y) for y in _evaluate_residuals(scene, jnp.asarray(ends)))
     rms = np.sqrt(np.mean(costs**2, axis=1))
     best = int(np.nanargmin(np.where(np.isfinite(rms), rms, np.inf)))
-    scale = np.asarray(jax.jacfwd(varied.values)(jnp.asarray(ends[best])))
+    scale = np.asarray(jax.jacfwd(variables.values)(jnp.asarray(ends[best])))
     covariance = _covariance(costs[best], slopes[best] @ np.linalg.inv(scale))
-    values = np.asarray(varied.values(jnp.asarray(ends[best])))
-    numbers = dict(zip(varied.names, map(float, values), strict=True))
-    bounds = zip(np.asarray(varied.lower).tolist(), np.asarray(varied.upper).tolist(), strict=True)
-    structure = variables(podium, dict(zip(varied.names, bounds, strict=True))).structure(
+    values = np.asarray(variables.values(jnp.asarray(ends[best])))
+    numbers = dict(zip(variables.names, map(float, values), strict=True))
+    bounds = zip(np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist(), strict=True)
+    structure = make_variables(podium, dict(zip(variables.names, bounds, strict=True))).structure(
         jnp.asarray(ends[best])
     )
     return Fit(
         podium=as_podium(structure),
         structure=structure,
         variables=numbers,
-        errors=dict(zip(varied.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        errors=dict(zip(variables.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=covariance,
         rms=float(rms[best]),
         residuals=costs[best],
         starts=rms,
         best=best,
-        converged=bool(np.asarray(done)[best]),
-        units=dict(zip(varied.names, varied.units, strict=True)),
+        converged=bool(np.asarray(has_converged)[best]),
+        units=dict(zip(variables.names, variables.units, strict=True)),
         seconds=time.perf_counter() - began,
     )
 
@@ -194,23 +194,23 @@ class _Scene(Module):
         theta = response(self.times).theta
         last = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
         side = jnp.sign(response(jnp.minimum(last, response.stats.end_time), left=True).theta)
-        fallen = self.times > last
-        theta = jnp.where(fallen, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
+        is_overturned = self.times > last
+        theta = jnp.where(is_overturned, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
         return jnp.where(has_answer(response), self.theta - theta, jnp.inf)
 
 
-def _window(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:
+def _window_weights(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:
     """Return weights: 1 up to a part of the strong rotation, 0 after; all 1 for part = 1."""
     strong = times[np.abs(theta) >= STRONG * np.max(np.abs(theta))]
     return (times <= (strong[0] + part * (strong[-1] - strong[0]) if part < 1 else np.inf)).astype(float)
 
 
-def _box(z):
+def _to_unit_interval(z):
     """Map real numbers to [0, 1]."""
     return 0.5 * (1 + jnp.sin(z))
 
 
-def _open(x):
+def _from_unit_interval(x):
     return jnp.arcsin(2 * x - 1)
 
 
@@ -224,12 +224,16 @@ def _costs(scene: _Scene, points, weights, unit):
 
 
 @eqx.filter_jit
-def _solved(scene: _Scene, z, weights, unit, tolerance):
+def _solve_window(scene: _Scene, z, weights, unit, tolerance):
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
 
     def one(z):
         answer = optx.least_squares(
-            lambda z, _: weights * scene.residuals(_box(z)) / unit, solver, z, max_steps=STEPS, throw=False
+            lambda z, _: weights * scene.residuals(_to_unit_interval(z)) / unit,
+            solver,
+            z,
+            max_steps=STEPS,
+            throw=False,
         )
         good = jnp.isfinite(answer.value).all()
         return jnp.where(good, answer.value, z), answer.result == optx.RESULTS.successful
@@ -238,13 +242,13 @@ def _solved(scene: _Scene, z, weights, unit, tolerance):
 
 
 @eqx.filter_jit
-def _assessed(scene: _Scene, points):
+def _evaluate_residuals(scene: _Scene, points):
     def one(x):
-        def twice(x):
+        def with_value(x):
             residuals = scene.residuals(x)
             return residuals, residuals
 
-        slope, value = jax.jacfwd(twice, has_aux=True)(x)
+        slope, value = jax.jacfwd(with_value, has_aux=True)(x)
         return value, slope
 
     return jax.vmap(one)(points)

@@ -67,13 +67,13 @@ class FreshSamples:
 
     def draw(self, k: int) -> rj.Records:
         """Return the batch of step k."""
-        return self._drawn(STEP, k)
+        return self._draw(STEP, k)
 
     def sample(self, k: int) -> list[rj.Records]:
         """Return the k-th independent sample, in batches."""
-        return [self._drawn(SAMPLE, k, part) for part in range(self.verify // self.batch)]
+        return [self._draw(SAMPLE, k, part) for part in range(self.verify // self.batch)]
 
-    def _drawn(self, *purpose: int) -> rj.Records:
+    def _draw(self, *purpose: int) -> rj.Records:
         rng = np.random.default_rng([self.seed, *purpose])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._descent import Evaluation, Iterate, scale_of
+from ._descent import Evaluation, Iterate, objective_scale
 from ._quadratic import Vector
 
 if TYPE_CHECKING:
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from ._evaluator import Evaluator
 
 MAX_ITERATIONS = 100
-RHO, FOLLOW = 10.0, 0.1
-STEADY = 8  # the steps shrink after 1/STEADY of a search
-LONGEST = 0.25  # longest step in scaled variables
-FLAT = 1e-2  # margins with smaller slopes are not scaled up further
+RHO, SMOOTHING = 10.0, 0.1
+STEP_DECAY = 8  # the steps shrink after 1/STEADY of a search
+MAX_STEP = 0.25  # longest step in scaled variables
+MIN_SLOPE = 1e-2  # margins with smaller slopes are not scaled up further
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
@@ -49,9 +49,9 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
             "design: method must be 'sqp', 'adam' or a gradient transformation of Optax such as "
             f"optax.adam(0.02), got {method!r}"
         )
-    whole, x, value = optax.with_extra_args_support(method), jnp.zeros(1), jnp.zeros(())
+    extended, x, value = optax.with_extra_args_support(method), jnp.zeros(1), jnp.zeros(())
     try:
-        jax.eval_shape(lambda: whole.update(x, whole.init(x), x, value=value, grad=x))
+        jax.eval_shape(lambda: extended.update(x, extended.init(x), x, value=value, grad=x))
     except TypeError as error:
         if "value_fn" not in str(error):
             raise
@@ -66,8 +66,8 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
 class GradientSteps:
     """Gradient steps of all starts in a batch, with common motions.
 
-    Arrays have the starts (s,) in front: margins (s, m), scaled variables (s, n). `aim` holds the margins
-    aimed at, `tails` the evaluations of the second half of the steps.
+    Arrays have the starts (s,) in front: margins (s, m), scaled variables (s, n). `target_margins` holds the
+    margins aimed at, `last_steps` the evaluations of the second half of the steps.
 
     - `transformation`: of Optax; `evaluate`: evaluates a point of every start
     - `points`: starting points (s, n); `first`: their evaluations
@@ -85,54 +85,60 @@ class GradientSteps:
     ):
         import optax
 
-        whole = optax.with_extra_args_support(transformation)
-        self.init = jax.jit(jax.vmap(whole.init))
+        extended = optax.with_extra_args_support(transformation)
+        self.init = jax.jit(jax.vmap(extended.init))
         self.update = jax.jit(
-            jax.vmap(lambda g, state, x, value: whole.update(g, state, x, value=value, grad=g))
+            jax.vmap(lambda g, state, x, value: extended.update(g, state, x, value=value, grad=g))
         )
         self.evaluate, self.x, self.history, self.iteration = evaluate, np.array(points, float), history, 0
-        self.dead = np.array([not there.finite for there in first])
-        self.scale = scale_of([there for there in first if there.finite])
-        self.aim = np.full((len(first), len(first[0].c)), tolerance)
-        self.price = np.zeros_like(self.aim)
-        self.steep = np.stack([np.sum(there.c_slope**2, axis=1) for there in first])
-        self.tails: list[list[tuple[Vector, Evaluation]]] = [[] for _ in first]
+        self.is_dead = np.array([not evaluation.is_finite for evaluation in first])
+        self.scale = objective_scale([evaluation for evaluation in first if evaluation.is_finite])
+        self.target_margins = np.full((len(first), len(first[0].c)), tolerance)
+        self.multipliers = np.zeros_like(self.target_margins)
+        self.squared_slopes = np.stack([np.sum(evaluation.c_slope**2, axis=1) for evaluation in first])
+        self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in first]
 
-    def walk(self, steps: int, moving: np.ndarray) -> None:
-        """Take `steps` steps with the starts `moving` (s,); steps with non-finite answers are skipped."""
-        memory = self.init(jnp.asarray(self.x))
-        for k in np.flatnonzero(moving):
-            self.tails[k] = []
+    def take_steps(self, steps: int, active: np.ndarray) -> None:
+        """Take `steps` steps with the starts `active` (s,); steps with non-finite answers are skipped."""
+        optimiser_state = self.init(jnp.asarray(self.x))
+        for k in np.flatnonzero(active):
+            self.last_steps[k] = []
         for t in range(steps):
-            found = self.evaluate(self.x, int(moving.sum()))
-            pairs = [self._lagrangian(k, there) for k, there in enumerate(found)]
+            found = self.evaluate(self.x, int(active.sum()))
+            pairs = [self._lagrangian(k, evaluation) for k, evaluation in enumerate(found)]
             values, gradient = (np.stack(parts) for parts in zip(*pairs, strict=True))
-            fine = moving & np.isfinite(gradient).all(axis=1)
-            gradient = np.where(fine[:, None], gradient, 0.0)
-            update, memory = self.update(jnp.asarray(gradient), memory, jnp.asarray(self.x), values)
-            shrunk = 1 / np.sqrt(max(1.0, STEADY * t / steps))
-            step = np.clip(shrunk * np.asarray(update), -LONGEST, LONGEST) * fine[:, None]
-            after = np.clip(self.x + step, 0.0, 1.0)
-            for k in map(int, np.flatnonzero(fine)):
-                self._record(k, found[k], shrunk, float(np.max(np.abs(after[k] - self.x[k]))))
+            usable = active & np.isfinite(gradient).all(axis=1)
+            gradient = np.where(usable[:, None], gradient, 0.0)
+            update, optimiser_state = self.update(
+                jnp.asarray(gradient), optimiser_state, jnp.asarray(self.x), values
+            )
+            step_factor = 1 / np.sqrt(max(1.0, STEP_DECAY * t / steps))
+            step = np.clip(step_factor * np.asarray(update), -MAX_STEP, MAX_STEP) * usable[:, None]
+            new_x = np.clip(self.x + step, 0.0, 1.0)
+            for k in map(int, np.flatnonzero(usable)):
+                self._record(k, found[k], step_factor, float(np.max(np.abs(new_x[k] - self.x[k]))))
                 if t >= steps // 2:
-                    self.tails[k].append((self.x[k].copy(), found[k]))
-            self.x, self.iteration = after, self.iteration + 1
+                    self.last_steps[k].append((self.x[k].copy(), found[k]))
+            self.x, self.iteration = new_x, self.iteration + 1
 
-    def _lagrangian(self, k: int, there: Evaluation) -> tuple[float, Vector]:
+    def _lagrangian(self, k: int, evaluation: Evaluation) -> tuple[float, Vector]:
         """Return value and gradient (n,) of the augmented Lagrangian of a start, and move its multipliers."""
-        c = there.c - self.aim[k]
-        if np.isfinite(there.c_slope).all():
-            self.steep[k] += FOLLOW * (np.sum(there.c_slope**2, axis=1) - self.steep[k])
-        rho = RHO / np.maximum(self.steep[k], FLAT**2)
-        price = np.maximum(0.0, self.price[k] - rho * c)
-        value = np.max(there.f) / self.scale + np.sum((price**2 - self.price[k] ** 2) / (2 * rho))
-        gradient = there.f_slope[np.argmax(there.f)] / self.scale - price @ there.c_slope
+        c = evaluation.c - self.target_margins[k]
+        if np.isfinite(evaluation.c_slope).all():
+            self.squared_slopes[k] += SMOOTHING * (
+                np.sum(evaluation.c_slope**2, axis=1) - self.squared_slopes[k]
+            )
+        rho = RHO / np.maximum(self.squared_slopes[k], MIN_SLOPE**2)
+        multipliers = np.maximum(0.0, self.multipliers[k] - rho * c)
+        value = np.max(evaluation.f) / self.scale + np.sum(
+            (multipliers**2 - self.multipliers[k] ** 2) / (2 * rho)
+        )
+        gradient = evaluation.f_slope[np.argmax(evaluation.f)] / self.scale - multipliers @ evaluation.c_slope
         if np.isfinite(gradient).all():
-            self.price[k] += FOLLOW * (price - self.price[k])
+            self.multipliers[k] += SMOOTHING * (multipliers - self.multipliers[k])
         return float(value), gradient
 
-    def _record(self, k: int, there: Evaluation, factor: float, step: float) -> None:
-        margin, value = float(np.min(there.c, initial=np.inf)), float(np.max(there.f))
+    def _record(self, k: int, evaluation: Evaluation, factor: float, step: float) -> None:
+        margin, value = float(np.min(evaluation.c, initial=np.inf)), float(np.max(evaluation.f))
         row = Iterate(k, self.iteration, self.x[k], value, margin, np.nan, factor, RHO, step, True)
         self.history.append(row)

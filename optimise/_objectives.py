@@ -14,7 +14,7 @@ from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
-from ._targets import AbstractResponses, check_limit, of_building, overturning_of, severity
+from ._targets import AbstractResponses, check_limit, first_output, overturning_depths, severity
 
 
 class AbstractObjective(Module):
@@ -80,8 +80,8 @@ class AbstractWorstPeak(AbstractWorst):
     until_overturning: ClassVar[bool] = True
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        values = of_building(self, peaks)
-        overturned, depth = overturning_of(peaks, len(values))
+        values = first_output(self, peaks)
+        overturned, depth = overturning_depths(peaks, len(values))
         return jnp.where(overturned, (1 + depth) * values, values)
 
     def describe(self) -> str:

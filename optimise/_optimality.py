@@ -10,7 +10,7 @@ from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
 NEAR = 1e-3  # distance within which models of other points describe a kink here
-Seen = list[tuple[Vector, Evaluation]]
+EvaluatedPoints = list[tuple[Vector, Evaluation]]
 
 
 class Optimality(NamedTuple):
@@ -26,16 +26,16 @@ class Optimality(NamedTuple):
     violation: float
 
 
-def linear_models(x: Vector, here: Evaluation, seen: Seen) -> Model:
+def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
     """Return linear models at x and those of other points, lifted to be consistent with the values at x."""
-    k, m = len(here.f), len(here.c)
-    f, f_slope, c, c_slope = [here.f], [here.f_slope], [here.c], [here.c_slope]
-    for y, there in seen:
-        f.append(np.minimum(there.f + there.f_slope @ (x - y), here.f))
-        f_slope.append(there.f_slope)
-        c.append(np.maximum(there.c + there.c_slope @ (x - y), here.c))
-        c_slope.append(there.c_slope)
-    copies = 1 + len(seen)
+    k, m = len(current.f), len(current.c)
+    f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]
+    for y, evaluation in points:
+        f.append(np.minimum(evaluation.f + evaluation.f_slope @ (x - y), current.f))
+        f_slope.append(evaluation.f_slope)
+        c.append(np.maximum(evaluation.c + evaluation.c_slope @ (x - y), current.c))
+        c_slope.append(evaluation.c_slope)
+    copies = 1 + len(points)
     return Model(
         np.concatenate(f),
         np.concatenate(f_slope),
@@ -46,30 +46,37 @@ def linear_models(x: Vector, here: Evaluation, seen: Seen) -> Model:
     )
 
 
-def nearby(x: Vector, seen: Seen) -> Seen:
+def points_near(x: Vector, points: EvaluatedPoints) -> EvaluatedPoints:
     """Return the evaluated points within `NEAR` of x, whose models describe kinks at x."""
-    return [(y, there) for y, there in seen if np.max(np.abs(y - x)) <= NEAR]
+    return [(y, evaluation) for y, evaluation in points if np.max(np.abs(y - x)) <= NEAR]
 
 
 def optimality(
-    x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float, tolerance: float
+    x: Vector,
+    current: Evaluation,
+    near_points: EvaluatedPoints,
+    weight: float,
+    penalty: float,
+    tolerance: float,
 ) -> Optimality:
     """Return the optimality of the merit at x, first as if it were smooth, then with models of near points.
 
-    - `x`: scaled variables (n,); `here`: evaluation there; `near`: evaluated points near x
+    - `x`: scaled variables (n,); `current`: evaluation there; `near_points`: evaluated points near x
     - `weight`: of the values; `penalty`: ν of the largest violation
     - `tolerance`: residual above which the near points are used
     """
-    found = _optimality(x, here, [], weight, penalty)
-    if found.residual > tolerance and near:  # not stationary if smooth; perhaps at a kink
-        found = _optimality(x, here, near, weight, penalty)
+    found = _solve_optimality(x, current, [], weight, penalty)
+    if found.residual > tolerance and near_points:  # not stationary if smooth; perhaps at a kink
+        found = _solve_optimality(x, current, near_points, weight, penalty)
     return found
 
 
-def _optimality(x: Vector, here: Evaluation, near: Seen, weight: float, penalty: float) -> Optimality:
-    model = linear_models(x, here, near)
+def _solve_optimality(
+    x: Vector, current: Evaluation, near_points: EvaluatedPoints, weight: float, penalty: float
+) -> Optimality:
+    model = linear_models(x, current, near_points)
     step = solve(model, np.eye(len(x)), weight, penalty, -x, 1 - x)
     if step is None:
-        return Optimality(np.zeros(len(here.c)), np.inf, here.violation)
-    multipliers = np.bincount(model.margin_of, step.margin_multipliers, minlength=len(here.c))
+        return Optimality(np.zeros(len(current.c)), np.inf, current.violation)
+    multipliers = np.bincount(model.margin_of, step.margin_multipliers, minlength=len(current.c))
     return Optimality(multipliers, float(np.max(np.abs(step.d))), step.violation)

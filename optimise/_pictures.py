@@ -41,24 +41,32 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
             continue
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
-        look = {
+        line_style = {
             "color": colour,
             "ls": STYLES[k % len(STYLES)],
             "lw": 0.9 if k else 1.6,
             "zorder": 2 + (k == 0),
         }
-        ax.plot(numbers[:, 0], numbers[:, 1], **look)
-        held = numbers[:, 2] >= 0
-        for some, face in ((numbers[held], colour), (numbers[~held], "white")):
-            ax.plot(some[:, 0], some[:, 1], marker, ms=4.5, color=colour, mfc=face, zorder=look["zorder"])
+        ax.plot(numbers[:, 0], numbers[:, 1], **line_style)
+        is_satisfied = numbers[:, 2] >= 0
+        for subset, face in ((numbers[is_satisfied], colour), (numbers[~is_satisfied], "white")):
+            ax.plot(
+                subset[:, 0],
+                subset[:, 1],
+                marker,
+                ms=4.5,
+                color=colour,
+                mfc=face,
+                zorder=line_style["zorder"],
+            )
         label = f"start {start}" + (", the design" if k == 0 and others else "")
-        entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **look))
+        entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
     del entries[: max(0, len(entries) - MOST_STARTS)]
     entries = entries[::-1]
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="filled: targets hold"))
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
-    reached = f"design: {design.objective:.4g}"
-    entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=reached))
+    objective_label = f"design: {design.objective:.4g}"
+    entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=objective_label))
     entry = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
     unit = displayed(entry.unit) if entry else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
@@ -93,8 +101,8 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
         )
         ratio = np.asarray(response(t).theta) / float(podium.alpha)
         axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {fate}")
-        moving = t[np.abs(ratio) > 1e-3]
-        ends.append(moving[-1] if len(moving) else t[0])
+        rocking_times = t[np.abs(ratio) > 1e-3]
+        ends.append(rocking_times[-1] if len(rocking_times) else t[0])
     start, support_end = (float(t) for t in excitation.support)
     end = min(max(*ends, min(support_end, start + 60.0)), start + 60.0)
     t = np.linspace(start, end, 4000)

@@ -49,7 +49,7 @@ from ._targets import (
     PeakRotation,
     PeakShear,
 )
-from ._variables import Dimensions, Structure, as_podium, variables
+from ._variables import Dimensions, Structure, as_podium, make_variables
 
 EXPECTED_LOSS = "expected-loss"
 WORST: dict[str, type] = {
@@ -223,7 +223,7 @@ def _described(asked: Problem) -> str:
         least = f"least {wanted.describe()}"
     else:
         least = f"least {getattr(wanted, '__name__', 'objective')}"
-    box = variables(asked.podium, asked.vary)
+    box = make_variables(asked.podium, asked.vary)
     start = box.values(box.start())
     rows = [["variable", "start", "unit", "bounds"]]
     for name, value, unit in zip(box.names, start, box.units, strict=True):
@@ -286,7 +286,7 @@ class _Reader(Reader):
         podium = as_podium(structure)
         motions = self.motions(given.motions, podium)
         with self.at("vary"):
-            variables(structure, given.vary)
+            make_variables(structure, given.vary)
         targets = tuple(
             self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(given.targets)
         )

@@ -12,8 +12,8 @@ import numpy as np
 import rockjax as rj
 from rockjax.internal import parameters_of, read, with_values
 
-from ._answer import Sampled as SampledAnswer
-from ._failure import FailureProbability, Sampled
+from ._answer import SampleEstimates
+from ._failure import FailureProbability, RayTarget
 from ._quadratic import Vector
 from ._targets import AbstractTarget
 from ._variables import Variables
@@ -21,14 +21,14 @@ from ._variables import Variables
 SMALLEST = 1e-9  # replaces zeros, which have no logarithm
 
 
-class Row(NamedTuple):
+class MarginSlope(NamedTuple):
     """A margin and its derivatives (n,) with respect to the scaled variables."""
 
     margin: float
     slope: Vector
 
 
-class _Numbers:
+class _StructureNumbers:
     """The numbers of the podium at scaled variables x, and their derivatives."""
 
     def __init__(self, variables: Variables):
@@ -45,12 +45,12 @@ class _Numbers:
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
         """Return the podium, and d ln y/dx (n,) of every number y that depends on x."""
         y, slope = (np.asarray(part) for part in self._at(jnp.asarray(x)))
-        moves = slope.any(axis=1)
+        depends = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
-        zero = [name for name, value, m in zip(self.names, y, moves, strict=True) if m and value == 0]
+        zero = [name for name, value, m in zip(self.names, y, depends, strict=True) if m and value == 0]
         podium = with_values(podium, dict.fromkeys(zero, SMALLEST)) if zero else podium
         y = np.where(y == 0, SMALLEST, y)
-        rows = zip(self.names, slope / y[:, None], moves, strict=True)
+        rows = zip(self.names, slope / y[:, None], depends, strict=True)
         return podium, {name: row for name, row, m in rows if m}
 
 
@@ -59,46 +59,51 @@ class SampledTargets:
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
         self.targets = {k: t for k, t in enumerate(targets) if isinstance(t, FailureProbability)}
-        self._numbers = _Numbers(variables) if self.targets else None
+        self._numbers = _StructureNumbers(variables) if self.targets else None
         self._first = variables.podium(variables.start()) if self.targets else None
-        self._sampled: dict[int, Sampled] = {}
-        self._known: dict[bytes, dict[int, Row]] = {}
+        self._by_index: dict[int, RayTarget] = {}
+        self._cache: dict[bytes, dict[int, MarginSlope]] = {}
 
     @property
     def scenes(self) -> int:
-        return sum(sampled.scenes for sampled in self._sampled.values())
+        return sum(ray_target.scenes for ray_target in self._by_index.values())
 
-    def verifies(self) -> None:
+    def use_accurate(self) -> None:
         """Switch to the margins of the independent samples."""
-        for sampled in self._sampled.values():
-            sampled.verified = True
-        self._known.clear()
+        for ray_target in self._by_index.values():
+            ray_target.is_verified = True
+        self._cache.clear()
 
-    def at(self, x: Vector) -> Mapping[int, Row]:
+    def at(self, x: Vector) -> Mapping[int, MarginSlope]:
         """Return the margins and slopes at scaled variables (n,)."""
         if self._numbers is None:
             return {}
         key = np.asarray(x, float).tobytes()
-        if key not in self._known:
+        if key not in self._cache:
             podium, slopes = self._numbers(x)
-            still = np.zeros(np.size(x))
-            self._known[key] = {
-                k: self._row(sampled, podium, slopes, still) for k, sampled in self._all().items()
+            no_slope = np.zeros(np.size(x))
+            self._cache[key] = {
+                k: self._row(ray_target, podium, slopes, no_slope)
+                for k, ray_target in self._ray_targets().items()
             }
-        return self._known[key]
+        return self._cache[key]
 
-    def _all(self) -> dict[int, Sampled]:
+    def _ray_targets(self) -> dict[int, RayTarget]:
         """Return the sampled targets, with rays through failing samples of the first structure."""
         for k, target in self.targets.items():
-            if k not in self._sampled:
+            if k not in self._by_index:
                 assert self._first is not None
-                self._sampled[k] = Sampled(target, self._first)
-        return self._sampled
+                self._by_index[k] = RayTarget(target, self._first)
+        return self._by_index
 
     @staticmethod
-    def _row(sampled: Sampled, podium: rj.Podium, slopes: dict[str, Vector], still: Vector) -> Row:
-        found = sampled.at(podium, tuple(slopes))
-        return Row(found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), still))
+    def _row(
+        ray_target: RayTarget, podium: rj.Podium, slopes: dict[str, Vector], no_slope: Vector
+    ) -> MarginSlope:
+        found = ray_target.at(podium, tuple(slopes))
+        return MarginSlope(
+            found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), no_slope)
+        )
 
     def check(self, x: Vector) -> tuple[bool, bool]:
         """Take independent samples at a point.
@@ -110,17 +115,19 @@ class SampledTargets:
             return False, False
         podium, _ = self._numbers(x)
         new = False, False
-        for sampled in self._all().values():
-            change = sampled.check(podium)
+        for ray_target in self._ray_targets().values():
+            change = ray_target.check(podium)
             if change is not None:
-                new = True, new[1] or abs(change) > sampled.spread
-                self._known.clear()
+                new = True, new[1] or abs(change) > ray_target.spread
+                self._cache.clear()
         return new
 
-    def probabilities(self, x: Vector) -> SampledAnswer:
+    def probabilities(self, x: Vector) -> SampleEstimates:
         """Return the estimates of independent samples at a point."""
         if self._numbers is None:
-            return SampledAnswer({})
+            return SampleEstimates({})
         podium, _ = self._numbers(x)
-        found = {k: sampled.checked(podium) for k, sampled in self._sampled.items()}
-        return SampledAnswer({k: probability for k, probability in found.items() if probability is not None})
+        found = {k: ray_target.checked_estimate(podium) for k, ray_target in self._by_index.items()}
+        return SampleEstimates(
+            {k: probability for k, probability in found.items() if probability is not None}
+        )

@@ -14,9 +14,9 @@ import numpy as np
 
 import rockjax as rj
 
-from ._answer import Effort, Found, Sampled
+from ._answer import Effort, SampleEstimates, SearchResult
 from ._descent import End, Evaluation
-from ._evaluator import Estimate, Evaluator
+from ._evaluator import Evaluator, MarginEstimate
 from ._gradients import GradientSteps
 from ._optimality import optimality
 from ._quadratic import Vector
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     import optax
 
 MAX_ITERATIONS = 300
-CORRECTIONS, PART = 3, 4  # further searches, each of this part of the steps
-SAFE = 1.645 * np.sqrt(2)  # standard errors: 95 % of second samples agree
-EXACT = 1e4  # penalty of violations in the computation of multipliers
+CORRECTIONS, SEARCH_PART = 3, 4  # further searches, each of this part of the steps
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # standard errors: 95 % of second samples agree
+EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
 
 
 class FreshSearch:
@@ -50,7 +50,7 @@ class FreshSearch:
         self.transformation, self.evaluate, self.x = transformation, evaluate, points
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.samples = 0
-        self.estimates: list[dict[int, Estimate]] = [{} for _ in points]
+        self.estimates: list[dict[int, MarginEstimate]] = [{} for _ in points]
         self.evaluations: list[Evaluation] = []
         self.stopped = False
 
@@ -65,27 +65,27 @@ class FreshSearch:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
         self.steps = GradientSteps(self.transformation, self.evaluate, self.x, first, self.tolerance, [])
         try:
-            self.walk(self.max_iterations, ~self.steps.dead)
+            self.take_steps(self.max_iterations, ~self.steps.is_dead)
             self.verify()
             for k in range(CORRECTIONS):
-                again = self.corrected(first=k == 0)
-                if not again.any():
+                continuing = self.shift_margins(first=k == 0)
+                if not continuing.any():
                     break
-                self.walk(max(self.max_iterations // PART, 2), again)
+                self.take_steps(max(self.max_iterations // SEARCH_PART, 2), continuing)
                 self.verify()
         except KeyboardInterrupt:
             self.stopped = True
-            self.settle()
+            self.move_to_means()
             self.verify()
         return self.stopped
 
-    def walk(self, steps: int, moving: np.ndarray) -> None:
-        self.steps.walk(steps, moving)
-        self.settle()
+    def take_steps(self, steps: int, active: np.ndarray) -> None:
+        self.steps.take_steps(steps, active)
+        self.move_to_means()
 
-    def settle(self) -> None:
+    def move_to_means(self) -> None:
         """Move every start to the mean of its last steps."""
-        pairs = zip(self.steps.x, self.steps.tails, strict=True)
+        pairs = zip(self.steps.x, self.steps.last_steps, strict=True)
         self.x = np.stack([np.mean([y for y, _ in tail], axis=0) if tail else x for x, tail in pairs])
         self.steps.x = self.x
 
@@ -97,42 +97,42 @@ class FreshSearch:
         self.estimates = [self.evaluate.estimates(x, self.samples) for x in self.x]
         self.samples += 1
         pairs = zip(exact, self.estimates, strict=True)
-        self.evaluations = [self._with(there, estimates) for there, estimates in pairs]
+        self.evaluations = [self._with_estimates(evaluation, estimates) for evaluation, estimates in pairs]
 
     @property
     def ends(self) -> np.ndarray:
         """Index after the last margin of each target, beginning with 0."""
         return np.cumsum([0, *self.evaluate.sizes])
 
-    def _with(self, there: Evaluation, estimates: dict[int, Estimate]) -> Evaluation:
-        c, ends = there.c.copy(), self.ends
-        for place, found in estimates.items():
-            c[ends[place] : ends[place + 1]] = found.margins
-        return there._replace(c=c)
+    def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
+        c, ends = evaluation.c.copy(), self.ends
+        for index, search_result in estimates.items():
+            c[ends[index] : ends[index + 1]] = search_result.margins
+        return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
         """Return the standard errors of the margins of a start, from the sample and from its mean."""
         ends = self.ends
-        found = np.zeros(ends[-1])
-        for place, estimate in self.estimates[k].items():
-            found[ends[place] : ends[place + 1]] = estimate.errors
-        tail = self.steps.tails[k]
-        seen = np.stack([there.c for _, there in tail]) if tail else np.zeros((1, ends[-1]))
-        wandering = seen.std(axis=0) / np.sqrt(len(seen))
-        return np.where(found > 0, np.hypot(found, wandering), 0.0)
+        search_result = np.zeros(ends[-1])
+        for index, estimate in self.estimates[k].items():
+            search_result[ends[index] : ends[index + 1]] = estimate.errors
+        tail = self.steps.last_steps[k]
+        seen = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, ends[-1]))
+        mean_error = seen.std(axis=0) / np.sqrt(len(seen))
+        return np.where(search_result > 0, np.hypot(search_result, mean_error), 0.0)
 
-    def corrected(self, first: bool) -> np.ndarray:
+    def shift_margins(self, first: bool) -> np.ndarray:
         """Shift the margins aimed at by the independent sample; return the starts that continue (s,)."""
-        again, steps = np.zeros(len(self.x), bool), self.steps
-        for k, there in enumerate(self.evaluations):
-            if steps.dead[k] or not there.finite:
+        continuing, steps = np.zeros(len(self.x), bool), self.steps
+        for k, evaluation in enumerate(self.evaluations):
+            if steps.is_dead[k] or not evaluation.is_finite:
                 continue
-            inside = np.maximum(SAFE * self.errors(k), self.tolerance)
-            active = steps.price[k] > 1e-3 * np.max(steps.price[k], initial=0.0)
-            off = (there.c < 0) | (first & active & (there.c > 2 * inside))
-            steps.aim[k] += np.where(off, inside - there.c, 0.0)
-            again[k] = bool(off.any())
-        return again
+            safety = np.maximum(SAFETY_FACTOR * self.errors(k), self.tolerance)
+            active = steps.multipliers[k] > 1e-3 * np.max(steps.multipliers[k], initial=0.0)
+            shifts = (evaluation.c < 0) | (first & active & (evaluation.c > 2 * safety))
+            steps.target_margins[k] += np.where(shifts, safety - evaluation.c, 0.0)
+            continuing[k] = bool(shifts.any())
+        return continuing
 
     @property
     def iterations(self) -> int:
@@ -140,25 +140,27 @@ class FreshSearch:
 
     def end(self, k: int) -> End:
         """Return the end of a start, with multipliers from the mean slopes of its last steps."""
-        there, steps, tail = self.evaluations[k], self.steps, self.steps.tails[k]
+        evaluation, steps, tail = self.evaluations[k], self.steps, self.steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
-        if steps.dead[k] or not tail:
-            code = INTERRUPTED if self.stopped and not steps.dead[k] else NOT_FINITE
-            return End(self.x[k], np.full(len(there.c), np.nan), code, count, there)
+        if steps.is_dead[k] or not tail:
+            code = INTERRUPTED if self.stopped and not steps.is_dead[k] else NOT_FINITE
+            return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
         mean = Evaluation(
             *(np.mean(parts, axis=0) for parts in zip(*(seen for _, seen in tail), strict=True))
         )
-        c = mean.c - steps.aim[k]
-        here = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
-        prices = optimality(self.x[k], here, [], 1.0, EXACT, self.tolerance).multipliers
-        code = INTERRUPTED if self.stopped else AVERAGED if there.violation == 0 else INFEASIBLE
-        return End(self.x[k], prices, code, count, there)
+        c = mean.c - steps.target_margins[k]
+        current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
+        multipliers = optimality(self.x[k], current, [], 1.0, EXACT_PENALTY, self.tolerance).multipliers
+        code = INTERRUPTED if self.stopped else AVERAGED if evaluation.violation == 0 else INFEASIBLE
+        return End(self.x[k], multipliers, code, count, evaluation)
 
-    def found(self, sizes: dict[str, int], effort: Effort) -> Found:
+    def search_result(self, sizes: dict[str, int], effort: Effort) -> SearchResult:
         ends = [self.end(k) for k in range(len(self.x))]
-        return Found(ends, self.evaluations, sizes, self.steps.scale, self.steps.history, effort)
+        return SearchResult(ends, self.evaluations, sizes, self.steps.scale, self.steps.history, effort)
 
-    def sampled(self, x: Vector) -> Sampled:
+    def estimate_samples(self, x: Vector) -> SampleEstimates:
         """Return the standard errors of the last independent sample at the end of a start."""
         k = int(np.argmin(np.abs(self.x - x).max(axis=1)))
-        return Sampled({}, {place: found.errors for place, found in self.estimates[k].items()})
+        return SampleEstimates(
+            {}, {index: search_result.errors for index, search_result in self.estimates[k].items()}
+        )

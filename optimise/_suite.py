@@ -24,7 +24,7 @@ class Suite(Module):
 
     groups: tuple[rj.AbstractExcitation, ...]
     order: tuple[int, ...] = eqx.field(static=True)  # index of each motion among the stacked ones
-    source: FreshSamples | None = eqx.field(static=True, default=None)  # of motions drawn anew
+    fresh_samples: FreshSamples | None = eqx.field(static=True, default=None)  # of motions drawn anew
 
     @classmethod
     def of(
@@ -42,16 +42,16 @@ class Suite(Module):
             leaves, structure = jax.tree.flatten(motion)
             kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
         members = list(kinds.values())
-        return cls(tuple(_stacked([motions[k] for k in places]) for places in members), _order(members))
+        return cls(tuple(_stack_motions([motions[k] for k in places]) for places in members), _order(members))
 
     def __len__(self) -> int:
         return len(self.order)
 
-    def and_also(self, other: Suite) -> Suite:
+    def merged_with(self, other: Suite) -> Suite:
         """Return the motions of both suites, grouped by kind."""
         groups, members = list(self.groups), [list(part) for part in self._members()]
         for group, places in zip(other.groups, other._members(), strict=True):
-            k = next((k for k, known in enumerate(groups) if _alike(known, group)), len(groups))
+            k = next((k for k, existing in enumerate(groups) if _can_merge(existing, group)), len(groups))
             if k < len(groups):
                 groups[k] = jax.tree.map(
                     lambda *ys: as_array(array_module(ys).concatenate(ys)), groups[k], group
@@ -64,11 +64,11 @@ class Suite(Module):
 
     def _members(self) -> list[list[int]]:
         """Return the numbers of the motions in each group."""
-        given = sorted(range(len(self)), key=self.order.__getitem__)
+        by_order = sorted(range(len(self)), key=self.order.__getitem__)
         ends = np.cumsum([_size(group) for group in self.groups])
-        return [given[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
+        return [by_order[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
 
-    def each(self, function) -> Any:
+    def map_motions(self, function) -> Any:
         """Return `function(motion)` of every motion, stacked in the order of the motions."""
         parts = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
@@ -88,7 +88,7 @@ class Suite(Module):
             lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups)
         )
 
-    def drawn(self, records: rj.Records) -> Suite:
+    def with_records(self, records: rj.Records) -> Suite:
         """Return the suite with another batch of fresh samples."""
         return Suite((records,), self.order)
 
@@ -99,14 +99,16 @@ class Suite(Module):
         - `outputs`: names of the requested outputs, as in `rockjax.Options`
         """
         options = options.replace(outputs=outputs, throw=False)
-        peaks = self.each(lambda motion: rj.peak_response(podium, motion, options=options))
-        answered = has_answer(peaks)
+        peaks = self.map_motions(lambda motion: rj.peak_response(podium, motion, options=options))
+        is_answered = has_answer(peaks)
 
-        def known(y):  # of modes and stories along a last axis
-            return jnp.where(answered[:, None] if y.ndim == 2 else answered, y, jnp.nan)
+        def mask_unanswered(y):  # of modes and stories along a last axis
+            return jnp.where(is_answered[:, None] if y.ndim == 2 else is_answered, y, jnp.nan)
 
         fields = {name: getattr(peaks, name) for name in (*PEAKS, "margin")}
-        return dataclasses.replace(peaks, **{name: known(y) for name, y in fields.items() if y is not None})
+        return dataclasses.replace(
+            peaks, **{name: mask_unanswered(y) for name, y in fields.items() if y is not None}
+        )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Return the overturning margins of all motions, on all cores (host, without derivatives)."""
@@ -127,7 +129,7 @@ def _order(members: list[list[int]]) -> tuple[int, ...]:
     return tuple(placed.index(k) for k in range(len(placed)))
 
 
-def _stacked(motions: list[Any]) -> rj.AbstractExcitation:
+def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
     if isinstance(motions[0], rj.Record):
         table = rj.Records.of(motions)
         return table.scaled(np.ones(len(table)))
@@ -146,7 +148,7 @@ def _size(group: rj.AbstractExcitation) -> int:
     return jnp.size(group.which) if isinstance(group, rj.Records) else len(jax.tree.leaves(group)[0])
 
 
-def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
+def _can_merge(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
     """Return whether two groups can be merged; tables of records cannot."""
     if isinstance(a, rj.Records) or jax.tree.structure(a) != jax.tree.structure(b):
         return False
@@ -154,7 +156,7 @@ def _alike(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
     return all(x.shape[1:] == y.shape[1:] for x, y in pairs)
 
 
-def same(a: Suite, b: Suite) -> bool:
+def is_same_suite(a: Suite, b: Suite) -> bool:
     """Return whether two suites hold the same motions."""
     if a.order != b.order or jax.tree.structure(a) != jax.tree.structure(b):
         return False

@@ -134,28 +134,28 @@ class AbstractPeakLimit(AbstractResponseTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        margins = (self.limit - of_building(self, peaks)) / self.limit
-        overturned, depth = overturning_of(peaks, len(margins))
+        margins = (self.limit - first_output(self, peaks)) / self.limit
+        overturned, depth = overturning_depths(peaks, len(margins))
         return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
     def describe(self) -> str:
         return self.words.format(f"{self.limit:g}")
 
 
-def of_building(wanted: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
+def first_output(item: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
     """Return the first of the requested outputs, of all motions and all modes, stories or floors, (k,)."""
-    output = wanted.outputs[0]
+    output = item.outputs[0]
     values = getattr(peaks, output)
     if values is None:
         raise ValueError(
-            f"{type(wanted).__name__}: expected a podium with stories, a rockjax.ShearBuilding as its "
+            f"{type(item).__name__}: expected a podium with stories, a rockjax.ShearBuilding as its "
             f"superstructure; only these have a {output}"
         )
     return values.ravel()
 
 
-def overturning_of(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return whether the scene of each of `count` values of `of_building` overturned, and its −margin [–]."""
+def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
+    """Return whether the scene of each of `count` values overturned, and its −margin [–]."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     each = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return each(peaks.overturned), each(depth)
@@ -317,20 +317,20 @@ def _coarser(target: Searched) -> Searched:
 class AbstractScaleTarget(AbstractTarget):
     """Base class of targets on the least factors at which the motions of a suite overturn the columns.
 
-    `averages`: whether it refers to a distribution of the factors and so accepts `FreshSamples`.
+    `accepts_fresh_samples`: whether it refers to a distribution of the factors and so accepts `FreshSamples`.
     """
 
     max_scale: eqx.AbstractVar[Any]
     width: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
-    averages: ClassVar[bool] = False
+    accepts_fresh_samples: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def of_scales(self, found: Float[Array, " k"]) -> Margins:
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
         """Return the margins from the least factors (k,), inf where no factor up to `max_scale` overturns."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        return self.of_scales(self.least_scales(podium, options))
+        return self.margins_of_scales(self.least_scales(podium, options))
 
     def while_searching(self) -> Self:
         return _coarser(self)
@@ -343,7 +343,7 @@ class AbstractScaleTarget(AbstractTarget):
                 podium, motion, max_scale=self.max_scale, options=options, width=self.width
             )
 
-        return self.suite.each(least)
+        return self.suite.map_motions(least)
 
     @property
     def scenes(self) -> int:
@@ -385,8 +385,8 @@ class OverturningScale(AbstractScaleTarget):
         self.width = float(width)
         self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
-    def of_scales(self, found: Float[Array, " k"]) -> Margins:
-        return jnp.where(found < jnp.inf, found, self.max_scale) / self.at_least - 1
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+        return jnp.where(scales < jnp.inf, scales, self.max_scale) / self.at_least - 1
 
     def describe(self) -> str:
         return f"overturning scale ≥ {self.at_least:g}"
@@ -410,7 +410,7 @@ class MedianCapacity(AbstractScaleTarget):
     width: Any
     suite: Suite
     name: Name = eqx.field(static=True)
-    averages: ClassVar[bool] = True
+    accepts_fresh_samples: ClassVar[bool] = True
 
     def __init__(self, at_least, suite, *, max_scale=None, width: float = DEFAULT_WIDTH, name: Name = None):
         self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
@@ -419,8 +419,8 @@ class MedianCapacity(AbstractScaleTarget):
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
-    def of_scales(self, found: Float[Array, " k"]) -> Margins:
-        median = fit_capacities(found, jnp.full_like(found, self.max_scale)).median
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+        median = fit_capacities(scales, jnp.full_like(scales, self.max_scale)).median
         return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
 
     def describe(self) -> str:

@@ -114,12 +114,12 @@ Structure = rj.Podium | Dimensions
 
 def as_podium(structure: Structure) -> rj.Podium:
     """Return the podium of a structure in either form."""
-    with _not_typed():
+    with _without_unit_warnings():
         return structure if isinstance(structure, rj.Podium) else structure.podium()
 
 
 @contextlib.contextmanager
-def _not_typed() -> Iterator[None]:
+def _without_unit_warnings() -> Iterator[None]:
     """Suppress warnings about units, which apply only to numbers that a user has typed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
@@ -166,7 +166,7 @@ class Variables(Module):
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """Return the structure at scaled variables, in the user's form."""
         values = self.values(x)
-        return replaced(self.base, {name: values[k] for k, name in enumerate(self.names)})
+        return with_variables(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:
         """Return the podium at scaled variables."""
@@ -178,7 +178,9 @@ class Variables(Module):
         return self.scaled(array_module(values).stack(values))
 
 
-def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design") -> Variables:
+def make_variables(
+    base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design"
+) -> Variables:
     """Return the variables of `vary`.
 
     Raises `ValueError` for unknown or conflicting names, and for bounds that are no range or do not define a
@@ -196,14 +198,14 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
     for name in vary:
         _check_name(owner, base, name)
     names = tuple(vary)
-    called = [parameter(base, name).name for name in names]
-    twice = [name for name in called if called.count(name) > 1]
-    if twice:
-        raise ValueError(f"{owner}: vary names {twice[0]} twice")
-    twice = find_clash(called)
-    if twice is not None:
+    parameter_names = [parameter(base, name).name for name in names]
+    clash = [name for name in parameter_names if parameter_names.count(name) > 1]
+    if clash:
+        raise ValueError(f"{owner}: vary names {clash[0]} twice")
+    clash = find_clash(parameter_names)
+    if clash is not None:
         raise ValueError(
-            f"{owner}: vary names {twice[0]} and {twice[1]}, which describe the same dimension; vary one "
+            f"{owner}: vary names {clash[0]} and {clash[1]}, which describe the same dimension; vary one "
             "of them"
         )
     bounds = []
@@ -220,7 +222,7 @@ def variables(base: Structure, vary: Mapping[str, tuple[float, float]], owner: s
             )
         for bound in (low, high):
             try:
-                replaced(base, {name: bound})
+                with_variables(base, {name: bound})
             except ValueError as error:
                 raise ValueError(
                     f"{owner}: vary[{name!r}] = ({low}, {high}) exceeds the possible range: {error}"
@@ -238,8 +240,8 @@ def numbers_as_arrays(base: Structure) -> Structure:
     """
     if isinstance(base, rj.Podium):
         return base
-    stays = lambda y: isinstance(y, str) or array_module(y).all(y == 0)
-    return jax.tree.map(lambda y: y if stays(y) else as_float(y), base)
+    is_unchanged = lambda y: isinstance(y, str) or array_module(y).all(y == 0)
+    return jax.tree.map(lambda y: y if is_unchanged(y) else as_float(y), base)
 
 
 def _check_name(owner: str, base: Structure, name: str) -> None:
@@ -254,7 +256,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
     if internal.has_parameter(base, entry):
         return
     if entry.name == "restitution":
-        raise ValueError(_no_factor(owner, base.restitution))
+        raise ValueError(_law_message(owner, base.restitution))
     if entry.place.startswith("restrainers."):
         device = entry.place.split(".")[1]
         raise ValueError(
@@ -267,14 +269,16 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     rows = [(entry, getattr(base, entry.place)) for entry in ROWS_OF_DIMENSIONS.values()]
-    may_vary = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
-    may_vary += [
+    variable_names = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
+    variable_names += [
         numbered_parameter(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)
     ]
-    if name not in may_vary:
-        raise ValueError(f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(may_vary)}")
+    if name not in variable_names:
+        raise ValueError(
+            f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(variable_names)}"
+        )
     if name == "restitution" and isinstance(base.restitution, str):
-        raise ValueError(_no_factor(owner, base.restitution))
+        raise ValueError(_law_message(owner, base.restitution))
     if name == "period" and base.period is None:
         raise ValueError(
             f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period"
@@ -287,7 +291,7 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
         )
 
 
-def _no_factor(owner: str, law) -> str:
+def _law_message(owner: str, law) -> str:
     return (
         f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
     )
@@ -296,7 +300,7 @@ def _no_factor(owner: str, law) -> str:
 def parameter(base: Structure, name: str) -> Parameter:
     """Return the parameter of a variable name. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
-        row, number = _in_row(name)
+        row, number = _row_entry(name)
         return DIMENSIONS[name] if row is None else numbered_parameter(row, number)
     found = find_parameter(name)
     if found is None:
@@ -304,32 +308,32 @@ def parameter(base: Structure, name: str) -> Parameter:
     return found
 
 
-def _in_row(name: str) -> tuple[Parameter | None, int]:
+def _row_entry(name: str) -> tuple[Parameter | None, int]:
     """Return the row of dimensions that a name belongs to, and its number in it from 1; None for others."""
     row, _, number = name.rpartition("_")
-    known = row in ROWS_OF_DIMENSIONS and number.isdecimal()
-    return (ROWS_OF_DIMENSIONS[row], int(number)) if known else (None, 0)
+    is_in_row = row in ROWS_OF_DIMENSIONS and number.isdecimal()
+    return (ROWS_OF_DIMENSIONS[row], int(number)) if is_in_row else (None, 0)
 
 
 def value_of(base: Structure, name: str):
     """Return the value of a variable."""
     if not isinstance(base, Dimensions):
         return internal.read(base, name)
-    row, number = _in_row(name)
+    row, number = _row_entry(name)
     return getattr(base, name) if row is None else getattr(base, row.place)[number - 1]
 
 
-def replaced(base: Structure, values: Mapping[str, Any]) -> Structure:
+def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
     """Return a variant with other values of variables."""
     if not isinstance(base, Dimensions):
         return internal.with_values(base, values)
     changes: dict[str, Any] = {}
     for name, value in values.items():
-        row, number = _in_row(name)
+        row, number = _row_entry(name)
         if row is None:
             changes[name] = value
         else:
             before = changes.get(row.place, getattr(base, row.place))
             changes[row.place] = jnp.asarray(before).at[number - 1].set(value)
-    with _not_typed():
+    with _without_unit_warnings():
         return base.replace(**changes)

@@ -10,9 +10,9 @@ import pytest
 
 import optimise
 import rockjax as rj
-from optimise._cli import account
+from optimise._cli import design_record
 from optimise._suite import Suite
-from optimise._variables import variables
+from optimise._variables import make_variables
 from rockjax import _results as results
 from rockjax._risk.structure import StructureLimitState, parse_limit
 
@@ -90,7 +90,7 @@ def test_a_design_marks_peaks_of_scenes_that_overturned():
     assert f"worst peak shear / m_t g = {found.objective:.6g} (until overturning)" in str(found)
     assert "the columns overturn in 1 of its scenes, whose peaks are until overturning" in str(found)
     assert "until overturning" in found._repr_html_()
-    assert account(found)["overturned"] == found.overturned
+    assert design_record(found)["overturned"] == found.overturned
     upright = optimise.design(
         PODIUM, {"gamma": (9.0, 11.0)}, optimise.WorstShear(motions[:1]), options=OPTIONS, max_iterations=1
     )
@@ -206,7 +206,7 @@ DRAWING = optimise.Dimensions(
 
 def test_stories_vary_by_ratios_and_by_dimensions():
     ratios, drawing = (
-        variables(base, {"story_stiffness_2": bounds, "story_mass_1": masses})
+        make_variables(base, {"story_stiffness_2": bounds, "story_mass_1": masses})
         for base, bounds, masses in (
             (PODIUM, (200.0, 900.0), (1.0, 4.0)),
             (DRAWING, (2e6, 2e7), (1e4, 3e4)),
@@ -229,16 +229,16 @@ def test_stories_vary_by_ratios_and_by_dimensions():
 
 def test_stories_that_are_not_there_cannot_vary():
     with pytest.raises(ValueError, match=r"dimensions that may vary are .*story_mass_2, story_stiffness_1"):
-        variables(DRAWING, {"story_stiffness_3": (1e6, 1e7)})
+        make_variables(DRAWING, {"story_stiffness_3": (1e6, 1e7)})
     with pytest.raises(ValueError, match="vary names 'story_stiffness_3'"):
-        variables(PODIUM, {"story_stiffness_3": (100.0, 200.0)})
+        make_variables(PODIUM, {"story_stiffness_3": (100.0, 200.0)})
 
 
 def test_buildings_alike_vary_by_their_period():
     three = DRAWING.replace(
         top_mass=60e3, period=0.5, stories=3, story_masses=None, story_stiffnesses=None, story_heights=3.0
     )
-    varied = variables(three, {"period": (0.3, 0.9)})
+    varied = make_variables(three, {"period": (0.3, 0.9)})
     modes = varied.podium(jnp.ones(1)).superstructure.modes
     assert float(modes.T[0]) == pytest.approx(0.9)
 

@@ -20,7 +20,7 @@ from benchmarks import studies
 from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
-from optimise._variables import variables
+from optimise._variables import make_variables
 from rockjax._programs.program import COUNTS, finish_writing, forget
 from tests.compiling import compiled_by
 from tests.scenes import Stops
@@ -62,9 +62,9 @@ def test_suites_side_by_side_keep_their_order():
         Suite.of([pulse(1.0), wave(2.0), pulse(3.0)]),
         Suite.of([wave(4.0), pulse(5.0), rj.OneSine(6.0, 1.0)]),
     )
-    both = first.and_also(second).and_also(Suite.of([pulse(7.0)]))
+    both = first.merged_with(second).merged_with(Suite.of([pulse(7.0)]))
     assert [type(group) for group in both.groups] == [rj.Ricker, rj.HalfSine, rj.OneSine]
-    assert both.each(lambda motion: motion.a_p).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    assert both.map_motions(lambda motion: motion.a_p).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
 
 
 @pytest.mark.slow
@@ -98,27 +98,27 @@ def test_a_later_design_compiles_nothing(caplog):
 
 
 def test_a_width_keeps_the_height():
-    varied = variables(DRAWING.podium(), {"width": (0.3, 0.9)})
+    varied = make_variables(DRAWING.podium(), {"width": (0.3, 0.9)})
     podium = varied.podium(varied.scaled(jnp.array([0.6])))
     assert np.allclose([podium.width, podium.height], [0.6, 3.0], rtol=1e-14)
     assert float(podium.gamma) == float(DRAWING.podium().gamma)
-    tall = variables(DRAWING.podium(), {"height": (2.0, 6.0)}).podium(jnp.array([0.5]))
+    tall = make_variables(DRAWING.podium(), {"height": (2.0, 6.0)}).podium(jnp.array([0.5]))
     assert np.allclose([tall.width, tall.height], [0.45, 4.0], rtol=1e-14)
-    both = variables(DRAWING.podium(), {"height": (2.0, 6.0), "width": (0.1, 0.3)}).podium(
+    both = make_variables(DRAWING.podium(), {"height": (2.0, 6.0), "width": (0.1, 0.3)}).podium(
         jnp.array([0.5, 0.5])
     )
     assert np.allclose([both.width, both.height], [0.2, 4.0], rtol=1e-14)
 
 
 def test_masses_vary_and_every_ratio_follows():
-    varied = variables(DRAWING, {"column_mass": (1e3, 4e3), "top_mass": (1e5, 4e5)})
+    varied = make_variables(DRAWING, {"column_mass": (1e3, 4e3), "top_mass": (1e5, 4e5)})
     podium = varied.podium(varied.scaled(jnp.array([2e3, 2e5])))
     assert np.isclose(podium.gamma, 30e3 / 4e3)
     assert np.isclose(podium.superstructure.eta, 2e5 / 4e3)
 
 
 def test_scaling_meets_the_bounds_and_inverts():
-    varied = variables(BLOCK.replace(gamma=3.0), {"gamma": (0.5, 50.0), "alpha": (0.1, 0.3)})
+    varied = make_variables(BLOCK.replace(gamma=3.0), {"gamma": (0.5, 50.0), "alpha": (0.1, 0.3)})
     assert varied.logarithmic == (True, False)
     assert varied.values(jnp.array([0.0, 1.0])).tolist() == [0.5, 0.3]
     x = jnp.array([0.3, 0.7])
@@ -127,7 +127,7 @@ def test_scaling_meets_the_bounds_and_inverts():
     # Derivatives hold up to the bounds themselves.
     slopes = [jnp.diag(jax.jacfwd(varied.values)(jnp.full(2, end))) for end in (0.0, 1.0)]
     assert np.allclose(slopes, [[0.5 * math.log(100), 0.2], [50 * math.log(100), 0.2]], rtol=1e-12)
-    outside = variables(BLOCK, {"alpha": (0.2, 0.3)})
+    outside = make_variables(BLOCK, {"alpha": (0.2, 0.3)})
     assert outside.start().tolist() == [0.0]
 
 
@@ -507,7 +507,7 @@ def test_an_annual_frequency_takes_vertical_motions_with_it():
     pairs = rj.synthetic_motions(2, seed=2, duration=4.0, dt=0.04)
     pairs = pairs.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))
     suite = optimise.AnnualFrequency(4e-4, HAZARD, pairs).suite
-    tops = suite.each(lambda motion: jnp.stack([jnp.max(jnp.abs(y)) for y in motion_samples(motion)]))
+    tops = suite.map_motions(lambda motion: jnp.stack([jnp.max(jnp.abs(y)) for y in motion_samples(motion)]))
     assert np.allclose(tops, [[1.0, 0.5], [1.0, 0.5]])  # a PGA of 1 m/s², half as much upwards
 
 

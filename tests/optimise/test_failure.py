@@ -13,12 +13,11 @@ from scipy.stats import norm
 
 import optimise
 import rockjax as rj
-from optimise._answer import Effort, Found, answer_of
-from optimise._answer import Sampled as SampledAnswer
+from optimise._answer import Effort, SampleEstimates, SearchResult, build_design
 from optimise._descent import End, Evaluation
-from optimise._failure import Sampled
+from optimise._failure import RayTarget
 from optimise._sampling import SampledTargets
-from optimise._variables import variables
+from optimise._variables import make_variables
 from rockjax._risk.limit_state import FunctionLimitState
 from rockjax._risk.rays import probability_at, sample_rays, solve_factor
 
@@ -95,24 +94,24 @@ def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
     """It is known to the answer, and moves no margin."""
     target = optimise.FailureProbability(1e-2, MOTION, cov=0.5, rays=16)
     monkeypatch.setattr("optimise._failure.sample_rays", lambda *_: None)
-    sampled = Sampled(target, BLOCK)
+    sampled = RayTarget(target, BLOCK)
     monkeypatch.setattr(
         "rockjax._risk.structure.StructureLimitState._values", lambda self, u: 1.0 + u[:, 0] ** 2
     )
     assert sampled.check(BLOCK) == 0
     assert sampled._ratio(BLOCK) == 1
-    found: Any = sampled.checked(BLOCK)
+    found: Any = sampled.checked_estimate(BLOCK)
     assert not found.converged
 
 
 def test_a_design_whose_check_has_not_converged_is_unverified():
     here = Evaluation(np.zeros(1), np.array([0.1, 0.2]), np.zeros((1, 1)), np.zeros((2, 1)), np.zeros(3))
     ends = [End(np.array([0.5]), np.zeros(2), 0, 3, here)]
-    found = Found(ends, [here], {"rotation": 1, "failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))
+    found = SearchResult(ends, [here], {"rotation": 1, "failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))
     with pytest.warns(RuntimeWarning, match="has not converged"):
         chance = rj.reliability(lambda u: 1.0 + u[0] ** 2, 2)
-    box = variables(BLOCK, {"alpha": (0.1, 0.4)})
-    answer = answer_of(BLOCK, box, None, found, lambda _: SampledAnswer({1: chance}))
+    box = make_variables(BLOCK, {"alpha": (0.1, 0.4)})
+    answer = build_design(BLOCK, box, None, found, lambda _: SampleEstimates({1: chance}))
     assert not answer.satisfied
     assert not answer.starts[0].satisfied
     assert answer.result == optimise.RESULTS.unverified
@@ -202,7 +201,7 @@ def test_a_file_asks_for_cost_and_expected_loss(tmp_path):
 def test_margins_have_derivatives_by_the_variables():
     """Also by a number that is zero, and by one that moves several numbers of the podium. Windows that open
     and close on rays make margins rough, each sample's in its own way, so the mean of some is looked at."""
-    box, h = variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)}), 0.03
+    box, h = make_variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)}), 0.03
     x = np.array(box.start())
     slopes, differences = [], []
     for seed in range(3):

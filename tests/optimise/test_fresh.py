@@ -36,7 +36,7 @@ class OfFormula(optimise.MedianCapacity):
         def least(motion):
             return 10 * podium.alpha * podium.R / (motion.scale * motion.acceleration[motion.which, 1])
 
-        return self.suite.each(least)
+        return self.suite.map_motions(least)
 
 
 Known: Any = OfFormula
@@ -79,9 +79,9 @@ def test_what_is_drawn():
 def test_a_frequency_draws_records_of_unit_intensity():
     fresh = optimise.FreshSamples(records(20), 8, verify=8)
     target = optimise.AnnualFrequency(4e-4, HAZARD, fresh)
-    source = target.suite.source
+    source = target.suite.fresh_samples
     assert source is not None
-    tops = Suite.of(source).each(lambda m: m.scale * jnp.max(jnp.abs(m.acceleration[m.which])))
+    tops = Suite.of(source).map_motions(lambda m: m.scale * jnp.max(jnp.abs(m.acceleration[m.which])))
     assert np.allclose(tops, 1.0)
 
 
@@ -203,7 +203,7 @@ def test_slopes_of_a_batch_are_those_of_its_capacities():
 
     def of_alpha(a):
         scales = target.least_scales(BLOCK.replace(alpha=a), options)
-        return scales, target.of_scales(scales)
+        return scales, target.margins_of_scales(scales)
 
     both = jax.jit(lambda a: jax.jvp(of_alpha, (a,), (1.0,)))
     ((low, _), _), ((scales, _), (slopes, slope)), ((high, _), _) = map(
@@ -214,6 +214,6 @@ def test_slopes_of_a_batch_are_those_of_its_capacities():
     steady = np.abs(high - low) < 1e-4 * scales
     assert steady.sum() >= 2
     np.testing.assert_allclose(slopes[steady], (high - low)[steady] / 2e-6, rtol=1e-4)
-    _, expected = jax.jvp(target.of_scales, (scales,), (slopes,))
+    _, expected = jax.jvp(target.margins_of_scales, (scales,), (slopes,))
     np.testing.assert_allclose(slope, expected, rtol=1e-9)
     assert slope[0] > 0

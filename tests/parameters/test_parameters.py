@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from optimise._variables import Dimensions, variables
+from optimise._variables import Dimensions, make_variables
 from rockjax._parameters import table, variants
 from rockjax._problem.models import ByDimensions, ByRatios, Superstructure
 
@@ -102,8 +102,8 @@ def test_parameters_of_motions_are_fields_of_theirs():
 
 
 def test_designs_take_names_and_places_of_parameters():
-    by_name = variables(FULL, {"T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
-    by_place = variables(FULL, {"superstructure.T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    by_name = make_variables(FULL, {"T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    by_place = make_variables(FULL, {"superstructure.T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
     assert by_name.units == by_place.units == ("s", "–")
     x = by_name.start()
     for box in (by_name, by_place):
@@ -111,7 +111,7 @@ def test_designs_take_names_and_places_of_parameters():
         assert float(podium.superstructure.T_s) == pytest.approx(0.5)
         assert float(podium.alpha) == pytest.approx(0.2)
     with pytest.raises(ValueError, match="vary names T_s twice"):
-        variables(FULL, {"T_s": (0.3, 0.6), "superstructure.T_s": (0.3, 0.6)})
+        make_variables(FULL, {"T_s": (0.3, 0.6), "superstructure.T_s": (0.3, 0.6)})
 
 
 def test_names_of_files():
