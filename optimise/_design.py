@@ -199,12 +199,12 @@ class DescentSearch:
     def evaluate_checked(self) -> list[Evaluation]:
         """Return the evaluations at the ends, after taking independent samples at the best of them."""
         for _ in range(MAX_CHECKED_ENDS):
-            search_result = self.evaluate(self.end_points)
+            evaluations = self.evaluate(self.end_points)
             if not self.evaluate.sampled_targets.targets:
-                return search_result
-            new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(search_result)])
+                return evaluations
+            new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(evaluations)])
             if not new:
-                return search_result
+                return evaluations
         return self.evaluate(self.end_points)
 
     def correct(self, rules: Rules) -> None:

@@ -183,8 +183,8 @@ def options_as_arrays(options: rj.Options) -> rj.Options:
 class Evaluator:
     """Evaluates one point of every start in a batch, with one program; keeps the best and counts the cost.
 
-    A point is better if it violates the margins less, aimed at `target_margin`; among satisfied points, if its
-    objective is lower.
+    A point is better if it violates the margins less, aimed at `target_margin`; among satisfied points, if
+    its objective is lower.
 
     - `problem`: values and margins; `sampled_targets`: targets on probabilities of failure
     - `options`: of the simulations; `points`: starting points (starts, n), in scaled variables

@@ -106,20 +106,20 @@ class FreshSearch:
 
     def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
         c, ends = evaluation.c.copy(), self.ends
-        for index, search_result in estimates.items():
-            c[ends[index] : ends[index + 1]] = search_result.margins
+        for index, estimate in estimates.items():
+            c[ends[index] : ends[index + 1]] = estimate.margins
         return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
         """Return the standard errors of the margins of a start, from the sample and from its mean."""
         ends = self.ends
-        search_result = np.zeros(ends[-1])
+        standard_errors = np.zeros(ends[-1])
         for index, estimate in self.estimates[k].items():
-            search_result[ends[index] : ends[index + 1]] = estimate.errors
+            standard_errors[ends[index] : ends[index + 1]] = estimate.errors
         tail = self.steps.last_steps[k]
-        seen = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, ends[-1]))
-        mean_error = seen.std(axis=0) / np.sqrt(len(seen))
-        return np.where(search_result > 0, np.hypot(search_result, mean_error), 0.0)
+        margins = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, ends[-1]))
+        mean_error = margins.std(axis=0) / np.sqrt(len(margins))
+        return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
     def shift_margins(self, first: bool) -> np.ndarray:
         """Shift the margins aimed at by the independent sample; return the starts that continue (s,)."""
@@ -146,7 +146,10 @@ class FreshSearch:
             code = INTERRUPTED if self.stopped and not steps.is_dead[k] else NOT_FINITE
             return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
         mean = Evaluation(
-            *(np.mean(parts, axis=0) for parts in zip(*(seen for _, seen in tail), strict=True))
+            *(
+                np.mean(parts, axis=0)
+                for parts in zip(*(tail_evaluation for _, tail_evaluation in tail), strict=True)
+            )
         )
         c = mean.c - steps.target_margins[k]
         current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
@@ -161,6 +164,4 @@ class FreshSearch:
     def estimate_samples(self, x: Vector) -> SampleEstimates:
         """Return the standard errors of the last independent sample at the end of a start."""
         k = int(np.argmin(np.abs(self.x - x).max(axis=1)))
-        return SampleEstimates(
-            {}, {index: search_result.errors for index, search_result in self.estimates[k].items()}
-        )
+        return SampleEstimates({}, {index: estimate.errors for index, estimate in self.estimates[k].items()})
