@@ -99,13 +99,13 @@ def save_animation(
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
     program = _ffmpeg() if path.suffix == ".mp4" else ""
-    moving = animation(response, **options)
+    animated = animation(response, **options)
     try:
         with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
             writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
-            return write_atomically(path, lambda name: moving.save(name, writer=writer, dpi=dpi))
+            return write_atomically(path, lambda name: animated.save(name, writer=writer, dpi=dpi))
     finally:
-        plt.close(moving.figure)
+        plt.close(animated.figure)
 
 
 def _ffmpeg() -> str:
@@ -149,7 +149,7 @@ class _Stage:
         self.ground = at(_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
-        self.feet = spacing * (np.arange(columns) - 0.5 * (columns - 1))
+        self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
         self.half = 0.5 * spacing * (columns - 1) + 0.8 * self.width
         self.depth = 0.09 * self.height
 
@@ -172,37 +172,39 @@ class _Stage:
         self.figure.set_layout_engine("none")
 
     def _build(self, ax: Axes, attributes) -> None:
-        def part(colour: str, **more) -> Polygon:
+        def add_polygon(colour: str, **options) -> Polygon:
             polygon = Polygon(
-                np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | more
+                np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | options
             )
             ax.add_patch(polygon)
             return polygon
 
-        self.columns = [part("0.82") for _ in self.feet]
-        self.beam = part("0.6")
+        self.columns = [add_polygon("0.82") for _ in self.foot_positions]
+        self.beam = add_polygon("0.6")
         self.box = None
         if attributes["superstructure"] != "none" and not vibrates(attributes):
-            self.box = part(COLOURS[2], alpha=0.75)
-        self.slabs = [part(COLOURS[2], alpha=0.75) for _ in self.floors]
-        self.sticks = [
+            self.box = add_polygon(COLOURS[2], alpha=0.75)
+        self.slabs = [add_polygon(COLOURS[2], alpha=0.75) for _ in self.floors]
+        self.column_lines = [
             [ax.plot([], [], color=COLOURS[0], ls="-", lw=2)[0] for _ in range(2)] for _ in self.floors
         ]
-        reach, lift = self._moves(np.arange(self.times.size))
-        aside = float(np.max(np.abs(reach + self.ground + np.vstack([0 * self.ground[None], self.sway]))))
+        beam_shift, lift = self._beam_displacement(np.arange(self.times.size))
+        max_shift = float(
+            np.max(np.abs(beam_shift + self.ground + np.vstack([0 * self.ground[None], self.sway])))
+        )
         storey = 0.45 * self.height if self.box is not None else 0.0
         if self.floors:
             storey = self.floors[-1].level + self.floors[-1].depth
         top = self.height + self.depth + storey + float(np.max(lift))
         soil = self.width * 0.6
-        x = max(self.half + aside + 0.1 * self.height, 0.55 * (top + soil))
+        x = max(self.half + max_shift + 0.1 * self.height, 0.55 * (top + soil))
         # Wider than the picture, so that it can move; the hatching makes the motion visible.
-        far = x + float(np.max(np.abs(self.ground)))
-        self.corners = np.array([(-far, 0), (far, 0), (far, -soil), (-far, -soil)])
-        self.soil = part("0.93", edgecolor="0.4", hatch="///")
+        soil_end = x + float(np.max(np.abs(self.ground)))
+        self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
+        self.soil = add_polygon("0.93", edgecolor="0.4", hatch="///")
         ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * top), aspect="equal", xlabel="[m]", ylabel="[m]")
 
-    def _moves(self, k):
+    def _beam_displacement(self, k):
         """Return the displacements of the beam relative to the ground (u_b, v_b), Eq. (13)."""
         theta = self.theta[k]
         psi = np.where(theta < 0, -1, 1) * self.alpha - theta
@@ -211,16 +213,16 @@ class _Stage:
 
     def show(self, k: int) -> list:
         theta, ground = self.theta[k], self.ground[k]
-        u, v = (float(y) for y in self._moves(k))
+        u, v = (float(y) for y in self._beam_displacement(k))
         half, side = 0.5 * self.width, -1 if theta < 0 else 1
         upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (
             side * half,
             0,
         )
         # A positive rotation is clockwise, about the right edge.
-        turn = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
-        for foot, patch in zip(self.feet, self.columns, strict=True):
-            patch.set_xy(upright @ turn + (foot + side * half + ground, 0))
+        rotation_matrix = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
+        for foot, patch in zip(self.foot_positions, self.columns, strict=True):
+            patch.set_xy(upright @ rotation_matrix + (foot + side * half + ground, 0))
         base, at = self.height + v, u + ground
         self.beam.set_xy(_box(at, base, self.half, self.depth))
         base += self.depth
@@ -234,13 +236,13 @@ class _Stage:
 
     def _show_floors(self, k: int, at: float, base: float) -> None:
         z, below, foot = np.linspace(0, 1, 21), 0.0, 0.0
-        for floor, sway, slab, sticks in zip(
-            self.floors, self.sway[:, k], self.slabs, self.sticks, strict=True
+        for floor, sway, slab, column_lines in zip(
+            self.floors, self.sway[:, k], self.slabs, self.column_lines, strict=True
         ):
-            bend = below + (sway - below) * (3 - 2 * z) * z**2
-            for line, place in zip(sticks, (-0.75, 0.75), strict=True):
+            deflection = below + (sway - below) * (3 - 2 * z) * z**2
+            for line, place in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
-                    at + place * floor.width * self.half + bend, base + foot + (floor.level - foot) * z
+                    at + place * floor.width * self.half + deflection, base + foot + (floor.level - foot) * z
                 )
             slab.set_xy(_box(at + sway, base + floor.level, floor.width * self.half, floor.depth))
             below, foot = sway, floor.level + floor.depth
@@ -263,8 +265,8 @@ def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
     """Return the swaying masses on the beam: the floors of a building, one mass, or the first mode."""
     if "drift" in data:
         sways = data["drift"].values.cumsum(axis=1).T
-        known = getattr(podium_of(data.attrs).superstructure, "heights", None)
-        stories = np.full(len(sways), 0.6 * height) if known is None else np.asarray(known)
+        heights = getattr(podium_of(data.attrs).superstructure, "heights", None)
+        stories = np.full(len(sways), 0.6 * height) if heights is None else np.asarray(heights)
         depth = 0.15 * float(np.min(stories))
         levels = np.cumsum(stories) - depth
         return [_Floor(*pair, depth, 0.75) for pair in zip(sways, map(float, levels), strict=True)]

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, legend_beside, mass_of, period_of
+from ._panels import grid_of_panels, legend_beside, mass_label, period_label
 from ._spectra import dimensional_axes
-from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, look, on_axes, styled, symbol_of
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, curve_style, on_axes, styled, symbol_for
 
 if TYPE_CHECKING:
     import xarray
@@ -40,8 +40,8 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 def overturning_curves(panels: xarray.Dataset) -> Figure:
     """Plot minimum overturning accelerations in the layout of the paper's Fig. 7: one panel per η/γ, one
     curve per T_s."""
-    read_off = "" if "boundaries" in panels else ", read off the grid"
-    return _curves(panels, overturning_curve, f"Minimum overturning acceleration{read_off}")
+    note = "" if "boundaries" in panels else ", read off the grid"
+    return _curves(panels, overturning_curve, f"Minimum overturning acceleration{note}")
 
 
 @styled
@@ -64,8 +64,8 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
         ratio = float(panels.eta_over_gamma[i])
         for j in range(panels.sizes["T_s"]):
             panel = panels.isel(eta_over_gamma=i, T_s=j)
-            draw(panel, ax, label=period_of(panels, ratio, float(panel.T_s)), **look(j))
-        ax.set(xlim=(x[0], x[-1]), ylim=(0, _top(panels)), title=mass_of(panels, ratio))
+            draw(panel, ax, label=period_label(panels, ratio, float(panel.T_s)), **curve_style(j))
+        ax.set(xlim=(x[0], x[-1]), ylim=(0, _search_end(panels)), title=mass_label(panels, ratio))
         ax.grid(alpha=0.3)
         dimensional_axes(panels, ax, acceleration=i == count - 1)
         if i:
@@ -74,7 +74,7 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
     return figure
 
 
-def _top(dataset: xarray.Dataset) -> float:
+def _search_end(dataset: xarray.Dataset) -> float:
     """Return the end of the search for boundaries."""
     return float(dataset.attrs.get("max_acceleration_ratio") or dataset["acceleration_ratio"].values[-1])
 
@@ -90,11 +90,11 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
     curve = _draw_with_jumps(ax, x, minimum, _jumps(minimum), **line)
-    _mark_ends(ax, x, minimum, _top(dataset), curve.get_color())
-    windows = _windows(x, dataset["boundaries"].values, _top(dataset))
+    _mark_ends(ax, x, minimum, _search_end(dataset), curve.get_color())
+    windows = _windows(x, dataset["boundaries"].values, _search_end(dataset))
     if windows:
         ax.add_collection(PolyCollection(windows, facecolor=curve.get_color(), edgecolor="none", alpha=0.4))
-        _explain(
+        _add_legend_entry(
             ax,
             "windows of survival",
             lambda label: ax.add_collection(PolyCollection([], fc="0.6", label=label)),
@@ -109,29 +109,29 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tup
     At each x a window extends from every second boundary to the next one. It is joined to the windows of the
     next x that overlap it; without one, it ends half-way.
     """
-    found: list[list[tuple[float, float]]] = []
+    windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
         begins, ends = row[1::2], row[2::2]
         ends = np.append(ends, np.full(begins.size - ends.size, np.nan))
-        found.append(
+        windows.append(
             [(a, top if np.isnan(b) else b) for a, b in zip(begins, ends, strict=True) if np.isfinite(a)]
         )
     polygons = []
     for k in range(x.size - 1):
-        here, there, middle = found[k], found[k + 1], 0.5 * (x[k] + x[k + 1])
-        joined = [(w, v) for w in here for v in there if w[0] < v[1] and v[0] < w[1]]
-        polygons += [[(x[k], w[0]), (x[k], w[1]), (x[k + 1], v[1]), (x[k + 1], v[0])] for w, v in joined]
-        alone = [(x[k], w) for w in here if w not in [w for w, _ in joined]]
-        alone += [(x[k + 1], v) for v in there if v not in [v for _, v in joined]]
-        polygons += [[(at, w[0]), (at, w[1]), (middle, w[1]), (middle, w[0])] for at, w in alone]
+        left_windows, right_windows, middle = windows[k], windows[k + 1], 0.5 * (x[k] + x[k + 1])
+        matched = [(w, v) for w in left_windows for v in right_windows if w[0] < v[1] and v[0] < w[1]]
+        polygons += [[(x[k], w[0]), (x[k], w[1]), (x[k + 1], v[1]), (x[k + 1], v[0])] for w, v in matched]
+        unmatched = [(x[k], w) for w in left_windows if w not in [w for w, _ in matched]]
+        unmatched += [(x[k + 1], v) for v in right_windows if v not in [v for _, v in matched]]
+        polygons += [[(at, w[0]), (at, w[1]), (middle, w[1]), (middle, w[0])] for at, w in unmatched]
     return polygons
 
 
 def _jumps(curve: np.ndarray) -> np.ndarray:
     """Return the indices before jumps of a curve."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
-    around = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
-    return np.flatnonzero((step > 0.05) & (step > 2.5 * around))
+    neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
+    return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))
 
 
 def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
@@ -141,7 +141,7 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
     for k in jumps:
         ax.plot(x[k : k + 2], y[k : k + 2], color=curve.get_color(), **bridge)
     if jumps.size:
-        _explain(
+        _add_legend_entry(
             ax, "jump to another branch", lambda label: ax.plot([], [], color="0.4", label=label, **bridge)
         )
     return curve
@@ -149,19 +149,19 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
 
 def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour: Any) -> None:
     """Draw triangles at the ends of a curve, beyond which nothing overturns."""
-    known = np.isfinite(minimum)
-    ends = known & (np.r_[True, known[:-1]] != np.r_[known[1:], True])
+    is_finite = np.isfinite(minimum)
+    ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
     if ends.any():
         mark = {"marker": "^", "ms": 5, "mfc": "none", "ls": "none"}
         ax.plot(x[ends], minimum[ends], color=colour, **mark)
-        _explain(
+        _add_legend_entry(
             ax,
             f"ends: none beyond, up to {top:g}",
             lambda label: ax.plot([], [], color="0.4", label=label, **mark),
         )
 
 
-def _explain(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
+def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
     """Add an entry to the legend that belongs to no single curve, once for each picture."""
     if label not in ax.get_legend_handles_labels()[1]:
         draw(label)
@@ -186,22 +186,24 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
                 panel = panels.isel(eta_over_gamma=j, T_s=k)
                 slope = panel["sensitivity"].sel(parameter=parameter).values
                 jumps = _jumps(panel["minimum"].values)
-                label = period_of(panels, ratio, float(panel.T_s))
-                _draw_with_jumps(ax, panel["frequency_ratio"].values, slope, jumps, label=label, **look(k))
+                label = period_label(panels, ratio, float(panel.T_s))
+                _draw_with_jumps(
+                    ax, panel["frequency_ratio"].values, slope, jumps, label=label, **curve_style(k)
+                )
             ax.axhline(0, color="0.7", lw=0.6, zorder=0)
             ax.set(xlim=(panels["frequency_ratio"].values[0], panels["frequency_ratio"].values[-1]))
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.grid(alpha=0.3)
             if i == 0:
-                ax.set_title(mass_of(panels, ratio), fontsize=10)
-        _limit(axes[i, 0], panels["sensitivity"].sel(parameter=parameter).values)
-        symbol = symbol_of(str(parameter))
+                ax.set_title(mass_label(panels, ratio), fontsize=10)
+        _set_limits(axes[i, 0], panels["sensitivity"].sel(parameter=parameter).values)
+        symbol = symbol_for(str(parameter))
         axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
     legend_beside(figure, axes, beside=0.15)
     return figure
 
 
-def _limit(ax: Axes, values: np.ndarray) -> None:
+def _set_limits(ax: Axes, values: np.ndarray) -> None:
     """Set limits that exclude the unbounded values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:

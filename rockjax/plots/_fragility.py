@@ -44,19 +44,34 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     boundaries = dataset["boundaries"].values
     for row in rotation:
         ax.plot(np.r_[0, row], np.r_[0, levels], "-", marker=".", ms=3, lw=0.7, color="0.55")
-    further = boundaries[:, 1:][np.isfinite(boundaries[:, 1:])]
-    at_limit = {"ls": "none", "clip_on": False}
-    ax.plot(np.full(further.size, ratio), further, "_", ms=9, mew=0.6, color=COLOURS[2], zorder=3, **at_limit)
+    further_boundaries = boundaries[:, 1:][np.isfinite(boundaries[:, 1:])]
+    limit_style = {"ls": "none", "clip_on": False}
     ax.plot(
-        np.full(len(boundaries), ratio), boundaries[:, 0], "x", ms=6, color=COLOURS[1], zorder=4, **at_limit
+        np.full(further_boundaries.size, ratio),
+        further_boundaries,
+        "_",
+        ms=9,
+        mew=0.6,
+        color=COLOURS[2],
+        zorder=3,
+        **limit_style,
+    )
+    ax.plot(
+        np.full(len(boundaries), ratio),
+        boundaries[:, 0],
+        "x",
+        ms=6,
+        color=COLOURS[1],
+        zorder=4,
+        **limit_style,
     )
     marks = [
         Line2D([], [], color="0.55", marker=".", ms=3, lw=0.7, label="records, at levels that they survive")
     ]
     marks.append(Line2D([], [], color=COLOURS[1], marker="x", ls="", label="first overturning of a record"))
-    if further.size:
-        windows = "survival returns or ends again: windows of survival"
-        marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows))
+    if further_boundaries.size:
+        windows_label = "survival returns or ends again: windows of survival"
+        marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows_label))
     ax.legend(handles=marks, **ABOVE)
     ax.set(
         xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$",
@@ -83,8 +98,8 @@ def fragility(
     assert ax is not None
     x = dataset["at"].values
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
-    in_units = f"{median:.3g} {displayed_or_empty(dataset['at'].attrs['units'])}".rstrip()
-    fit = rf"median {in_units}, $\beta$ = {dispersion:.2g}"
+    median_text = f"{median:.3g} {displayed_or_empty(dataset['at'].attrs['units'])}".rstrip()
+    fit = rf"median {median_text}, $\beta$ = {dispersion:.2g}"
     name = fit if label is None else f"{label}: {fit}"
     if "lower" in dataset:
         ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=BAND, lw=0)
@@ -104,7 +119,7 @@ def fragility(
         ms=4,
         mfc="none",
         color=colour,
-        label=_stripes(capacity, values.size, levels, observed),
+        label=_describe_shares(capacity, values.size, levels, observed),
     )
     ax.set(
         xlabel=_label(dataset.attrs["measure"], dataset["at"].attrs["units"]),
@@ -117,7 +132,7 @@ def fragility(
     return ax
 
 
-def _stripes(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
+def _describe_shares(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
     """Describe the observed shares, and why they may be less than those of the first overturning."""
     first = np.searchsorted(capacity, levels, side="right") / records
     if np.all(observed >= first - 1e-9):

@@ -24,15 +24,15 @@ class Picture:
 
     - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
     - `default`: whether it is drawn if no picture is requested by name
-    - `needs`: variable that the dataset must have
-    - `moves`: whether it is an animation
+    - `required_variable`: variable that the dataset must have
+    - `is_animation`: whether it is an animation
     - `group`: group of the file that contains the data; the file must have it
     """
 
     draw: Callable[..., Any]
     default: bool = True
-    needs: str | None = None
-    moves: bool = False
+    required_variable: str | None = None
+    is_animation: bool = False
     group: str | None = None
 
 
@@ -58,19 +58,21 @@ PICTURES: dict[str, dict[str, Picture]] = {
     "rocking-spectrum": {
         "rotation": Picture(_panels(plots.spectra)),
         "overturning": Picture(_panels(plots.overturning_curves)),
-        "sensitivity": Picture(_panels(plots.sensitivity_spectra), needs="peak_rotation_sensitivity"),
+        "sensitivity": Picture(
+            _panels(plots.sensitivity_spectra), required_variable="peak_rotation_sensitivity"
+        ),
     },
     "overturning-spectrum": {
         "boundaries": Picture(_panels(plots.overturning_boundaries)),
-        "sensitivity": Picture(_panels(plots.sensitivities), needs="sensitivity"),
+        "sensitivity": Picture(_panels(plots.sensitivities), required_variable="sensitivity"),
     },
     "response": {
         "response": Picture(plots.response),
         "phase-portrait": Picture(plots.phase_portrait, default=False),
         "moment-rotation": Picture(plots.moment_rotation, default=False),
         "energy": Picture(plots.energy_balance, default=False),
-        "stories": Picture(plots.stories, default=False, needs="peak_drift"),
-        "animation": Picture(plots.save_animation, default=False, moves=True),
+        "stories": Picture(plots.stories, default=False, required_variable="peak_drift"),
+        "animation": Picture(plots.save_animation, default=False, is_animation=True),
     },
     "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},
     "fragility": {
@@ -131,28 +133,29 @@ def redraw(
     """
     data = load(path)
     groups = _groups(path)
-    known = {
-        name: how
-        for name, how in PICTURES[data.attrs["kind"]].items()
-        if (how.needs is None or how.needs in data) and (how.group is None or how.group in groups)
+    available = {
+        name: picture
+        for name, picture in PICTURES[data.attrs["kind"]].items()
+        if (picture.required_variable is None or picture.required_variable in data)
+        and (picture.group is None or picture.group in groups)
     }
     if "film" in names:
         warnings.warn("the picture 'film' is called 'animation' now", DeprecationWarning, stacklevel=2)
         names = ["animation" if name == "film" else name for name in names]
-    unknown = [name for name in names if name not in known]
+    unknown = [name for name in names if name not in available]
     if unknown:
         raise ValueError(
             f"{path}: a {data.attrs['kind']!r} like this has no picture "
-            f"{unknown[0]!r}; it has {', '.join(known)}"
+            f"{unknown[0]!r}; it has {', '.join(available)}"
         )
     prefix = Path(path).with_suffix("") if prefix is None else prefix
     written = []
-    for name in names or [name for name, how in known.items() if how.default]:
-        how = known[name]
-        drawing = data if how.group is None else groups[how.group]
-        if how.moves:
-            written.append(how.draw(f"{prefix}-{name}.gif", drawing))
+    for name in names or [name for name, picture in available.items() if picture.default]:
+        picture = available[name]
+        drawing = data if picture.group is None else groups[picture.group]
+        if picture.is_animation:
+            written.append(picture.draw(f"{prefix}-{name}.gif", drawing))
             continue
-        drawn = how.draw(drawing)
+        drawn = picture.draw(drawing)
         written.append(write_figure(f"{prefix}-{name}{suffix}", getattr(drawn, "figure", drawn)))
     return written

@@ -24,14 +24,14 @@ from rockjax._responses.response import Response
 from rockjax._structures import Podium, Rigid
 from rockjax._units import MM_PER_M
 
-from ._style import COLOURS, ROTATION, look, on_axes, styled
+from ._style import COLOURS, ROTATION, curve_style, on_axes, styled
 
 if TYPE_CHECKING:
     import xarray
 
 TIME = "time [s]"
-FEW = 6  # greatest number of curves with distinct colours; more use a colour scale
-MOST_ROWS = 10  # greatest number of rows of a legend
+MAX_COLOURS = 6  # greatest number of curves with distinct colours; more use a colour scale
+MAX_LEGEND_ROWS = 10  # greatest number of rows of a legend
 # σ: name, colour; light to dark, so that they differ in grey as well.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
@@ -76,12 +76,12 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     ax.plot(t, ratio, color=COLOURS[2], ls="-", lw=1.2)
     impacts = data["impact_times"].values
     if impacts.size:
-        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_count(impacts))
+        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_count_impacts(impacts))
     if bool(data["uplifted"]):
         at = float(data["uplift_time"])
         ax.plot(at, np.interp(at, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {at:.3g} s")
     _mark_peak(data, ax)
-    _strip(t, data["mode"].values, ax)
+    _draw_phases(t, data["mode"].values, ax)
     ax.set(xlabel=TIME, ylabel=ROTATION, xlim=time_limits(data))
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.08 * (high - low), high + 0.32 * (high - low))  # room for the strip and the legend
@@ -91,7 +91,7 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     return ax
 
 
-def _count(impacts: np.ndarray) -> str:
+def _count_impacts(impacts: np.ndarray) -> str:
     return "1 impact" if impacts.size == 1 else f"{impacts.size} impacts"
 
 
@@ -102,14 +102,14 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
     if not peak > 0:
         return
     # Between two samples use the sign of the larger one.
-    near = data["theta"].values[
+    nearby = data["theta"].values[
         np.clip(np.searchsorted(data["time"].values, at) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
     ]
-    side = np.sign(near[np.argmax(np.abs(near))])
+    side = np.sign(nearby[np.argmax(np.abs(nearby))])
     ax.plot(at, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
 
 
-def _strip(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
+def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
     """Draw the phases along the lower edge, with their names in the legend."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     stops = np.append(starts[1:], t.size - 1)
@@ -129,8 +129,8 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
     if data[name].ndim > 1:
-        what = "story" if name == "drift" else "mode"
-        _several(data, data[name].values * MM_PER_M, what, f"{name} [mm]", ax)
+        noun = "story" if name == "drift" else "mode"
+        _draw_rows(data, data[name].values * MM_PER_M, noun, f"{name} [mm]", ax)
         return ax
     return _line(data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
 
@@ -150,20 +150,24 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
     return _line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 
 
-def _several(data: xarray.Dataset, values: np.ndarray, what: str, label: str, ax: Axes) -> None:
+def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, ax: Axes) -> None:
     """Draw one line for each mode or story; for more than six the colours go from dark at the lowest to
     light."""
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]
-    for k, each in enumerate(values.T):
-        style = look(k) if count <= FEW else look(k) | {"color": plt.get_cmap("viridis")(0.9 * k / count)}
-        ax.plot(data["time"].values, each, label=f"{k + 1}", lw=1.0, **style)
+    for k, row in enumerate(values.T):
+        style = (
+            curve_style(k)
+            if count <= MAX_COLOURS
+            else curve_style(k) | {"color": plt.get_cmap("viridis")(0.9 * k / count)}
+        )
+        ax.plot(data["time"].values, row, label=f"{k + 1}", lw=1.0, **style)
     ax.set(xlabel=TIME, ylabel=label, xlim=time_limits(data))
     ax.legend(
-        title=what,
+        title=noun,
         loc="center left",
         bbox_to_anchor=(1.0, 0.5),
-        ncols=math.ceil(count / MOST_ROWS),
+        ncols=math.ceil(count / MAX_LEGEND_ROWS),
         fontsize="small",
         handlelength=1.6,
     )
@@ -201,8 +205,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     y = np.concatenate([data["theta_dot"].values, before, gap, after])[order] / unit
 
     top = float(podium_of(data.attrs).stability_angle) / alpha
-    reach = 1.15 * max(min(top, 3.0), float(np.nanmax(np.abs(x))))
-    ratio = np.linspace(-reach, reach, 801)
+    limit = 1.15 * max(min(top, 3.0), float(np.nanmax(np.abs(x))))
+    ratio = np.linspace(-limit, limit, 801)
     rate = separatrix(data, ratio * alpha) / unit
     for sign in (1, -1):
         ax.plot(
@@ -213,14 +217,14 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
             lw=1.0,
             label="separatrix, rigid and undamped" if sign > 0 else None,
         )
-    if top < reach:
+    if top < limit:
         at = r"\alpha" if top == 1 else r"\theta_s"
         ax.plot([-top, top], [0, 0], "X", color=COLOURS[0], ms=7, label=rf"saddle, $\theta = \pm{at}$")
     ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
     if times.size:
         jumps = np.stack([before, after, gap]).T.ravel() / unit
-        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=_count(times))
-    ax.set(xlabel=ROTATION, ylabel=r"$\dot\theta\,/\,(p\alpha)$", xlim=(-reach, reach))
+        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=_count_impacts(times))
+    ax.set(xlabel=ROTATION, ylabel=r"$\dot\theta\,/\,(p\alpha)$", xlim=(-limit, limit))
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.16 * (high - low))  # room for the legend
     ax.grid(True, alpha=0.3)
@@ -234,13 +238,13 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
     c = coefficients(podium)
-    held = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
-    depth = potential(c, jnp.ones(()), jnp.asarray(saddle(podium))) - held
+    potential_energy = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
+    depth = potential(c, jnp.ones(()), jnp.asarray(saddle_rotation(podium))) - potential_energy
     spin = spin_with_inerters(c, jnp.ones(()), jnp.asarray(theta))
     return np.sqrt(np.maximum(2 * np.asarray(depth / spin), 0.0))
 
 
-def saddle(podium: Podium) -> float:
+def saddle_rotation(podium: Podium) -> float:
     """Return |θ| at the top of the potential well [rad]: α without tendons, π/2 if they hold the columns at
     every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
@@ -259,8 +263,8 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     data = as_history(response)
     alpha = data.attrs["alpha_rad"]
     ratio, moment = data["theta"].values / alpha, data["restoring_moment"].values
-    reach = max(1.0, float(np.nanmax(np.abs(ratio))))
-    theta = np.linspace(0, reach, 201) * alpha
+    limit = max(1.0, float(np.nanmax(np.abs(ratio))))
+    theta = np.linspace(0, limit, 201) * alpha
     podium = podium_of(data.attrs)
     weights, label = np.sin(alpha - theta) / np.sin(alpha), r"weights alone, $\sin\psi\,/\,\sin\alpha$"
     if podium.restrainers:
@@ -276,7 +280,7 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     ax.set(
         xlabel=ROTATION,
         ylabel=r"restoring moment $M_r\,/\,M_r(\mathrm{uplift})$",
-        xlim=(-1.05 * reach, 1.05 * reach),
+        xlim=(-1.05 * limit, 1.05 * limit),
     )
     ax.grid(True, alpha=0.3)
     ax.legend(loc="upper left")
@@ -296,23 +300,27 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     masses = a.get("eta", 0.0) + a["gamma"] + 0.5
     unit = 2 * a["R_m"] * a["g_m_s2"] * masses * (1 - np.cos(a["alpha_rad"]))
     names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
-    given, held, struck, damped = (data[name].values / unit for name in names)
-    taken = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(given)
-    residual = float(data["initial_energy"]) / unit + given - held - struck - damped - taken
+    work, mechanical, at_impacts, damped = (data[name].values / unit for name in names)
+    by_dampers = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(work)
+    residual = float(data["initial_energy"]) / unit + work - mechanical - at_impacts - damped - by_dampers
     t = data["time"].values
-    curves = [("work of the ground", given), ("mechanical energy", held), ("lost at impacts", struck)]
+    curves = [
+        ("work of the ground", work),
+        ("mechanical energy", mechanical),
+        ("lost at impacts", at_impacts),
+    ]
     curves += [("lost in the superstructure's damper", damped)] if vibrates(a) else []
-    curves += [("lost in the columns' dampers", taken)] if taken.any() else []
+    curves += [("lost in the columns' dampers", by_dampers)] if by_dampers.any() else []
     for k, (label, values) in enumerate(curves):
-        ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **look(k))
-    most = float(np.nanmax(np.abs(residual)))
+        ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **curve_style(k))
+    largest = float(np.nanmax(np.abs(residual)))
     ax.plot(
         t,
         residual,
         color="0.5",
         lw=0.8,
         ls="-",
-        label=f"residual, at most {most:.0e}" if most else "residual, 0",
+        label=f"residual, at most {largest:.0e}" if largest else "residual, 0",
     )
     ax.set(xlabel=TIME, ylabel=r"energy / $P(\alpha)$", xlim=time_limits(data))
     ax.grid(True, alpha=0.3)
@@ -328,11 +336,11 @@ def response(response: Response | xarray.Dataset, figure: Figure | None = None, 
     if isinstance(response, Response):
         response = response.dataset(np.linspace(*response.span, points))
     data = as_history(response)
-    parts = [rotation_history, deformation_history, ground_motion]
+    panels = [rotation_history, deformation_history, ground_motion]
     if not vibrates(data.attrs):
-        parts.remove(deformation_history)
-    axes = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, draw in zip(axes, parts, strict=True):
+        panels.remove(deformation_history)
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, draw in zip(axes, panels, strict=True):
         draw(data, ax)
         if ax is not axes[-1]:
             ax.set_xlabel("")

@@ -10,9 +10,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, mass_of, period_of
+from ._panels import grid_of_panels, mass_label, period_label
 from ._spectra import dimensional_axes
-from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_of
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_for
 
 if TYPE_CHECKING:
     import xarray
@@ -67,29 +67,29 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
     """
     parameters, ratios = list(map(str, panels["parameter"].values)), panels.sizes["eta_over_gamma"]
     rows, columns = len(parameters) * ratios, panels.sizes["T_s"]
-    figure, axes, rest = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
+    figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
     for i, j in np.ndindex(rows, columns):
         parameter, ax = parameters[i // ratios], cast(Axes, axes[i, j])
         panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
         sensitivity_spectrum(panel, ax, parameter)
         dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
         ratio = float(panel.eta_over_gamma)
-        names = (mass_of(panels, ratio), period_of(panels, ratio, float(panel.T_s)))
-        about = ", ".join(dict.fromkeys(names))
-        ax.set_title(rf"$\ln {symbol_of(parameter)}$: {about}", fontsize=10)
+        names = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
+        names_text = ", ".join(dict.fromkeys(names))
+        ax.set_title(rf"$\ln {symbol_for(parameter)}$: {names_text}", fontsize=10)
         ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
         ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
         if bool(panel["overturned"].any()):
             ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
-    _bar(figure, rest)
+    _bar(figure, right_end)
     return figure
 
 
-def _bar(figure: Figure, rest: float) -> None:
+def _bar(figure: Figure, right_end: float) -> None:
     """Draw the colour bar of all panels, to the right of them."""
     width, height = figure.get_figwidth(), figure.get_figheight()
-    tall = min(0.8, 3.5 / height)
-    place = (rest + 0.75 / width, 0.5 - tall / 2, 0.16 / width, tall)
+    height_share = min(0.8, 3.5 / height)
+    place = (right_end + 0.75 / width, 0.5 - height_share / 2, 0.16 / width, height_share)
     colours = ScalarMappable(BoundaryNorm(LEVELS, 256, extend="both"), COLOURS_OF_SIGNS)
     bar = figure.colorbar(colours, cax=figure.add_axes(place), ticks=LEVELS, spacing="uniform", format="%g")
     bar.set_label(r"$\partial(\max|\theta|\,/\,\alpha)\,/\,\partial\ln y$")

@@ -11,7 +11,7 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, mass_of, period_of
+from ._panels import grid_of_panels, mass_label, period_label
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, on_axes, styled
 
 if TYPE_CHECKING:
@@ -64,13 +64,13 @@ def dimensional_axes(
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
 
-        def times_unit(ratio):
+        def to_g(ratio):
             return ratio * unit
 
-        def over_unit(a):
+        def from_g(a):
             return a / unit
 
-        right = ax.secondary_yaxis("right", functions=(times_unit, over_unit))
+        right = ax.secondary_yaxis("right", functions=(to_g, from_g))
         right.set_ylabel(r"$a_p$ [g]")
     return ax
 
@@ -92,20 +92,20 @@ def spectra(panels: xarray.Dataset) -> Figure:
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
     rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
-    figure, axes, rest = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
+    figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
     for i in range(rows):
         for j in range(columns):
             panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
             rocking_spectrum(panel, ax)
             dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
             ratio = float(panel.eta_over_gamma)
-            names = (mass_of(panels, ratio), period_of(panels, ratio, float(panel.T_s)))
+            names = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
             # Matplotlib's search for room above the axes is slow, and needed only below a top axis.
             ax.set_title(", ".join(dict.fromkeys(names)), fontsize=10, y=None if i == 0 else 1.0)
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
             if bool(panel["overturned"].any()):
                 ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
-    bar = figure.add_axes((rest + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
+    bar = figure.add_axes((right_end + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
     rotation_bar(axes, cax=bar)
     return figure

@@ -16,7 +16,7 @@ from rockjax._responses.response import Response
 from rockjax._units import MM_PER_M
 
 from ._histories import as_history
-from ._style import look, styled
+from ._style import curve_style, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -43,9 +43,9 @@ def stories(
     """
     figure = figure or plt.figure(figsize=(8, 4), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    all_of_them = [(label, response), *(beside or {}).items()]
-    for k, (name, each) in enumerate(all_of_them):
-        _over_height(as_history(each), name, look(k), left, right)
+    responses = [(label, response), *(beside or {}).items()]
+    for k, (name, item) in enumerate(responses):
+        _draw_over_height(as_history(item), name, curve_style(k), left, right)
     if left.get_legend_handles_labels()[0]:
         left.legend(loc="best", fontsize="small")
     for ax in (left, right):
@@ -54,7 +54,7 @@ def stories(
     return figure
 
 
-def _over_height(
+def _draw_over_height(
     data: xarray.Dataset, label: str | None, style: dict[str, Any], left: Axes, right: Axes
 ) -> None:
     if bool(data["overturned"]):
@@ -63,16 +63,16 @@ def _over_height(
         raise ValueError("plots.stories: expected the response of a building, a rockjax.ShearBuilding")
     building: Any = podium_of(data.attrs).superstructure
     drifts = data["peak_drift"].values
-    known = building.heights is not None
-    heights = np.asarray(building.heights) if known else np.ones(drifts.size)
+    has_heights = building.heights is not None
+    heights = np.asarray(building.heights) if has_heights else np.ones(drifts.size)
     levels = np.append(0.0, np.cumsum(heights))
-    values = drifts / heights * 100 if known else drifts * MM_PER_M
+    values = drifts / heights * 100 if has_heights else drifts * MM_PER_M
     left.stairs(values, levels, orientation="horizontal", baseline=None, label=label, lw=1.5, **style)
     g = data.attrs["g_m_s2"]
     right.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)
     left.set(
-        xlabel="largest drift over height [%]" if known else "largest drift [mm]",
-        ylabel="height over the beam [m]" if known else "story",
+        xlabel="largest drift over height [%]" if has_heights else "largest drift [mm]",
+        ylabel="height over the beam [m]" if has_heights else "story",
         ylim=(0, levels[-1] * 1.05),
     )
     right.set(xlabel="largest floor acceleration [g]")

@@ -29,7 +29,7 @@ STYLES = ("-", "--", "-.", ":")
 OVERTURNED = "0.85"  # colour of cells that overturned
 
 
-def symbol_of(parameter: str) -> str:
+def symbol_for(parameter: str) -> str:
     """Return the symbol of a parameter for formulas of plots, which accept Greek letters directly."""
     entry = find_entry(parameter)
     if entry is None:
@@ -73,11 +73,11 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     unchanged."""
 
     @functools.wraps(draw)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> T:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
         with in_style():
             return draw(*args, **kwargs)
 
-    return inner
+    return wrapper
 
 
 def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
@@ -85,17 +85,17 @@ def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
     theirs."""
 
     @functools.wraps(draw)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> Axes:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Axes:
         if (args[1] if len(args) > 1 else kwargs.get("ax")) is not None:
             return draw(*args, **kwargs)
         with in_style():
             ax = plt.figure(layout="constrained").add_subplot()
             return draw(*args[:1], **{**kwargs, "ax": ax})  # pyright: ignore[reportCallIssue]
 
-    return inner
+    return wrapper
 
 
-def look(k: int) -> dict[str, Any]:
+def curve_style(k: int) -> dict[str, Any]:
     """Return colour and line style of the k-th curve."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
 

@@ -23,8 +23,8 @@ from rockjax._engine.energy import energy, potential
 from rockjax._parameters.table import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
 from rockjax.plots import _from_file
-from rockjax.plots._panels import title_of
-from rockjax.plots._style import symbol_of
+from rockjax.plots._panels import panels_title
+from rockjax.plots._style import symbol_for
 from tests.scenes import PODIUMS, G, pulse, shaking
 
 AXES = (
@@ -130,14 +130,14 @@ def test_curves_hold_the_numbers(responses, histories, kind):
 
 
 def test_symbols_of_formulas_are_those_of_the_table():
-    assert symbol_of("structure.alpha") == "α" == STRUCTURE["alpha"].symbol
-    assert symbol_of("tan_alpha") == r"\tan α"
-    assert symbol_of("superstructure.T_s") == "T_s"
-    assert symbol_of("vertical_ratio") == r"\ddot{v}_g/\ddot{u}_g"
-    assert symbol_of("restrainers.of_my_own") == "of_my_own"
+    assert symbol_for("structure.alpha") == "α" == STRUCTURE["alpha"].symbol
+    assert symbol_for("tan_alpha") == r"\tan α"
+    assert symbol_for("superstructure.T_s") == "T_s"
+    assert symbol_for("vertical_ratio") == r"\ddot{v}_g/\ddot{u}_g"
+    assert symbol_for("restrainers.of_my_own") == "of_my_own"
     figure = plt.figure()
     for name in (*STRUCTURE, *MOTION):
-        figure.text(0.5, 0.5, f"${symbol_of(name)}$")
+        figure.text(0.5, 0.5, f"${symbol_for(name)}$")
     figure.canvas.draw()  # matplotlib reads each of them
 
 
@@ -497,7 +497,7 @@ def test_files_know_their_command(tmp_path):
 def test_title_says_what_restrains_the_columns():
     devices = (rj.Tendon(1.36, 0.0), rj.Damper(4.54), rj.Damper(2.0, 0.5), rj.Inerter(8.0))
     attributes = describe_podium(rj.Podium(0.15, 1.5, 10.0, restrainers=devices))
-    title = title_of(xarray.Dataset(attrs={"pulse": "Ricker with vertical ratio 0.5"} | attributes))
+    title = panels_title(xarray.Dataset(attrs={"pulse": "Ricker with vertical ratio 0.5"} | attributes))
     first, _, last = title.split("\n")
     assert first == "Ricker pulse with vertical ratio 0.5"
     assert last == ("tendon $τ = 1.36$; damper $δ = 4.54$; damper $δ = 2$, $ν = 0.5$; inerter $μ = 8$")
@@ -509,4 +509,4 @@ def test_title_says_how_many_stories():
     panels = [
         xarray.Dataset(attrs=about | describe_podium(each)) for each in (building, rj.Podium(0.15, 1.5))
     ]
-    assert [", 5 stories" in title_of(each) for each in panels] == [True, False]
+    assert [", 5 stories" in panels_title(each) for each in panels] == [True, False]
