@@ -38,7 +38,9 @@ from rockjax._engine.once import once
 from rockjax._engine.step import trial
 from rockjax._results import REST
 
-from .measure import Family, family, keep, kept_so_far, options, podium, show
+from .measure import Family, family, options, podium, show
+from .measure import store_rows as keep
+from .measure import stored_rows_if_any as kept_so_far
 from .records import Suite
 
 RUNS = 7

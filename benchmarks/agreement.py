@@ -146,8 +146,8 @@ def scenes(kind: Kind, count: int, seed: int) -> Scenes:
         of = lambda start: rj.Records.of(
             [rj.Record(row, SPACING, t_start=start) for row in _rows(rng, kind.motion == "steps")]
         ).pick(rng.integers(0, RECORDS, count))
-        quiet = 0.0 if kind.motion == "rest" else 1.0
-        horizontal, vertical = of(0.0).scaled(strength * quiet), of(0.1).scaled(size)
+        motion_factor = 0.0 if kind.motion == "rest" else 1.0
+        horizontal, vertical = of(0.0).scaled(strength * motion_factor), of(0.1).scaled(size)
     motion = horizontal if kind.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
     turned = (draw(0, 1) < 0.4) | (kind.motion == "rest")
     theta = np.where(turned, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
@@ -169,10 +169,12 @@ def _top(name: str, draw) -> Any:
         shares = draw(0.05, 1, STORIES + 1)
         parts = eta[:, None] * shares / shares.sum(axis=1, keepdims=True)
         return rj.Modes(parts[:, :-1], 10 ** draw(-1.6, 0.2, STORIES), draw(0.01, 0.2, STORIES), parts[:, -1])
-    kept = {"building": STORIES, "truncated": STORIES - 1, "unkept": 0}[name]
+    retained = {"building": STORIES, "truncated": STORIES - 1, "unkept": 0}[name]
     masses = 10 ** draw(-1, 1, STORIES)
     stiffnesses = masses * 10 ** draw(1, 3.5, 1) * draw(0.3, 2, STORIES)
-    return rj.ShearBuilding(masses, stiffnesses, draw(0.01, 0.2, kept) if kept else 0.05, modes=kept)
+    return rj.ShearBuilding(
+        masses, stiffnesses, draw(0.01, 0.2, retained) if retained else 0.05, modes=retained
+    )
 
 
 def _devices(name: str, draw) -> tuple[Any, ...]:
@@ -192,10 +194,10 @@ def _initial(podium: rj.Podium, turned, theta, rate, draw) -> rj.State:
     count = getattr(podium.superstructure, "count", 0)
     if not podium.vibrates:
         return rj.State(theta=theta, theta_dot=rate)
-    several = (count,) if isinstance(podium.superstructure, rj.Modes | rj.ShearBuilding) else ()
+    mode_shape = (count,) if isinstance(podium.superstructure, rj.Modes | rj.ShearBuilding) else ()
     sway = np.asarray(podium.R * np.sin(podium.alpha)) * turned * (draw(0, 1) < 0.5)
-    sway = sway.reshape(-1, *[1] * len(several))
-    return rj.State(theta, rate, sway * draw(-0.3, 0.3, *several), sway * draw(-1, 1, *several))
+    sway = sway.reshape(-1, *[1] * len(mode_shape))
+    return rj.State(theta, rate, sway * draw(-0.3, 0.3, *mode_shape), sway * draw(-1, 1, *mode_shape))
 
 
 def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
@@ -258,10 +260,10 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
         batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS
     )  # one program
     found = columns(peaks, outputs, shape)
-    here, rest = found[:, :1], found[:, 1:]
-    each = rest.reshape(len(found), len(PARAMETERS), 2, len(h), shape[1])
-    after = (each[:, :, 0] - here[:, None]) / h[:, None]
-    before = (here[:, None] - each[:, :, 1]) / h[:, None]
+    centre, shifted = found[:, :1], found[:, 1:]
+    each = shifted.reshape(len(found), len(PARAMETERS), 2, len(h), shape[1])
+    after = (each[:, :, 0] - centre[:, None]) / h[:, None]
+    before = (centre[:, None] - each[:, :, 1]) / h[:, None]
     central = (after + before) / 2
     smaller = central[:, :, 1:]
     extrapolated = smaller + (smaller - central[:, :, :-1]) / ((h[:-1] / h[1:]) ** 2 - 1)[:, None]
@@ -269,7 +271,7 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     spread = np.ptp(threes, axis=0)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=2)[:, :, None]
     of_best = lambda y: np.moveaxis(np.take_along_axis(y, best, axis=2)[:, :, 0], 1, -1)
-    value, size = of_best(np.median(threes, axis=0)), np.abs(here[:, 0, :, None])
+    value, size = of_best(np.median(threes, axis=0)), np.abs(centre[:, 0, :, None])
     within = RELATIVE * (np.abs(value) + size) + ABSOLUTE
     # Of a smooth answer the two sides differ by so much less at a smaller step.
     gap = np.abs(after - before)
@@ -367,14 +369,14 @@ def flags(kind: Kind, batch: Scenes, rtol: float, off: np.ndarray) -> np.ndarray
 def write(difference: Difference, one: Scenes, folder: Path) -> None:
     """A scene with all its numbers, as `--again` reads it."""
     leaves = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(one)]
-    told = difference._replace(
+    serialised = difference._replace(
         kind=str(difference.kind), ours=float(difference.ours), right=float(difference.right)
     )
     words = "-".join(
         (str(difference.kind), str(difference.scene), *difference.answer.replace("/", " by ").split())
     )
     path = folder / f"{words}.json"
-    path.write_text(json.dumps(told._asdict() | {"leaves": leaves}))
+    path.write_text(json.dumps(serialised._asdict() | {"leaves": leaves}))
 
 
 def read(path: Path) -> tuple[Kind, Scenes]:

@@ -32,7 +32,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import RESULTS, keep, show
+from .measure import RESULTS, show, store_rows
 
 WIDTH = 1e-4  # of the range
 FINE = 0.25 * WIDTH  # from one scale that is tried to the next
@@ -69,7 +69,7 @@ def motions(count: int) -> rj.Records:
     return rj.Records.of([(alone if k % 5 == 4 else mixed if k % 2 else plain)[k] for k in range(count)])
 
 
-def recorded(folder: Path, count: int) -> rj.Records:
+def read_records(folder: Path, count: int) -> rj.Records:
     """The records in a folder, around their peaks."""
     cut = []
     with warnings.catch_warnings():
@@ -84,9 +84,9 @@ def recorded(folder: Path, count: int) -> rj.Records:
 
 def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
     """Whether scales of one record overturn; those that are close to it at the full accuracy."""
-    looked = peaks(podium, records, j, scales, LOOKING)
-    over = np.array(looked.overturned)
-    near = np.flatnonzero(np.abs(np.asarray(looked.margin)) < NEAR)
+    results = peaks(podium, records, j, scales, LOOKING)
+    over = np.array(results.overturned)
+    near = np.flatnonzero(np.abs(np.asarray(results.margin)) < NEAR)
     if near.size:
         over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
     return over
@@ -98,18 +98,18 @@ def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, op
     return rj.peak_responses(podium, motion, options=options)
 
 
-def still(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
+def largest_resting_scale(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
     """The last of some coarse scales that lifts nothing: columns at rest feel the motion in proportion."""
     scales = np.linspace(0.0, end, COARSE)
     uplifted = np.asarray(peaks(podium, records, j, scales, LOOKING).uplifted)
     return float(scales[np.argmax(uplifted) - 1] if uplifted.any() else end)
 
 
-def scanned(podium: rj.Podium, records: rj.Records, j: int, limit: float) -> dict:
+def scan_windows(podium: rj.Podium, records: rj.Records, j: int, limit: float) -> dict:
     """What plain responses tell about one record: `windows` of overturning, (from, to), up to the first wide
     one, whose end is not looked for."""
     began = time.process_time()
-    scales = np.arange(still(podium, records, j, limit), limit, FINE * limit)
+    scales = np.arange(largest_resting_scale(podium, records, j, limit), limit, FINE * limit)
     over = np.zeros(0, bool)
     for first in range(0, scales.size, BLOCK):
         over = np.append(over, overturns(podium, records, j, scales[first : first + BLOCK]))
@@ -136,7 +136,7 @@ def windows(
     return [edges[k : k + 2] for k in range(0, len(edges), 2)]
 
 
-def remember(path: Path, work: Callable[[], Any]) -> Any:
+def cached(path: Path, work: Callable[[], Any]) -> Any:
     """Return what `work` returns, from the file if it is there; anything that JSON can hold."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,26 +146,28 @@ def remember(path: Path, work: Callable[[], Any]) -> Any:
     return json.loads(path.read_text())
 
 
-def tried(name: str, source: str, records: rj.Records, limits: np.ndarray, store: Path | None) -> list[dict]:
-    """`scanned` of all records, from a folder where it is kept."""
+def scan_all(
+    name: str, source: str, records: rj.Records, limits: np.ndarray, store: Path | None
+) -> list[dict]:
+    """`scan_windows` of all records, from a folder where it is kept."""
     podium, rows = STRUCTURES[name], []
     for j, limit in enumerate(map(float, limits)):
-        work = lambda j=j, limit=limit: scanned(podium, records, j, limit)
+        work = lambda j=j, limit=limit: scan_windows(podium, records, j, limit)
         if store is None:
             rows.append(work())
             continue
         numbers = [*jax.tree.leaves(podium), *jax.tree.leaves(records.pick(np.int32(j))), limit, FINE, WIDE]
         digest = hashlib.sha256(b"".join(np.asarray(y, float).tobytes() for y in numbers)).hexdigest()[:12]
         words = "".join(letter if letter.isalnum() else "-" for letter in f"{name}-{source}")
-        rows.append(remember(store / f"{words}-{j}-{digest}.json", work))
+        rows.append(cached(store / f"{words}-{j}-{digest}.json", work))
     return rows
 
 
-def compared(name: str, source: str, records: rj.Records, store: Path | None) -> dict:
+def compare_search(name: str, source: str, records: rj.Records, store: Path | None) -> dict:
     """A row of the table: the boundaries that a search finds, against all scales below them."""
     podium = STRUCTURES[name]
     limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
-    truth = tried(name, source, records, limits, store)
+    truth = scan_all(name, source, records, limits, store)
     began = time.process_time()
 
     def search(which, limit):
@@ -214,13 +216,13 @@ def main() -> None:
     arguments.add_argument("--store", type=Path, help="a folder that keeps what the scales tell")
     given = arguments.parse_args()
     source = "synthetic" if given.records is None else "recorded"
-    records = motions(given.motions) if given.records is None else recorded(given.records, given.motions)
+    records = motions(given.motions) if given.records is None else read_records(given.records, given.motions)
     path = RESULTS / "boundaries.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
     for name in given.structures or STRUCTURES:
         others = [row for row in rows if (row["structure"], row["source"]) != (name, source)]
-        rows = [*others, compared(name, source, records, given.store)]
-        keep("boundaries", rows)
+        rows = [*others, compare_search(name, source, records, given.store)]
+        store_rows("boundaries", rows)
     show(rows, [name for name in rows[0] if name != "windows"])
 
 

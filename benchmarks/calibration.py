@@ -30,8 +30,8 @@ from rockjax._lognormal import fit_capacities, fit_counts
 from rockjax._results import code_of
 from rockjax._studies.intervals import Capacities, profile_intervals
 
-from .boundaries import motions, recorded
-from .measure import keep, report
+from .boundaries import motions, read_records
+from .measure import report, store_rows
 
 QUANTITIES = ("peak_rotation", "peak_shear")
 TOLERANCES = (1e-4, 1e-6, 1e-8)
@@ -49,7 +49,7 @@ def podiums(kind: str, n: int, rng: np.random.Generator) -> rj.Podium:
     return rj.Podium(rng.uniform(0.08, 0.35, n), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), top)
 
 
-def shaken(podium: rj.Podium, records: rj.Records, n: int, rng: np.random.Generator) -> rj.Records:
+def scale_records(podium: rj.Podium, records: rj.Records, n: int, rng: np.random.Generator) -> rj.Records:
     """One of the records each, PGA from 0.9 to eight times what lifts the columns."""
     which = rng.integers(0, len(records), n).astype(np.int32)
     pga = np.asarray(records.sizes()).max(axis=1)[which]
@@ -61,10 +61,10 @@ def options(rtol: float, *more: str) -> rj.Options:
     return rj.Options(rtol=rtol, atol=0.01 * rtol, outputs=(*QUANTITIES, *more))
 
 
-def compared(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
+def compare_errors(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
     rng = np.random.default_rng([5, *f"{source} {kind}".encode()])
     podium = podiums(kind, n, rng)
-    motion = shaken(podium, records, n, rng)
+    motion = scale_records(podium, records, n, rng)
     truth = rj.peak_responses(podium, motion, options=options(TRUTH))
     rows = []
     for rtol in TOLERANCES:
@@ -96,12 +96,12 @@ def compared(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
 def errors(scenes: int, folder: Path | None) -> None:
     suites = {"synthetic": motions(40)}
     if folder is not None:
-        suites["recorded"] = recorded(folder, 40)
+        suites["recorded"] = read_records(folder, 40)
     rows = []
     for source, records in suites.items():
         for kind in ("rigid", "elastic"):
-            rows += compared(source, kind, records, scenes)
-            keep("calibration", rows)
+            rows += compare_errors(source, kind, records, scenes)
+            store_rows("calibration", rows)
     report("calibration", rows)
 
 
@@ -115,7 +115,7 @@ AGAIN, SPAN = 0.3, 0.7  # chance of surviving a level above the capacity, up to 
 _fits = jax.jit(jax.vmap(fit_capacities))
 
 
-def _held(bounds, truth) -> np.ndarray:
+def _coverage(bounds, truth) -> np.ndarray:
     return (bounds[0] <= truth) & (truth <= bounds[1])
 
 
@@ -138,20 +138,20 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
             CONFIDENCE,
         )
         truth = zip((found.log_median, found.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
-        held.append(np.stack([*(_held(y, value) for y, value in truth), *_held(found.probit, z)]))
+        held.append(np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(found.probit, z)]))
     share = np.concatenate(held, axis=1)
     return _row("capacities", count, f"{censored:.0%} censored", share)
 
 
-def stripes(count: int, levels: int, again: float, trials: int, seed: int = 0) -> dict:
-    """Coverage of counts at `levels`, with a chance `again` of surviving above the capacity."""
+def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: int = 0) -> dict:
+    """Coverage of counts at `levels`, with a chance `survival_chance` of surviving above the capacity."""
     rng = np.random.default_rng(seed)
     x = np.linspace(0.25, 3.0, levels)
 
     def overturned(count: int) -> np.ndarray:
         log = DISPERSION * rng.normal(size=(count, 1))
-        spared = (rng.random((count, levels)) < again) & (np.log(x) < log + SPAN)
-        return (np.log(x) >= log) & ~spared
+        survives = (rng.random((count, levels)) < survival_chance) & (np.log(x) < log + SPAN)
+        return (np.log(x) >= log) & ~survives
 
     many = 400_000
     truth = fit_counts(x, overturned(many).sum(axis=0).astype(float), np.full(levels, float(many)))
@@ -167,8 +167,8 @@ def stripes(count: int, levels: int, again: float, trials: int, seed: int = 0) -
             continue
         (a, b), (c, d) = curve["interval"].values
         share = [a <= median <= b, c <= dispersion <= d]
-        held.append([*share, *_held((curve["lower"].values, curve["upper"].values), FRACTILES)])
-    return _row("stripes", count, f"{levels} levels, {again:.0%} again", np.transpose(held))
+        held.append([*share, *_coverage((curve["lower"].values, curve["upper"].values), FRACTILES)])
+    return _row("stripes", count, f"{levels} levels, {survival_chance:.0%} again", np.transpose(held))
 
 
 def _analysis(x: np.ndarray, overturned: np.ndarray) -> xarray.Dataset:
@@ -193,7 +193,7 @@ def intervals(trials: int) -> None:
     for count in (5, 10, 40):
         rows += [capacities(count, censored, trials) for censored in (0.0, 0.25, 0.5, 0.75)]
     for count in (5, 10, 40):
-        rows += [stripes(count, 12, again, trials // 2) for again in (0.0, AGAIN)]
+        rows += [stripes(count, 12, survival_chance, trials // 2) for survival_chance in (0.0, AGAIN)]
     report("coverage", rows)
 
 

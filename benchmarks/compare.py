@@ -18,7 +18,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import PERIODS, Family, errors, family, options, podium, report, rockjax_peaks, shortest
+from .measure import PERIODS, Family, errors, family, options, podium, report, rockjax_peaks, shortest_time
 
 TARGETS = (1e-6, 1e-8, 1e-10)
 TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]
@@ -67,23 +67,25 @@ def peers() -> dict[str, tuple[Solve, int, int]]:
 def families(points: int, names: list[str]) -> list[dict]:
     rows = []
     for name in PERIODS:
-        whole = family(name, points)
+        full_family = family(name, points)
         for target in TARGETS:
-            ours = loosest(rockjax_peaks, whole, target)
-            if ours is None:
+            tolerance = loosest(rockjax_peaks, full_family, target)
+            if tolerance is None:
                 continue
-            own = shortest(lambda s=whole, r=ours: rockjax_peaks(s, r)) / len(whole)
-            row = {"family": name, "error": target, "peer": "rockjax", "rtol": ours}
+            own = shortest_time(lambda s=full_family, r=tolerance: rockjax_peaks(s, r)) / len(full_family)
+            row = {"family": name, "error": target, "peer": "rockjax", "rtol": tolerance}
             rows.append(row | {"us": own * 1e6, "ratio": 1.0})
             for peer in names:
                 solve, count, runs = peers()[peer]
                 if target < 1e-8 and count:
                     continue  # a run of hours, and the same story
-                scenes = whole.some(count) if count else whole
+                scenes = full_family.some(count) if count else full_family
                 rtol = loosest(solve, scenes, target)
                 row = {"family": name, "error": target, "peer": peer, "rtol": rtol, "us": None, "ratio": None}
                 if rtol is not None:
-                    seconds = shortest(lambda solve=solve, s=scenes, r=rtol: solve(s, r), runs) / len(scenes)
+                    seconds = shortest_time(lambda solve=solve, s=scenes, r=rtol: solve(s, r), runs) / len(
+                        scenes
+                    )
                     row |= {"us": seconds * 1e6, "ratio": seconds / own}
                 rows.append(row)
                 print(row, flush=True)
@@ -102,19 +104,22 @@ def job() -> list[dict]:
     rows = []
     for target in TARGETS:
 
-        def ours(rtol: float):
+        def tolerance(rtol: float):
             return rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(rtol))
 
         def theirs(rtol: float):
             return [numba_loop.solve(panel, rtol) for panel in panels]
 
         tolerances = [max_tolerance(solve, panels[8:], target) for solve in (rockjax_peaks, numba_loop.solve)]
-        times = [shortest(lambda r=tolerances[0]: ours(r)), shortest(lambda r=tolerances[1]: theirs(r))]
+        times = [
+            shortest_time(lambda r=tolerances[0]: tolerance(r)),
+            shortest_time(lambda r=tolerances[1]: theirs(r)),
+        ]
         row = {"error": target, "rtol": tolerances[0], "rockjax [s]": times[0]}
         row |= {"rtol numba": tolerances[1], "numba [s]": times[1], "ratio": times[1] / times[0]}
         rows.append(row)
         print(rows[-1], flush=True)
-    default = shortest(
+    default = shortest_time(
         lambda: rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(1e-8))
     )
     return [*rows, {"error": None, "rtol": 1e-8, "rockjax [s]": default}]

@@ -27,7 +27,7 @@ import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
 
-from .measure import Family, family, options, podium, report, shortest, show
+from .measure import Family, family, options, podium, report, shortest_time, show
 
 FAMILIES = ("rigid", "T_s = 0.5 s")
 MOTIONS: dict[str, Callable[[Family], rj.AbstractExcitation]] = {
@@ -52,7 +52,7 @@ def motions(points: int = 100) -> None:
             scenes = family(name, points)
             structure, motions, how = podium(scenes), make(scenes), options(1e-8)
             trials = float(np.mean(rj.peak_responses(structure, motions, options=how).stats.steps))
-            each = shortest(lambda: rj.peak_responses(structure, motions, options=how)) / len(scenes)  # noqa: B023
+            each = shortest_time(lambda: rj.peak_responses(structure, motions, options=how)) / len(scenes)  # noqa: B023
             row = {"family": name, "motion": motion, "us": each * 1e6, "trials": trials}
             rows.append(row | {"ns a trial": each * 1e9 / trials})
             print(rows[-1], flush=True)
@@ -70,7 +70,7 @@ STRUCTURES = {
 PRESTRESS, STIFFNESS, DAMPING = 0.18, 0.5, 1.4  # of a column's share of the weight
 
 
-def restrained(runs: int = 7) -> None:
+def time_restrained(runs: int = 7) -> None:
     cases: dict[tuple[str, bool], tuple[rj.Podium, np.ndarray]] = {}
     for name, plain in STRUCTURES.items():
         eta = 0.0 if plain.superstructure is None else plain.superstructure.eta
@@ -136,18 +136,18 @@ def scaling() -> None:
 POINTS = (100, 316, 1000)  # along both axes
 
 
-def timed(path: str, devices: str) -> None:
+def time_batches(path: str, devices: str) -> None:
     """Times and answers of all batches, into a file; by the devices of JAX where one is named."""
-    here = jax.local_devices()
-    found: dict[str, Any] = {"name": f"{len(here)} × {here[0].device_kind}"}
-    who: dict[str, Any] = {"devices": here} if devices == "devices" else {}
+    local_devices = jax.local_devices()
+    found: dict[str, Any] = {"name": f"{len(local_devices)} × {local_devices[0].device_kind}"}
+    device_arguments: dict[str, Any] = {"devices": local_devices} if devices == "devices" else {}
     for name in FAMILIES:
         structure, how = podium(family(name, 2)), options(1e-8)
         for points in POINTS:
             scenes = family(name, points)
             pulses = rj.Ricker(scenes.a_p, scenes.T_p)
-            solve = lambda: rj.peak_responses(structure, pulses, options=how, **who)  # noqa: B023
-            found[f"{name} {points} s"] = shortest(solve, 2)
+            solve = lambda: rj.peak_responses(structure, pulses, options=how, **device_arguments)  # noqa: B023
+            found[f"{name} {points} s"] = shortest_time(solve, 2)
             peaks = solve()
             found[f"{name} {points} peaks"] = peaks.peak_rotation
             found[f"{name} {points} overturned"] = peaks.overturned
@@ -163,17 +163,17 @@ def processors(option: str = "", parts: str = "") -> None:
             path = str(Path(folder) / f"{side}.npz")
             command = [sys.executable, "-m", "benchmarks.cost", "timed", path, side]
             subprocess.run(command, check=True, env=os.environ | environment)
-        here, there = (dict(np.load(Path(folder) / f"{side}.npz")) for side in sides)
+        first, second = (dict(np.load(Path(folder) / f"{side}.npz")) for side in sides)
     rows = []
     for label in FAMILIES:
         for points in POINTS:
             key = f"{label} {points}"
-            same = here[f"{key} overturned"] == there[f"{key} overturned"]
-            difference = np.abs(here[f"{key} peaks"] - there[f"{key} peaks"])[same]
-            a, b = float(here[f"{key} s"]), float(there[f"{key} s"])
+            same = first[f"{key} overturned"] == second[f"{key} overturned"]
+            difference = np.abs(first[f"{key} peaks"] - second[f"{key} peaks"])[same]
+            a, b = float(first[f"{key} s"]), float(second[f"{key} s"])
             row = {"family": label, "scenes": points**2, "threads [1/s]": points**2 / a}
             row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "apart": float(difference.max())}
-            rows.append(row | {"other class": int((~same).sum()), "devices": str(there["name"])})
+            rows.append(row | {"other class": int((~same).sum()), "devices": str(second["name"])})
     if host:
         show(rows)
     else:
@@ -182,10 +182,10 @@ def processors(option: str = "", parts: str = "") -> None:
 
 COMMANDS = {
     "motions": motions,
-    "restrained": restrained,
+    "restrained": time_restrained,
     "scaling": scaling,
     "processors": processors,
-    "timed": timed,
+    "timed": time_batches,
 }
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ from optimise._variables import make_variables
 from rockjax import plots
 from rockjax._files import write_figure
 
-from .measure import IMAGES, keep, kept, report, show
+from .measure import IMAGES, report, show, store_rows, stored_rows
 from .studies import OPTIONS, shaking
 
 STARTS = 10
@@ -170,8 +170,8 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
         for found, a, b in zip(slopes, below, above, strict=False):
             found.append((b - a) / (ends[1][k] - ends[0][k]))
     scale = max(abs(float(f.max())), 1e-12)
-    here = Evaluation(f / scale, c, np.stack(slopes[0], -1) / scale, np.stack(slopes[1], -1))
-    found = optimality(x, here, [], 1.0, 1e3, 0.0)
+    current = Evaluation(f / scale, c, np.stack(slopes[0], -1) / scale, np.stack(slopes[1], -1))
+    found = optimality(x, current, [], 1.0, 1e3, 0.0)
     return Check(
         float(c.min(initial=np.inf)),
         float(np.max(peaks.peak_rotation)),
@@ -394,7 +394,7 @@ def horizontal(pairs: Pairs) -> list[rj.AbstractExcitation]:
     return [pair.horizontal for pair in pairs]
 
 
-def compared(motions: rj.Motions, size: float, ratio: float) -> list[dict]:
+def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[dict]:
     """A row for every pair: largest rotations with and without the vertical component, and its PGA."""
     podium = rj.Podium.from_dimensions(**RIGID)
     podium = podium.replace(R=size * podium.R)
@@ -435,7 +435,7 @@ def summary(rows: list[dict]) -> dict:
     }
 
 
-def scanned(case: list[rj.AbstractExcitation]) -> dict[str, float]:
+def scan_prestress(case: list[rj.AbstractExcitation]) -> dict[str, float]:
     """Where the prestress of a scan satisfies the limit: from its least value there, and from which one on
     throughout."""
     podiums = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(SCAN))
@@ -454,18 +454,18 @@ def designs(motions: rj.Motions) -> list[dict]:
     print(f"{len(short)} pairs of less than {SHORT} samples", flush=True)
     pairs = pairs_of(short, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
     cases: dict[str, list[rj.AbstractExcitation]] = {"with": list(pairs), "without": horizontal(pairs)}
-    return [row_of(name, least_force(case)) | scanned(case) for name, case in cases.items()]
+    return [row_of(name, least_force(case)) | scan_prestress(case) for name, case in cases.items()]
 
 
 def vertical(folder: Path) -> None:
     motions = read(folder)
     print(f"{len(motions)} pairs, {min(map(len, motions))} to {max(map(len, motions))} samples", flush=True)
-    tables = [compared(motions, size, ratio) for size in SIZES for ratio in RATIOS]
+    tables = [compare_components(motions, size, ratio) for size in SIZES for ratio in RATIOS]
     rows = [row for table in tables for row in table]
     report("device-vertical", rows)
     show([{"R [m]": t[0]["R [m]"], "ratio": t[0]["ratio"]} | summary(t) for t in (*tables, rows)])
     found = designs(motions)
-    keep("device-vertical-design", found)
+    store_rows("device-vertical-design", found)
     show(found, [name for name in (*COLUMNS, *SCANNED) if name in found[0]])
 
 
@@ -489,7 +489,7 @@ def draw_force() -> Figure:
     """Peak rotations over the prestress, and histories without and with the least one."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    design, above = (row for row in kept("device-force") if row["suite"] == "records")
+    design, above = (row for row in stored_rows("device-force") if row["suite"] == "records")
     sizes = np.linspace(0, 250e3, 251)
     found = rotations(
         [rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(P)) for P in sizes], records()
@@ -514,11 +514,11 @@ def draw_force() -> Figure:
         {"color": colour, "ls": "-"} for colour in ("0.6", plots.COLOURS[1], plots.COLOURS[3])
     )
     cases = ((0.0, grey), (design["tendon_force"], red), (ABOVE, green))
-    for P, look in cases:
+    for P, line_style in cases:
         podium = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(P))
         history = rj.simulate(podium, worst, options=rj.Options(throw=False))(times)
         label = f"$P_0$ = {P / 1e3:.0f} kN"
-        right.plot(times, np.asarray(history.theta) / float(podium.alpha), label=label, **look)
+        right.plot(times, np.asarray(history.theta) / float(podium.alpha), label=label, **line_style)
     for side in (-LIMIT, LIMIT):
         right.axhline(side, color="0.5", lw=0.8, ls="-", zorder=0)
     right.set(xlabel=r"$t$ [s]", ylabel=plots.ROTATION, ylim=(-1.2, 1.2), xlim=(0, 9))
@@ -531,14 +531,16 @@ def draw_stiffness() -> Figure:
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for k, suite in enumerate(SUITES):
-        rows = [row for row in kept("device-stiffness") if row["suite"] == suite]
+        rows = [row for row in stored_rows("device-stiffness") if row["suite"] == suite]
         ladder = [row for row in rows if row["study"] == "prestress alone" or row["study"].startswith("κ")]
-        look = {"color": plots.COLOURS[k + 1], "ls": plots.STYLES[k], "marker": "os"[k], "ms": 4}
+        line_style = {"color": plots.COLOURS[k + 1], "ls": plots.STYLES[k], "marker": "os"[k], "ms": 4}
         x = [row["stiffness"] for row in ladder]
-        left.plot(x, [row["prestress"] for row in ladder], label=NAMES[suite], **look)
-        right.plot(x, [row["largest force"] for row in ladder], label=NAMES[suite], **look)
+        left.plot(x, [row["prestress"] for row in ladder], label=NAMES[suite], **line_style)
+        right.plot(x, [row["largest force"] for row in ladder], label=NAMES[suite], **line_style)
         alone = next(row for row in rows if row["study"] == "stiffness alone")
-        right.plot(alone["stiffness"], alone["largest force"], "D", color=look["color"], ms=7, mfc="none")
+        right.plot(
+            alone["stiffness"], alone["largest force"], "D", color=line_style["color"], ms=7, mfc="none"
+        )
     right.plot([], [], "D", color="0.4", mfc="none", label="stiffness alone")
     left.set(xlabel=r"stiffness $\kappa\,/\,\kappa_{cr}$", ylabel="least prestress " + FORCE, ylim=(0, None))
     right.set(xlabel=r"stiffness $\kappa\,/\,\kappa_{cr}$", xscale="symlog", yscale="log")
@@ -563,7 +565,7 @@ def draw_damper() -> Figure:
     shear = np.array([[float(np.max(one.peak_shear)) for one in row] for row in found])
     filled = ax.contourf(sizes / 1e6, powers, worst, levels=np.arange(0, 0.71, 0.05))
     figure.colorbar(filled, ax=ax, label=r"largest $|\theta|\,/\,\alpha$ of six pulses")
-    rows = kept("device-damper")
+    rows = stored_rows("device-damper")
     lines = ax.contour(
         sizes / 1e6, powers, shear, levels=[row["shear"] for row in rows], colors="k", linewidths=0.8
     )
@@ -594,7 +596,7 @@ def _damped(C: float, power: float) -> rj.Podium:
 def draw_inerter() -> Figure:
     """Largest rotation over the inertance, by both laws of restitution, and the designs."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
-    rows = kept("device-inerter")
+    rows = stored_rows("device-inerter")
     ratios = np.linspace(0, LARGEST_INERTANCE / COLUMN, 61)
     plain = float(rj.Podium.from_dimensions(**RIGID).restitution_factor)
     for ax, suite in zip(figure.subplots(1, 2, sharey=True), SUITES, strict=True):
@@ -603,9 +605,9 @@ def draw_inerter() -> Figure:
                 rj.Podium.from_dimensions(**RIGID, inertance=jnp.asarray(COLUMN * mu), restitution=law)
                 for mu in ratios
             ]
-            look = {"color": plots.COLOURS[k + 1], "ls": plots.STYLES[k]}
+            line_style = {"color": plots.COLOURS[k + 1], "ls": plots.STYLES[k]}
             label = r"$e$ by (C12)" if law == "paper" else f"$e$ = {plain:.3f} given"
-            ax.plot(ratios, rotations(podiums, SUITES[suite]()).max(axis=1), label=label, **look)
+            ax.plot(ratios, rotations(podiums, SUITES[suite]()).max(axis=1), label=label, **line_style)
             for row in rows:
                 if (row["suite"], row["law"]) == (suite, name) and row["satisfied"]:
                     shape = "o" if row["study"] == "least inertance" else "s"
@@ -613,7 +615,7 @@ def draw_inerter() -> Figure:
                         row["inertance"] / COLUMN,
                         row["fresh rotation"],
                         shape,
-                        color=look["color"],
+                        color=line_style["color"],
                         clip_on=False,
                     )
         mark_limit(ax)
@@ -629,7 +631,7 @@ def draw_vertical() -> Figure:
     """Peak rotations with the vertical component over those without."""
     figure = plt.figure(figsize=(4.6, 4.2), layout="constrained")
     ax = figure.subplots()
-    rows = kept("device-vertical")
+    rows = stored_rows("device-vertical")
     for k, ratio in enumerate(sorted({row["ratio"] for row in rows})):
         some = [row for row in rows if row["ratio"] == ratio]
         x, y = (np.array([row[name] for row in some]) for name in ("without", "with"))
@@ -685,7 +687,7 @@ def main() -> None:
                     write_figure(IMAGES / f"device-{picture}.png", draw())
             continue
         rows = STUDIES[name]()
-        keep(f"device-{name}", rows)
+        store_rows(f"device-{name}", rows)
         show(rows, [name for name in COLUMNS if any(name in row for row in rows)])
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import PERIODS, family, keep, options, podium, report, shortest
+from .measure import PERIODS, family, options, podium, report, shortest_time, store_rows
 
 
 def cost() -> None:
@@ -41,13 +41,15 @@ def cost() -> None:
             "256 scenes": (jax.vmap(peak), jax.vmap(both), many),
         }
         for kind, (*functions, point) in cases.items():
-            times = [shortest(lambda f=jax.jit(f), y=point: jax.block_until_ready(f(y))) for f in functions]
+            times = [
+                shortest_time(lambda f=jax.jit(f), y=point: jax.block_until_ready(f(y))) for f in functions
+            ]
             rows.append(_row(name, kind, *times))
         # A whole batch through the refilled lanes, on all cores.
         pulses = family(name, 40)
         motion, names = rj.Ricker(pulses.a_p, pulses.T_p), ("alpha", "R", "gamma", "a_p", "T_p")
         times = [
-            shortest(lambda n=n: rj.peak_responses(podium(pulses), motion, options=how, sensitivities=n))  # noqa: B023
+            shortest_time(lambda n=n: rj.peak_responses(podium(pulses), motion, options=how, sensitivities=n))  # noqa: B023
             for n in ((), names)
         ]
         rows.append(_row(name, f"batch of {len(pulses)}", *times))
@@ -107,7 +109,7 @@ def numbers(n: int, elastic: bool) -> np.ndarray:
     return np.stack([*y, 9.80665 * np.tan(y[0]) * rng.uniform(1.0, 9.0, n), rng.uniform(0.3, 3.0, n)], axis=1)
 
 
-def shaken(n: int, elastic: bool) -> np.ndarray:
+def random_records(n: int, elastic: bool) -> np.ndarray:
     """Structures, samples of smoothed noise with PGA as that of the pulses, and directions."""
     rng = np.random.default_rng([4, elastic])
     y = structures(n, elastic, rng)
@@ -116,7 +118,7 @@ def shaken(n: int, elastic: bool) -> np.ndarray:
     return np.concatenate([np.stack(y, axis=1), noise, rng.normal(size=(n, SAMPLES))], axis=1)
 
 
-def compared(name: str, function, y: np.ndarray) -> dict:
+def compare_modes(name: str, function, y: np.ndarray) -> dict:
     program = jax.jit(jax.vmap(function))
     began = time.process_time()
 
@@ -126,22 +128,22 @@ def compared(name: str, function, y: np.ndarray) -> dict:
 
     forward, reverse, *sizes = solved(y)
     size = sizes[0] if sizes else np.abs(forward).max(axis=-1, keepdims=True)
-    apart = np.abs(forward - reverse) / np.where(size > 0, size, 1.0)
-    over = apart > CLOSE
+    difference = np.abs(forward - reverse) / np.where(size > 0, size, 1.0)
+    over = difference > CLOSE
     row = {
         "scenes": name,
         "number": len(y),
         "derivatives": forward.size,
         "not zero": float(np.mean(forward != 0)),
         "not finite": int((~np.isfinite(forward)).sum() + (~np.isfinite(reverse)).sum()),
-        "largest difference": float(np.nanmax(apart)),
+        "largest difference": float(np.nanmax(difference)),
         "over 1e-12": int(over.sum()),
     }
     if sizes:
         bad = np.flatnonzero(over.any(axis=1))
         moved = _moved(solved, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
         row["of these rotation"], row["its time"], row["shear"] = map(int, over.sum(axis=0))
-        row["unexplained"] = int((apart[bad] > np.maximum(CLOSE, 10 * moved)).sum())
+        row["unexplained"] = int((difference[bad] > np.maximum(CLOSE, 10 * moved)).sum())
     return row | {"cpu s": time.process_time() - began}
 
 
@@ -163,13 +165,13 @@ def modes(count: int = 10_240) -> None:
     kinds = {
         "rigid, numbers": (lambda y: by_numbers(y, False), numbers(n, False)),
         "elastic, numbers": (lambda y: by_numbers(y, True), numbers(n, True)),
-        "rigid, samples": (lambda y: by_samples(y, False), shaken(few, False)),
-        "elastic, samples": (lambda y: by_samples(y, True), shaken(few, True)),
+        "rigid, samples": (lambda y: by_samples(y, False), random_records(few, False)),
+        "elastic, samples": (lambda y: by_samples(y, True), random_records(few, True)),
     }
     rows = []
     for name, (function, y) in kinds.items():
-        rows.append(compared(name, function, y))
-        keep("modes", rows)
+        rows.append(compare_modes(name, function, y))
+        store_rows("modes", rows)
     report("modes", rows, rows[-1])
 
 

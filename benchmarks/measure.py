@@ -71,7 +71,7 @@ def some(
     return np.where(rng.random(len(values)) < share, chosen, values)
 
 
-def shortest(function: Callable[[], Any], runs: int = 5) -> float:
+def shortest_time(function: Callable[[], Any], runs: int = 5) -> float:
     """Wall time of the shortest of several runs [s], after one that compiles."""
     function()
     times = []
@@ -116,10 +116,12 @@ def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
 def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
     """Quantiles of |error of max|θ|/α| over the scenes, and how many changed between standing and
     overturned."""
-    return apart(found, reference(family))
+    return difference_quantiles(found, reference(family))
 
 
-def apart(found: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+def difference_quantiles(
+    found: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndarray]
+) -> dict[str, float]:
     """The same of (peaks, overturned) against others."""
     same = found[1] == truth[1]
     error = np.abs(found[0] - truth[0])[same]
@@ -131,7 +133,7 @@ def apart(found: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndar
     }
 
 
-def keep(name: str, rows: list[dict]) -> None:
+def store_rows(name: str, rows: list[dict]) -> None:
     """Store a table beside the versions it was measured with."""
     import jax
 
@@ -141,14 +143,14 @@ def keep(name: str, rows: list[dict]) -> None:
     (RESULTS / f"{name}.json").write_text(text + "\n")
 
 
-def kept(name: str) -> list[dict]:
+def stored_rows(name: str) -> list[dict]:
     """The rows of a table that was stored before."""
     return json.loads((RESULTS / f"{name}.json").read_text())["rows"]
 
 
-def kept_so_far(name: str) -> list[dict]:
+def stored_rows_if_any(name: str) -> list[dict]:
     """The same, none where there is no such table yet."""
-    return kept(name) if (RESULTS / f"{name}.json").exists() else []
+    return stored_rows(name) if (RESULTS / f"{name}.json").exists() else []
 
 
 def _cores() -> int:
@@ -173,5 +175,5 @@ def _text(value: Any) -> str:
 
 def report(name: str, rows: list[dict], columns: Iterable[str] = ()) -> None:
     """Store a table and print it."""
-    keep(name, rows)
+    store_rows(name, rows)
     show(rows, columns)

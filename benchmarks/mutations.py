@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from .measure import keep, show
+from .measure import show, store_rows
 
 ROOT = Path(__file__).parent.parent
 FILES = [
@@ -177,7 +177,7 @@ def stages_of(mutant: Mutant, stages: int) -> Iterator[list[str]]:
         yield [f"tests/{name}" for name in stage]
 
 
-def verdict(mutant: Mutant, copy_of: Path, stages: int) -> str:
+def noticed_by(mutant: Mutant, copy_of: Path, stages: int) -> str:
     """Which test notices, if any."""
     target = copy_of / "rockjax" / mutant.file
     original = target.read_text()
@@ -235,7 +235,7 @@ def main() -> None:
         def one(mutant: Mutant) -> str:
             place = copies.get()
             try:
-                return verdict(mutant, place, given.stages)
+                return noticed_by(mutant, place, given.stages)
             finally:
                 copies.put(place)
                 bar.update()
@@ -269,7 +269,7 @@ def main() -> None:
     for row in survivors:
         print(f"  {row['where']}  {row['change']}:  {row['line']}  {row['why']}")
     if not words and given.every == 1:
-        keep("mutations", [*table, {"survivors": survivors}])
+        store_rows("mutations", [*table, {"survivors": survivors}])
 
 
 if __name__ == "__main__":

@@ -24,7 +24,18 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import IMAGES, PERIODS, Family, G, apart, keep, options, podium, shortest, show
+from .measure import (
+    IMAGES,
+    PERIODS,
+    Family,
+    G,
+    difference_quantiles,
+    options,
+    podium,
+    shortest_time,
+    show,
+    store_rows,
+)
 
 RECORDS, SAMPLES, DT = 20, 2000, 0.01
 LEVELS = np.linspace(0.5, 12.0, 50)  # PGA over g tan α
@@ -76,9 +87,11 @@ def precision(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
         if peer is not None:
             solvers["numba loop, DOP853"] = functools.partial(by_peer, peer, suite, scenes)
         for rtol in TOLERANCES:
-            for who, solve in solvers.items():
-                row = {"family": name, "by": who, "rtol": rtol} | apart(solve(rtol), truth)
-                rows.append(row | {"us": 1e6 * shortest(functools.partial(solve, rtol), 3) / truth[0].size})
+            for solver, solve in solvers.items():
+                row = {"family": name, "by": solver, "rtol": rtol} | difference_quantiles(solve(rtol), truth)
+                rows.append(
+                    row | {"us": 1e6 * shortest_time(functools.partial(solve, rtol), 3) / truth[0].size}
+                )
                 print(rows[-1], flush=True)
     return rows
 
@@ -105,7 +118,7 @@ def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
         found = dict.fromkeys(times, math.inf)
         for _ in range(3):
             for what, work in times.items():
-                found[what] = min(found[what], 1e3 * shortest(work, 1 if "analysis" in what else 4))
+                found[what] = min(found[what], 1e3 * shortest_time(work, 1 if "analysis" in what else 4))
         rows.append({"family": name} | found)
         print(rows[-1], flush=True)
     return rows
@@ -121,11 +134,11 @@ def draw(rows: list[dict[str, Any]]) -> None:
 
     figure, axes = plt.subplots(1, len(PERIODS), figsize=(14, 4.2), sharey=True, layout="constrained")
     for ax, name in zip(axes, PERIODS, strict=True):
-        for k, who in enumerate(dict.fromkeys(row["by"] for row in rows)):
-            chosen = [row for row in rows if row["family"] == name and row["by"] == who]
+        for k, solver in enumerate(dict.fromkeys(row["by"] for row in rows)):
+            chosen = [row for row in rows if row["family"] == name and row["by"] == solver]
             x, y = ([row[key] for row in chosen] for key in ("p99", "us"))
-            line = ":" if who.startswith("numba") else "-"
-            ax.loglog(x, y, ms=4, color=COLOURS[k], linestyle=line, marker="so"[line == "-"], label=who)
+            line = ":" if solver.startswith("numba") else "-"
+            ax.loglog(x, y, ms=4, color=COLOURS[k], linestyle=line, marker="so"[line == "-"], label=solver)
         ax.set(title=name, xlabel=r"99th percentile of the error of $\max|\theta|/\alpha$")
         ax.invert_xaxis()
         ax.grid(alpha=0.3)
@@ -153,7 +166,7 @@ def main() -> None:
     suite = Suite()
     beside = side_by_side(suite, peer)
     rows = precision(suite, peer)
-    keep("records", [*beside, *rows])
+    store_rows("records", [*beside, *rows])
     draw(rows)
     show(beside)
     show(rows)

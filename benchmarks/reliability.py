@@ -32,8 +32,8 @@ class Problem(NamedTuple):
 
 
 def _four_branches(x):
-    bend, along, across = 3 + 0.1 * (x[0] - x[1]) ** 2, (x[0] + x[1]) / ROOT2, x[0] - x[1]
-    return jnp.min(jnp.stack([bend - along, bend + along, across + 7 / ROOT2, 7 / ROOT2 - across]))
+    curve, diagonal, across = 3 + 0.1 * (x[0] - x[1]) ** 2, (x[0] + x[1]) / ROOT2, x[0] - x[1]
+    return jnp.min(jnp.stack([curve - diagonal, curve + diagonal, across + 7 / ROOT2, 7 / ROOT2 - across]))
 
 
 def _rp35(x):
@@ -113,8 +113,8 @@ def openturns(problem: Problem, method: str, seed: int) -> Run:
         u = np.asarray(x)
         calls[0] += len(u)
         size = 1 << (len(u) - 1).bit_length()  # few sizes are compiled
-        whole = np.concatenate([u, np.repeat(u[-1:], size - len(u), axis=0)])
-        return np.asarray(batched(whole))[: len(u), None]
+        padded = np.concatenate([u, np.repeat(u[-1:], size - len(u), axis=0)])
+        return np.asarray(batched(padded))[: len(u), None]
 
     d = problem.dimension
     function = ot.PythonFunction(d, 1, func_sample=sample)
@@ -149,12 +149,12 @@ def main(names: list[str]) -> None:
         problem = PROBLEMS[name]
         methods = [("rockjax", m, ours) for m in OURS]
         methods += [("OpenTURNS", m, openturns) for m in ("FORM", "importance", "subset")]
-        for who, method, solve in methods:
+        for solver_name, method, solve in methods:
             runs = np.array(
                 [solve(problem, method, seed) for seed in range(1 if method == "FORM" else SEEDS)]
             )
             off = np.abs(runs[:, 0] / problem.probability - 1)
-            row = {"problem": name, "d": problem.dimension, "P": problem.probability, "by": who}
+            row = {"problem": name, "d": problem.dimension, "P": problem.probability, "by": solver_name}
             row |= {"method": method, "evaluations": float(np.mean(runs[:, 1])), "error": float(np.mean(off))}
             rows.append(row)
             print(row, flush=True)

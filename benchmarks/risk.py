@@ -27,7 +27,7 @@ from rockjax._risk.reliability import find_design_points, first_order_probabilit
 from rockjax._risk.structure import OPTIONS
 from rockjax.internal import limit_state
 
-from .measure import RESULTS, kept_so_far, report
+from .measure import RESULTS, report, stored_rows_if_any
 
 BATCH = 20_000  # scenes counted between two looks at the clock
 COV = 0.1
@@ -65,18 +65,18 @@ def motion_of(case: Case) -> rj.GaussianMotion:
     return rj.GaussianMotion(61, 0.06, case.S_0)
 
 
-def counted(case: Case, known: dict[str, Any]) -> None:
+def count_batch(case: Case, results: dict[str, Any]) -> None:
     """Count a batch more; the next one has a seed of its own."""
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
-    number = known.setdefault("batches", 0)
+    number = results.setdefault("batches", 0)
     u = np.random.default_rng([11, number]).standard_normal((BATCH, limit.dimension))
-    known["failures"] = known.get("failures", 0) + int((limit.values(u) <= 0).sum())
-    known["batches"] = number + 1
+    results["failures"] = results.get("failures", 0) + int((limit.values(u) <= 0).sum())
+    results["batches"] = number + 1
 
 
-def repeated(case: Case, known: dict[str, Any]) -> None:
+def repeat_estimate(case: Case, results: dict[str, Any]) -> None:
     """One repetition more."""
-    runs = known.setdefault("runs", [])
+    runs = results.setdefault("runs", [])
     found = rj.failure_probability(
         case.podium,
         motion_of(case),
@@ -88,40 +88,40 @@ def repeated(case: Case, known: dict[str, Any]) -> None:
     runs.append([found.probability, found.standard_error, *found.interval, found.scenes])
 
 
-def _all_repeated(case: Case, known: dict[str, Any]) -> bool:
-    return len(known.get("runs", [])) >= case.repetitions
+def _is_repeated(case: Case, results: dict[str, Any]) -> bool:
+    return len(results.get("runs", [])) >= case.repetitions
 
 
-def _all_counted(case: Case, known: dict[str, Any]) -> bool:
-    return known.get("batches", 0) * BATCH >= case.scenes
+def _is_counted(case: Case, results: dict[str, Any]) -> bool:
+    return results.get("batches", 0) * BATCH >= case.scenes
 
 
 def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
     """Go on with all cases in turn, until the time is used up or nothing is left."""
     path, end = RESULTS / "risk-runs.json", time.process_time() + 60 * minutes
-    known: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
+    results: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for name in names:
-        of = known.setdefault(name, {})
-        for step, done in ((counted, _all_counted), (repeated, _all_repeated)):
-            while time.process_time() < end and not done(CASES[name], of):
-                step(CASES[name], of)
-                path.write_text(json.dumps(known) + "\n")
-    return known
+        results_of_case = results.setdefault(name, {})
+        for step, done in ((count_batch, _is_counted), (repeat_estimate, _is_repeated)):
+            while time.process_time() < end and not done(CASES[name], results_of_case):
+                step(CASES[name], results_of_case)
+                path.write_text(json.dumps(results) + "\n")
+    return results
 
 
-def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
+def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
     """What is known of a case. `held`: the share of the repetitions whose intervals hold what is counted."""
-    runs = np.array(known.get("runs", [])).reshape(-1, 5)
-    scenes, failures = known.get("batches", 0) * BATCH, known.get("failures", 0)
-    of_sweep = [row for row in kept_so_far("risk-sweep") if row["case"] == name]
+    runs = np.array(results.get("runs", [])).reshape(-1, 5)
+    scenes, failures = results.get("batches", 0) * BATCH, results.get("failures", 0)
+    of_sweep = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]
     if of_sweep:  # other motions
         scenes, failures = scenes + of_sweep[0]["motions"], failures + of_sweep[0]["failures"]
-    counted = failures / scenes if scenes else math.nan
+    count_batch = failures / scenes if scenes else math.nan
     low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
     p, error, lower, upper, cost = runs.T
     return {
         "case": name,
-        "counted": counted,
+        "counted": count_batch,
         "from": float(low),
         "to": float(high),
         "of": scenes,
@@ -129,14 +129,21 @@ def row(name: str, known: dict[str, Any]) -> dict[str, Any]:
         "mean": float(p.mean()),
         "cov": float(p.std(ddof=1) / p.mean()),
         "said": float(np.mean(error / p)),
-        "held": float(np.mean((lower <= counted) & (counted <= upper))),
+        "held": float(np.mean((lower <= count_batch) & (count_batch <= upper))),
         "scenes": float(cost.mean()),
     }
 
 
 def subset(minutes: str = "0", *names: str) -> None:
-    known = advance(float(minutes), list(names) or list(CASES))
-    report("risk", [row(name, of) for name, of in known.items() if len(of.get("runs", [])) > 1])
+    results = advance(float(minutes), list(names) or list(CASES))
+    report(
+        "risk",
+        [
+            row(name, results_of_case)
+            for name, results_of_case in results.items()
+            if len(results_of_case.get("runs", [])) > 1
+        ],
+    )
 
 
 COUNTED = ("block 1e-4", "block 1e-5")
@@ -200,16 +207,16 @@ def rows_of(kind: str) -> list[dict]:
         if not other.startswith(kind):
             continue
         factor = math.sqrt(case.S_0 / of.S_0)
-        there = found._replace(u=found.u * factor, beta=found.beta * factor)
-        nearest = float(there.beta.min())
+        scaled_points = found._replace(u=found.u * factor, beta=found.beta * factor)
+        nearest = float(scaled_points.beta.min())
         rows.append(
             {
                 "case": other,
                 "S_0": of.S_0,
                 "beta": nearest,
                 "one": 2 * float(norm.sf(nearest)),
-                "all": first_order_probability(there),
-                "points": len(there.beta),
+                "all": first_order_probability(scaled_points),
+                "points": len(scaled_points.beta),
                 "scenes": limit.scenes,
             }
         )

@@ -26,7 +26,7 @@ import rockjax as rj
 from optimise._evaluator import _least_scales, options_as_arrays
 from rockjax.internal import fit_capacities
 
-from .measure import IMAGES, keep, kept_so_far, show
+from .measure import IMAGES, show, store_rows, stored_rows_if_any
 from .studies import OPTIONS, shaking
 
 STARTS = 10
@@ -153,8 +153,8 @@ def loss_row() -> dict[str, Any]:
     began = time.process_time()
     objective = optimise.ExpectedLoss(cost, LOSS, of_frequency(FREQUENCY))
     answer = optimise.design(drawing(), NARROW, objective, starts=STARTS, options=OPTIONS)
-    known = {"frequency": float(objective.risk.frequency(answer.podium, OPTIONS))}
-    return row_of(answer, began) | known | sampled_frequency(answer.podium)
+    risk_of_suite = {"frequency": float(objective.risk.frequency(answer.podium, OPTIONS))}
+    return row_of(answer, began) | risk_of_suite | sampled_frequency(answer.podium)
 
 
 def frequency_point(width: float) -> Row:
@@ -249,11 +249,11 @@ def picture(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    rows = kept_so_far("risk-design")
+    rows = stored_rows_if_any("risk-design")
     for study, case, row in missing(sys.argv[1:] or list(STUDIES), rows):
         rows.append({"study": study, "case": case} | row())
         print(rows[-1], flush=True)
-        keep("risk-design", rows)
+        store_rows("risk-design", rows)
     show(rows, COLUMNS)
     picture(rows)
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-from .measure import keep, kept, show
+from .measure import show, store_rows, stored_rows
 
 PODIUM = """
 import jax, numpy as np, rockjax as rj
@@ -125,19 +125,21 @@ def run(name: str, folder: str) -> tuple[float, float]:
     return wall, cpu
 
 
-def main(names: list[str], again: int = 3) -> None:
-    rows = {} if not names else {row["what"]: row for row in kept("startup")}
-    unit = [min(times) for times in zip(*(run("import jax", "") for _ in range(again + 1)), strict=True)]
+def main(names: list[str], repetitions: int = 3) -> None:
+    rows = {} if not names else {row["what"]: row for row in stored_rows("startup")}
+    unit = [
+        min(times) for times in zip(*(run("import jax", "") for _ in range(repetitions + 1)), strict=True)
+    ]
     for name in names or [*ROWS, *COMMANDS]:
         with tempfile.TemporaryDirectory() as folder:
             first = run(name, folder)
-            later = [run(name, folder) for _ in range(again)]
+            later = [run(name, folder) for _ in range(repetitions)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
         row = {"what": name, "first CPU [s]": first[1]}
         row |= {"later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
         rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
         print(rows[name], flush=True)
-        keep("startup", list(rows.values()))
+        store_rows("startup", list(rows.values()))
     show(list(rows.values()))
 
 

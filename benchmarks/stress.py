@@ -37,7 +37,7 @@ from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES
 
 from . import stress_control as control
-from .measure import keep, log_uniform, show, some
+from .measure import log_uniform, show, some, store_rows
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
@@ -270,11 +270,11 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
         float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
     )
     limit = float(of.options.overturn_ratio * podium.alpha)
-    known = control.by_scipy(podium, motion, initial, end, limit)
+    reference = control.by_scipy(podium, motion, initial, end, limit)
     errors = peak.errors
     assert errors is not None
-    same = bool(peak.overturned) == math.isfinite(known.overturn_time)
-    error = abs(float(peak.peak_rotation) - known.peak)
+    same = bool(peak.overturned) == math.isfinite(reference.overturn_time)
+    error = abs(float(peak.peak_rotation) - reference.peak)
     return error, float(errors.peak_rotation), same, bool(errors.undecided)
 
 
@@ -317,14 +317,16 @@ def vibration(of: Batch) -> np.ndarray:
     top, shape = of.podium.superstructure, np.shape(of.initial.theta)
     if not isinstance(top, rj.Elastic | rj.Modes):
         return np.zeros(shape)
-    start, quiet = (np.asarray(y) for y in of.motion.support)
+    start, excitation_end = (np.asarray(y) for y in of.motion.support)
     frequency = np.asarray(of.podium.uplifted_frequency)
     if isinstance(top, rj.Modes):
         longest, damping = control.longest_vibration(of.podium)
     else:
         longest, damping = np.asarray(top.T_s), np.asarray(top.zeta) * frequency / np.asarray(top.omega_s)
     after = np.maximum(30 / np.asarray(of.podium.p), 10 * longest)  # `default_end`
-    return np.broadcast_to(frequency * (quiet - start + after) * np.maximum(1.0, 0.5 * damping), shape)
+    return np.broadcast_to(
+        frequency * (excitation_end - start + after) * np.maximum(1.0, 0.5 * damping), shape
+    )
 
 
 def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Callable[[int], str]) -> None:
@@ -336,7 +338,7 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
     for kind in OUT_OF_STEPS:
         found.fail(f"steps: {NAMES[kind]}", code == kind, line)
     found.fail("not finite", code == NAMES.index("not_finite"), line)
-    answered, known = code <= 2, true_code <= 2
+    answered, has_reference = code <= 2, true_code <= 2
     ratio = float(of.options.overturn_ratio)
     # Of several modes, the largest; NaN where one is.
     values = {name: np.reshape(peak[name], (code.size, -1)).max(axis=-1) for name in QUANTITIES}
@@ -355,7 +357,7 @@ def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Calla
     found.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
     found.trials.append(peak["steps"][answered])
 
-    both = answered & known
+    both = answered & has_reference
     undecided = peak["undecided"].astype(bool)
     flips = both & (overturned != truth["overturned"].astype(bool))
     found.flips += int(flips.sum())
@@ -407,29 +409,29 @@ def run(
 
 def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
     rows = []
-    for name, several in parts.items():
-        ratios = np.concatenate([ratio for f in several for ratio in f.ratios])
-        trials = np.concatenate([count for f in several for count in f.trials])
-        total = sum(f.scenes for f in several)
+    for name, findings in parts.items():
+        ratios = np.concatenate([ratio for f in findings for ratio in f.ratios])
+        trials = np.concatenate([count for f in findings for count in f.trials])
+        total = sum(f.scenes for f in findings)
         rows.append(
             {
                 "scenes": name,
                 "number": total,
                 **{
-                    kind: sum(f.results.get(kind, 0) for f in several)
+                    kind: sum(f.results.get(kind, 0) for f in findings)
                     for kind in ("settled", "end_of_time", "overturned")
                 },
                 **{
-                    NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in several)
+                    NAMES[k].replace("_", " "): sum(f.results.get(NAMES[k], 0) for f in findings)
                     for k in OUT_OF_STEPS
                 },
-                "beyond": sum(f.beyond for f in several),
-                "within, out of steps": sum(f.within for f in several),
-                "not finite": sum(f.results.get("not_finite", 0) for f in several),
+                "beyond": sum(f.beyond for f in findings),
+                "within, out of steps": sum(f.within for f in findings),
+                "not finite": sum(f.results.get("not_finite", 0) for f in findings),
                 "within 10 x": float(np.mean(ratios <= 10)),
-                "undecided": sum(f.undecided for f in several) / total,
-                "flips": sum(f.flips for f in several),
-                "unflagged": sum(f.unflagged for f in several),
+                "undecided": sum(f.undecided for f in findings) / total,
+                "flips": sum(f.flips for f in findings),
+                "unflagged": sum(f.unflagged for f in findings),
                 "trials median": float(np.median(trials)),
                 "trials most": int(trials.max()),
             }
@@ -526,7 +528,7 @@ def main() -> None:
     print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - began:.0f} s")
     if not words:
-        keep("stress" + "-control" * given.control, [*rows, {"failures": failures, **beside}])
+        store_rows("stress" + "-control" * given.control, [*rows, {"failures": failures, **beside}])
 
 
 if __name__ == "__main__":

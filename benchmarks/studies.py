@@ -95,7 +95,7 @@ def lightest(
     return optimise.design(frame, vary, _beam, target, seed=seed, starts=starts, options=OPTIONS, **how)
 
 
-def unreachable(seed: int = 0, **how) -> optimise.Design:
+def infeasible(seed: int = 0, **how) -> optimise.Design:
     """(b) asked for what cannot be had."""
     return lightest(seed, ratio=3.5, **how)
 
@@ -118,7 +118,9 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> opti
     )
 
 
-def rarely(seed: int = 0, records: int = 50, starts: int = 1, **how) -> tuple[optimise.Design, float, float]:
+def slimmest_for_suite(
+    seed: int = 0, records: int = 50, starts: int = 1, **how
+) -> tuple[optimise.Design, float, float]:
     """(d) The slimmest column of which under 5 % of a suite overturn; and the smoothed and the counted
     probability."""
     target = optimise.OverturningProbability(
@@ -157,18 +159,20 @@ METHODS = {"sqp": "sqp", "adam": optax.adam(0.02)}
 STUDIES: dict[str, Callable] = {
     "slimmest": slimmest,
     "lightest": lightest,
-    "unreachable": unreachable,
+    "unreachable": infeasible,
     "least_shear": least_shear,
-    "rarely": rarely,
+    "rarely": slimmest_for_suite,
     "measured_fit": measured_fit,
 }
 
 
-def wrong_fit(answer: optimise.Fit) -> bool:
+def is_wrong_fit(answer: optimise.Fit) -> bool:
     """Whether it is more than five of its standard errors from the truth."""
     truth = measured()[0]
-    known = {"alpha": float(truth.alpha), "restitution": float(truth.restitution_factor)}
-    return any(abs(answer.variables[key] - value) > 5 * answer.errors[key] for key, value in known.items())
+    true_values = {"alpha": float(truth.alpha), "restitution": float(truth.restitution_factor)}
+    return any(
+        abs(answer.variables[key] - value) > 5 * answer.errors[key] for key, value in true_values.items()
+    )
 
 
 def one_run(name: str, seed: int, how: dict) -> dict:
@@ -177,7 +181,7 @@ def one_run(name: str, seed: int, how: dict) -> dict:
     answer = STUDIES[name](seed) if name == "measured_fit" else STUDIES[name](seed, **how)
     seconds = time.process_time() - began
     if isinstance(answer, optimise.Fit):
-        return {"failed": wrong_fit(answer), "answer": answer.rms, "cpu s": seconds}
+        return {"failed": is_wrong_fit(answer), "answer": answer.rms, "cpu s": seconds}
     if isinstance(answer, tuple):
         answer, smoothed, counted = answer
         bias = f"bias {smoothed - counted:+.4f}"
@@ -301,19 +305,19 @@ def ours(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, i
     return np.array(list(answer.variables.values())), answer.stats.scenes
 
 
-def verdict(problem: Compared, values: np.ndarray) -> tuple[bool, float]:
+def check_design_limit(problem: Compared, values: np.ndarray) -> tuple[bool, float]:
     """Whether a design keeps its limit in an accurate simulation, and its α."""
     fine = ROTATION.replace(rtol=1e-11, atol=1e-13)
     podium = problem.structure(values).podium()
     peaks = [rj.peak_response(podium, motion, options=fine) for motion in MOTIONS]
-    kept = all(
+    is_satisfied = all(
         not bool(peak.overturned) and float(peak.peak_rotation) <= problem.limit * (1 + 1e-6)
         for peak in peaks
     )
-    return kept, float(podium.alpha)
+    return is_satisfied, float(podium.alpha)
 
 
-def beside_scipy(runs: int) -> None:
+def compare_with_scipy(runs: int) -> None:
     methods: dict[str, Callable[[Compared, np.ndarray, int], tuple[np.ndarray, int]]] = {
         "exact gradients, SQP": ours,
         "SLSQP, finite differences": lambda problem, start, seed: slsqp(problem, start),
@@ -331,14 +335,19 @@ def beside_scipy(runs: int) -> None:
             for seed, start in enumerate(starts[:count]):
                 began = time.perf_counter()
                 values, scenes = solve(problem, start, seed)
-                answers[method].append((*verdict(problem, values), scenes, time.perf_counter() - began))
+                answers[method].append(
+                    (*check_design_limit(problem, values), scenes, time.perf_counter() - began)
+                )
         best = min(
-            (alpha for found in answers.values() for kept, alpha, *_ in found if kept), default=math.nan
+            (alpha for found in answers.values() for is_satisfied, alpha, *_ in found if is_satisfied),
+            default=math.nan,
         )
         for method, found in answers.items():
             row = {"problem": name, "method": method, "runs": len(found)}
-            row["limit broken"] = sum(not kept for kept, *_ in found)
-            row["over 1 % worse"] = sum(kept and alpha > 1.01 * best for kept, alpha, *_ in found)
+            row["limit broken"] = sum(not is_satisfied for is_satisfied, *_ in found)
+            row["over 1 % worse"] = sum(
+                is_satisfied and alpha > 1.01 * best for is_satisfied, alpha, *_ in found
+            )
             row["scenes"], row["seconds"] = (float(np.median([run[k] for run in found])) for k in (2, 3))
             rows.append(row | {"best alpha": best})
             print(rows[-1], flush=True)
@@ -354,7 +363,7 @@ def main() -> None:
     arguments.add_argument("--cap", type=int, help="iterations of a start")
     given = arguments.parse_args()
     if given.words == ["scipy"]:
-        beside_scipy(given.runs)
+        compare_with_scipy(given.runs)
         return
     how = {} if given.cap is None else {"max_iterations": given.cap}
     rows = []

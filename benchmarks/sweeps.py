@@ -76,12 +76,12 @@ def overhead(folder: Path) -> list[dict]:
 
     scenes = grid(150, 100)  # 1 500 000
     options = rj.Options(outputs=OUTPUTS)
-    whole = lambda: rj.peak_responses(*scenes[:2], options=options)
-    whole()
+    solve_batch = lambda: rj.peak_responses(*scenes[:2], options=options)
+    solve_batch()
     sizes = 10_000, 100_000, None
     best, batch, number = dict.fromkeys(sizes, np.inf), np.inf, {}
     for _ in range(RUNS):  # in turn: what slows the machine for a while slows all of them
-        batch = min(batch, timed(whole))
+        batch = min(batch, timed(solve_batch))
         for chunk in sizes:
             best[chunk] = min(best[chunk], sweep(scenes, folder, chunk=chunk))
             store = Store.open(folder / "a.zarr")
@@ -111,8 +111,8 @@ def processes(folder: Path) -> list[dict]:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "programs")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.5"
     scenes = grid(150, 100)  # 1 500 000
-    here = min(sweep(scenes, folder, chunk=50_000) for _ in range(RUNS))
-    rows = [{"workers": "this process", "s": here, "scenes / s": scenes.size / here}]
+    local_seconds = min(sweep(scenes, folder, chunk=50_000) for _ in range(RUNS))
+    rows = [{"workers": "this process", "s": local_seconds, "scenes / s": scenes.size / local_seconds}]
     for count in (1, 2, 5):
         local = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
         with local, Client(local) as client:
@@ -137,13 +137,13 @@ def memory_of(alphas: int, folder: Path) -> dict:
     """Resident memory while a sweep runs: its largest in each tenth of the run [MiB]."""
     import psutil
 
-    seen: list[tuple[float, float]] = []
+    samples: list[tuple[float, float]] = []
     over = threading.Event()
     process = psutil.Process()
 
     def watch():
         while not over.wait(0.05):
-            seen.append((time.perf_counter(), process.memory_info().rss / 2**20))
+            samples.append((time.perf_counter(), process.memory_info().rss / 2**20))
 
     thread = threading.Thread(target=watch)
     scenes = grid(alphas, 100)
@@ -152,7 +152,7 @@ def memory_of(alphas: int, folder: Path) -> dict:
     rj.sweep(*scenes, store=folder / "m.zarr", outputs=OUTPUTS, progress=False, chunk=50_000)
     over.set()
     thread.join()
-    values = np.array([value for _, value in seen])
+    values = np.array([value for _, value in samples])
     parts = [float(part.max()) for part in np.array_split(values, 10) if len(part)]
     return {
         "scenes": scenes.size,
@@ -183,15 +183,15 @@ def large(scenes: int, store: Path) -> list[dict]:
     import psutil
 
     points = 1000
-    whole = grid(max(1, scenes // points**2), points)
+    scenes_grid = grid(max(1, scenes // points**2), points)
     before = os.times()
-    data = rj.sweep(*whole, store=store, outputs=OUTPUTS, progress=sys.stderr.isatty())
+    data = rj.sweep(*scenes_grid, store=store, outputs=OUTPUTS, progress=sys.stderr.isatty())
     after, process = os.times(), psutil.Process()
     assert not isinstance(data, rj.SweepPlan)
     result = data["result"].astype("int64")
     return [
         {
-            "scenes": whole.size,
+            "scenes": scenes_grid.size,
             "cpu s": after.user + after.system - before.user - before.system,
             "wall s": after.elapsed - before.elapsed,
             "memory [MiB]": process.memory_info().rss / 2**20,

@@ -21,16 +21,16 @@ from tests.scenes import operations_of_trial
 from .measure import (
     IMAGES,
     PERIODS,
-    apart,
+    difference_quantiles,
     errors,
     family,
-    keep,
-    kept,
     options,
     podium,
     report,
     rockjax_peaks,
-    shortest,
+    shortest_time,
+    store_rows,
+    stored_rows,
 )
 
 METHODS = ("dopri8", "tsit5", "dopri5", "bosh3")
@@ -51,7 +51,7 @@ def pulses(points: int = 60) -> None:
                 if rtol < 0.99 * LIMITS.get(method, 0.0):
                     continue
                 row = {"family": name, "method": method, "rtol": rtol}
-                row["us"] = shortest(functools.partial(solve, scenes, rtol), 3) / len(scenes) * 1e6
+                row["us"] = shortest_time(functools.partial(solve, scenes, rtol), 3) / len(scenes) * 1e6
                 rows.append(row | errors(solve(scenes, rtol), scenes))
                 print(rows[-1], flush=True)
     report("work_precision", rows)
@@ -91,18 +91,18 @@ def control(points: int = 20) -> None:
                 found = solve(options=options(rtol, method))
                 trials = float(np.mean(found.stats.steps + found.stats.rejected))
                 row = {"family": name, "method": method, "rtol": rtol, "trials": trials}
-                row |= {"operations": operations} | apart(answer(found), truth)
+                row |= {"operations": operations} | difference_quantiles(answer(found), truth)
                 error = np.abs(answer(found)[0] - truth[0])[answer(found)[1] == truth[1]]
                 rows.append(row | {"median": float(np.median(error[error > 0]))})
                 print(rows[-1], flush=True)
-        keep("work_precision_control", rows)
+        store_rows("work_precision_control", rows)
     report("work_precision_control", rows)
     draw_control()
 
 
 def draw_control() -> None:
     size, name = (12, 7), "work-precision-control.png"
-    draw(kept("work_precision_control"), "trials", (2, 3), size, "trial steps of a scene, mean", name)
+    draw(stored_rows("work_precision_control"), "trials", (2, 3), size, "trial steps of a scene, mean", name)
 
 
 def draw(

@@ -42,14 +42,17 @@ def potentials() -> None:
         podium = FRAME.replace(restrainers=restrainers)
         held = lambda angle, c=coefficients(podium): potential(c, jnp.ones(()), angle)
         energy, moment = jax.vmap(jax.value_and_grad(held))(theta)
-        look = {"color": plots.COLOURS[k % len(plots.COLOURS)], "ls": plots.STYLES[k % len(plots.STYLES)]}
-        left.plot(theta / 0.15, energy / depth, label=label, **look)
+        line_style = {
+            "color": plots.COLOURS[k % len(plots.COLOURS)],
+            "ls": plots.STYLES[k % len(plots.STYLES)],
+        }
+        left.plot(theta / 0.15, energy / depth, label=label, **line_style)
         start = 2 * 1.5 * 9.80665 * math.sin(0.15) * 10.5  # of gravity alone at uplift
-        right.plot(theta / 0.15, moment / start, **look)
+        right.plot(theta / 0.15, moment / start, **line_style)
         top = float(podium.stability_angle)
         if top < float(theta[-1]):
-            left.plot(top / 0.15, float(held(jnp.asarray(top))) / depth, "X", color=look["color"], ms=7)
-            right.plot(top / 0.15, 0, "X", color=look["color"], ms=7)
+            left.plot(top / 0.15, float(held(jnp.asarray(top))) / depth, "X", color=line_style["color"], ms=7)
+            right.plot(top / 0.15, 0, "X", color=line_style["color"], ms=7)
     left.set(
         xlabel=r"$|\theta|\,/\,\alpha$",
         ylabel=r"$V\,/\,V_\mathrm{gravity}(\alpha)$",
@@ -94,8 +97,8 @@ def spectra(points: int = 60) -> None:
     for k, (name, devices) in enumerate(DEVICES.items()):
         podium = FRAME.replace(restrainers=devices)
         data = rj.overturning_spectrum(podium, rj.Ricker, at, max_acceleration_ratio=12.0, width=1e-3)
-        look = {"color": plots.COLOURS[k], "ls": plots.STYLES[k]}
-        plots.overturning_curve(data, last, label=name, **look)
+        line_style = {"color": plots.COLOURS[k], "ls": plots.STYLES[k]}
+        plots.overturning_curve(data, last, label=name, **line_style)
     last.set_title("least overturning acceleration")
     last.legend(loc="lower right", fontsize="x-small", handlelength=1.6)
     for ax in axes.flat:

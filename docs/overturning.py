@@ -40,9 +40,13 @@ def margins() -> None:
     cases = (("rigid", RIGID, 1.0), (r"$T_s = 0.5$ s", ELASTIC, 1.0), ("frame, bands of both", FRAME, 1.4187))
     for k, (label, podium, T_p) in enumerate(cases):
         peaks = rj.peak_responses(podium, rj.Ricker(ratio * UNIT, T_p), options=options)
-        look = {"color": plots.COLOURS[k], "ls": plots.STYLES[k], "label": f"{label}, $T_p = {T_p:g}$ s"}
-        axes[0].plot(ratio, peaks.peak_rotation, **look)
-        axes[1].plot(ratio, peaks.margin, **look)
+        line_style = {
+            "color": plots.COLOURS[k],
+            "ls": plots.STYLES[k],
+            "label": f"{label}, $T_p = {T_p:g}$ s",
+        }
+        axes[0].plot(ratio, peaks.peak_rotation, **line_style)
+        axes[1].plot(ratio, peaks.margin, **line_style)
     axes[0].set(
         xlabel=plots.ACCELERATION_RATIO, ylabel=r"$\max|\theta|\,/\,\alpha$", xlim=(ratio[0], ratio[-1])
     )
@@ -67,9 +71,9 @@ def windows() -> None:
     ax = plots.overturning_spectrum(
         scanned, figure.add_subplot(), color=plots.COLOURS[2], lw=1.6, label="minimum"
     )
-    look = {"color": plots.COLOURS[0], "ls": "", "marker": ".", "ms": 2}
+    line_style = {"color": plots.COLOURS[0], "ls": "", "marker": ".", "ms": 2}
     for k, boundary in enumerate(scanned["boundaries"].values.T):
-        ax.plot(x, boundary, **look, label="all boundaries" if k == 0 else None)
+        ax.plot(x, boundary, **line_style, label="all boundaries" if k == 0 else None)
     ax.set(
         xlim=(x[0], x[-1]),
         ylim=(1.4, 2.7),

@@ -176,7 +176,7 @@ def section_four() -> dict[str, str]:
     """T_s = 0 in Section 4: the rigid frame γ = 110, and the readings of the paper's numbers."""
     podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=110.0)
     factor = (1 + 2 * 110) / (1 + 3 * 110)
-    twice = podium.replace(R=podium.R / factor)
+    applied_twice = podium.replace(R=podium.R / factor)
     unit, p = threshold(podium), float(podium.p)
 
     def rotation(frame: rj.Podium, T_p: float) -> float:
@@ -186,12 +186,12 @@ def section_four() -> dict[str, str]:
     for name, frame, T_p in (
         ("its equations, $T_p = 1$ s", podium, 1.0),
         ("its equations, $T_p = 0.80$ s", podium, 0.8),
-        ("factor $(1+2\\gamma)/(1+3\\gamma)$ twice, $T_p = 1$ s", twice, 1.0),
+        ("factor $(1+2\\gamma)/(1+3\\gamma)$ twice, $T_p = 1$ s", applied_twice, 1.0),
     ):
         readings.append((name, f"{least(frame, T_p):.4f}", f"{rotation(frame, T_p):.4f}"))
     ratios = (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0)
     spectrum = [
-        (f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, twice)))
+        (f"{w:.1f}", *(number(least(frame, 2 * math.pi / (w * p)), 2) for frame in (podium, applied_twice)))
         for w in ratios
     ]
     return {

@@ -43,8 +43,8 @@ def building(ratio: float, T_s: float) -> rj.Rigid | rj.Elastic:
 
 def percent(values: np.ndarray) -> str:
     """The span of some ratios, as percentages above or below 1."""
-    known = 100 * (values[np.isfinite(values)] - 1)
-    return f"{known.min():+.1f} to {known.max():+.1f} %"
+    finite_percent = 100 * (values[np.isfinite(values)] - 1)
+    return f"{finite_percent.min():+.1f} to {finite_percent.max():+.1f} %"
 
 
 def span(values) -> str:
@@ -52,7 +52,7 @@ def span(values) -> str:
     return f"{low:.2f} to {high:.2f}"
 
 
-def verdict(holds: bool, otherwise: str = "does not hold") -> str:
+def verdict_text(holds: bool, otherwise: str = "does not hold") -> str:
     return "holds" if holds else otherwise
 
 
@@ -90,13 +90,13 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"least $a_p/(g\\tan\\alpha)$ over all pulses: "
             f"{span([curve.min() for curve in every])}; none beyond "
             f"$\\omega_p/p$ = {span(last)}, searched up to {TOP:g}",
-            verdict(bool(np.all(last < 6.1))),
+            verdict_text(bool(np.all(last < 6.1))),
         ),
         (
             "4",
             "for $3<\\omega_p/p<4$, on the order of 0.9 g or more",
             f"least in that range: {span(band.min(axis=1) * TAN)} g",
-            verdict(bool(np.all(band.min(axis=1) * TAN > 0.8))),
+            verdict_text(bool(np.all(band.min(axis=1) * TAN > 0.8))),
         ),
         (
             "4",
@@ -104,7 +104,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"up to {TOP:g} $g\\tan\\alpha$ overturning is found to $\\omega_p/p$ = "
             f"{span(last)}; at 5 it takes "
             f"{span(every[:, at(5.0)][np.isfinite(every[:, at(5.0)])])} $g\\tan\\alpha$",
-            verdict(
+            verdict_text(
                 bool(np.all(last <= 5.0)), f"not to the letter: {int(np.sum(last > 5.0))} of 12 structures"
             ),
         ),
@@ -114,14 +114,14 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"boundary over that of the rigid one, $2.5\\leq\\omega_p/p\\leq5$: "
             f"{percent(paper_stiff)} with the paper's "
             f"restitution, {percent(compatible_stiff)} with the compatible one",
-            verdict(like_rigid, "only with the compatible restitution, see below"),
+            verdict_text(like_rigid, "only with the compatible restitution, see below"),
         ),
         (
             "4, 5",
             "$T_s\\geq0.5$ s is beneficial for short pulses",
             f"boundary over that of the rigid one at $\\omega_p/p=4.5$: $T_s=0.5$ s {percent(short[0.5])}, "
             f"$T_s=1$ s {percent(short[1.0])}",
-            verdict(
+            verdict_text(
                 bool(np.all(short[0.5] > 1) and np.all(short[1.0] > 1)),
                 "for $T_s=1$ s; not for every mass at 0.5 s",
             ),
@@ -130,7 +130,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "and detrimental for long ones",
             f"at $\\omega_p/p=2$: $T_s=0.5$ s {percent(long[0.5])}, $T_s=1$ s {percent(long[1.0])}",
-            verdict(
+            verdict_text(
                 bool(np.all(long[0.5] < 1) and np.all(long[1.0] < 1)), "not at every frequency of that range"
             ),
         ),
@@ -139,7 +139,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "only marginally so",
             f"over $1\\leq\\omega_p/p\\leq3$: "
             f"{percent(np.concatenate([v[: at(3.0) + 1] for v in over_rigid.values()]))}",
-            verdict(
+            verdict_text(
                 min(float(np.nanmin(v[: at(3.0) + 1])) for v in over_rigid.values()) > 0.95,
                 "not for long periods of the building",
             ),
@@ -151,14 +151,16 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"{percent(by_weight)} for $T_s\\leq0.1$ s, "
             f"{percent(heavy[1.0][usual])} for $T_s=1$ s; at $\\omega_p/p=2$ and $T_s=1$ s "
             f"{100 * (heavy[1.0][at(2.0)] - 1):+.1f} %",
-            verdict(abs(heavy[1.0][at(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"),
+            verdict_text(abs(heavy[1.0][at(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"),
         ),
         (
             "4",
             "heavier structures are marginally better",
             f"the same ratios: better at "
             f"{int(np.sum(by_weight > 1))} of {by_weight.size} places for $T_s\\leq0.1$ s",
-            verdict(bool(np.all(by_weight >= 1)), "not everywhere: within the span above, to either side"),
+            verdict_text(
+                bool(np.all(by_weight >= 1)), "not everywhere: within the span above, to either side"
+            ),
         ),
         (
             "4",
@@ -166,7 +168,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"boundary of $\\eta/\\gamma=1$, rigid, over that without a superstructure, "
             f"$1\\leq\\omega_p/p\\leq5$: "
             f"{percent(doubled)}",
-            verdict(
+            verdict_text(
                 bool(np.all(doubled > 0.999)) and float(np.max(doubled)) < 1.05,
                 "small, and not always better",
             ),
@@ -194,7 +196,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "2.4",
             "$\\omega_{s,up}/\\omega_s\\to1/\\sin\\alpha$ for $\\eta\\to\\infty$",
             f"{amplified:.4f} at $\\eta=10^9$; $1/\\sin\\alpha$ = {limit:.4f}",
-            verdict(abs(amplified / limit - 1) < 1e-6),
+            verdict_text(abs(amplified / limit - 1) < 1e-6),
         ),
         (
             "3",
@@ -206,7 +208,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "$\\omega_s/p$ of 28.4, 5.7, 2.8 for $T_s$ = 0.1, 0.5, 1 s",
             omegas,
-            verdict(omegas == "28.4, 5.7, 2.8"),
+            verdict_text(omegas == "28.4, 5.7, 2.8"),
         ),
         (
             "4",
@@ -225,7 +227,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "close to overturning the rotation grows fast with $a_p$",
             f"$\\theta/\\alpha$ at {', '.join(f'{r:g}' for r in ratios)} $g\\tan\\alpha$ ($T_p=1$ s): "
             f"{', '.join(f'{r:.3f}' for r in rotation)}; its slope {', '.join(f'{s:.2f}' for s in slopes)}",
-            verdict(bool(np.all(np.diff(slopes) > 0))),
+            verdict_text(bool(np.all(np.diff(slopes) > 0))),
         ),
     ]
 

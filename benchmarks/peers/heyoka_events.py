@@ -116,9 +116,9 @@ class _Podium:
         self.stiffness, self.damping = omega**2, 2 * family.zeta * omega
         self.ratio = 2 * eta / (1 + 2 * gamma)
         self.q_up = G * math.tan(alpha) * (1 + 2 * gamma + 2 * eta) / (1 + 2 * gamma)
-        lost = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
-        self.restitution = max(0.0, 1 - lost)
-        self.rest = rtol * self.p * alpha
+        restitution_loss = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
+        self.restitution = max(0.0, 1 - restitution_loss)
+        self.rest_speed = rtol * self.p * alpha
         # A flight far shorter than the step is lost to the root finder of the events: slow ones start with
         # short steps.
         self.slow, self.hop = 1e-2 * self.p * alpha, 2 / (p2 * alpha)
@@ -159,8 +159,8 @@ class _Podium:
     def scene(self, a_p: float, T_p: float, uplifts: list[float]) -> tuple[float, bool]:
         """(largest |θ|, overturned); uplifts are the times of `_rigid_uplifts`, unused where elastic."""
         rocking, state, pars, peaks = self.rocking, self.rocking.state, self.rocking.pars, self.peaks
-        rate, quiet = (math.pi / T_p) ** 2, SUPPORT * T_p
-        end = quiet + 30 / self.p
+        rate, excitation_end = (math.pi / T_p) ** 2, SUPPORT * T_p
+        end = excitation_end + 30 / self.p
         pars[3:5] = a_p, rate
         if not self.rigid:
             contact, swing = self.contact, self.contact.state
@@ -170,10 +170,10 @@ class _Podium:
             x = rate * t * t
             return a_p * (1 - 2 * x) * math.exp(-x) - self.ratio * (self.stiffness * u + self.damping * w)
 
-        t, side, theta, v, u, w = -quiet, 0.0, 0.0, 0.0, 0.0, 0.0
+        t, side, theta, v, u, w = -excitation_end, 0.0, 0.0, 0.0, 0.0, 0.0
         largest, held, hop = 0.0, 0.0, math.inf
         while t < end:
-            if t >= quiet and self.energy(side, theta, v, u, w) < held:
+            if t >= excitation_end and self.energy(side, theta, v, u, w) < held:
                 break
             if side == 0:
                 if self.rigid:
@@ -181,11 +181,11 @@ class _Podium:
                     if t == end:
                         break
                 else:
-                    if t >= quiet and self.stays(u, w):
+                    if t >= excitation_end and self.stays(u, w):
                         break
                     contact.time = t
                     swing[0], swing[1] = u, w
-                    stop = quiet if t < quiet else min(t + self.period, end)
+                    stop = excitation_end if t < excitation_end else min(t + self.period, end)
                     outcome = int(contact.propagate_until(stop, max_delta_t=STRIDE * T_p)[0])
                     t, u, w = contact.time, float(swing[0]), float(swing[1])
                     if outcome != UPLIFT:
@@ -198,7 +198,9 @@ class _Podium:
                 pars[11] = 2 * self.R * side * self.sin_alpha
                 state[2], state[3] = u, w
             peaks.clear()
-            outcome = int(rocking.propagate_until(min(t + hop, quiet if t < quiet else end))[0])
+            outcome = int(
+                rocking.propagate_until(min(t + hop, excitation_end if t < excitation_end else end))[0]
+            )
             if outcome == OVERTURNED:
                 return self.alpha, True
             t, theta, v = rocking.time, float(state[0]), float(state[1])
@@ -207,7 +209,7 @@ class _Podium:
             highest = max(peaks, default=0.0)
             if outcome == IMPACT:
                 theta, v = 0.0, self.restitution * v
-                if abs(v) > self.rest:
+                if abs(v) > self.rest_speed:
                     side = -side
                     hop = abs(v) * self.hop if abs(v) < self.slow else math.inf
                 else:

@@ -625,9 +625,9 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
         if dt >= 0.999 * h or error > 0.5:
             h = new_length(dt, error, order, most)
         most = 5.0
-        rest = remaining_pulse(t, pulse)
-        if rest >= 0.0:
-            root = sqrt(0.5 * c.eta * (z[1] * z[1] + c.omega2 * z[0] * z[0])) + sqrt(c.half_mass) * rest
+        remaining = remaining_pulse(t, pulse)
+        if remaining >= 0.0:
+            root = sqrt(0.5 * c.eta * (z[1] * z[1] + c.omega2 * z[0] * z[0])) + sqrt(c.half_mass) * remaining
             if root * root < well:
                 break
             falls = (pulse.rate * t) * (pulse.rate * t) >= 1.5
@@ -667,7 +667,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
         side = 0.0
         bounced = False
         peak = well = 0.0
-        lifted_at, again = -math.inf, 0
+        lifted_at, consecutive = -math.inf, 0
         for _ in range(MAX_PHASES):
             if side == 0.0:
                 t, h, y, sign = contact(
@@ -684,11 +684,11 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                     rtol,
                     atol,
                     well,
-                    again >= 5,
+                    consecutive >= 5,
                 )
                 if sign == 0.0:
                     return peak / c.alpha, False
-                again = again + 1 if t - lifted_at < 1e-12 * (1.0 + abs(t)) else 0
+                consecutive = consecutive + 1 if t - lifted_at < 1e-12 * (1.0 + abs(t)) else 0
                 lifted_at = t
                 side = -sign
                 bounced = False
@@ -763,10 +763,11 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                     else:
                         q = demand(t, y, pulse, c)
                         side = 0.0 if abs(q) <= c.uplift else -math.copysign(1.0, q)
-                rest = remaining_pulse(t, pulse)
-                if rest >= 0.0:
+                remaining = remaining_pulse(t, pulse)
+                if remaining >= 0.0:
                     root = (
-                        sqrt(max(energy(y, side if side != 0.0 else 1.0, c), 0.0)) + sqrt(c.half_mass) * rest
+                        sqrt(max(energy(y, side if side != 0.0 else 1.0, c), 0.0))
+                        + sqrt(c.half_mass) * remaining
                     )
                     if root * root < well:
                         return peak / c.alpha, False

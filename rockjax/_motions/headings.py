@@ -75,14 +75,14 @@ def parse_heading(where: str, text: str) -> Heading:
     does not match the quantity.
     """
     words = " ".join(text.split()).strip("\"' ")
-    years, spelled = None, None
+    years, standard_name = None, None
     if _kind(words) == "probability":
         if match := _YEARS.search(words.replace("_", " ")):
             years, words = float(match[1]), words[: match.start()] + " " + words[match.end() :]
         elif re.search(r"annual|yearly|per (?:year|annum)", words, re.I):
             years, words = 1.0, re.sub(r"\s*per (?:year|annum)", "", words, flags=re.I)
     if match := _PERIOD.search(words):
-        spelled = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
+        standard_name = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
         words = words.replace(match[0], match[1])
     quantity, unit = _split(where, text, words.strip(" ,;:/"))
     kind = _kind(quantity) if quantity else ""
@@ -96,13 +96,13 @@ def parse_heading(where: str, text: str) -> Heading:
         )
     if not quantity and not unit:
         kind = "index"
-    known = re.fullmatch(r"pg[avd]", quantity, re.I)
-    return Heading(text, spelled or (quantity.upper() if known else quantity), kind, unit, years)
+    is_peak = re.fullmatch(r"pg[avd]", quantity, re.I)
+    return Heading(text, standard_name or (quantity.upper() if is_peak else quantity), kind, unit, years)
 
 
 def _kind(words: str) -> str:
-    plain = " ".join(words.replace("_", " ").casefold().split())
-    return next((kind for kind, pattern in _KINDS if re.search(pattern, plain)), "")
+    normalised = " ".join(words.replace("_", " ").casefold().split())
+    return next((kind for kind, pattern in _KINDS if re.search(pattern, normalised)), "")
 
 
 def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
@@ -110,28 +110,31 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
     if (unit := unit_of(words)) and not _kind(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
-        held, quantity = (brackets[1] or brackets[2] or "").strip(), words[: brackets.start()].rstrip(" ,/_")
-        if unit := unit_of(held):
+        in_brackets, quantity = (
+            (brackets[1] or brackets[2] or "").strip(),
+            words[: brackets.start()].rstrip(" ,/_"),
+        )
+        if unit := unit_of(in_brackets):
             return quantity, unit
         if brackets[1] is None and (
-            _is_symbol(words) or _QUALIFIER.match(held) or words.casefold().startswith("p(")
+            _is_symbol(words) or _QUALIFIER.match(in_brackets) or words.casefold().startswith("p(")
         ):
             return words, None
         raise ValueError(
-            f"{where}: the unit {held!r} in the heading {text.strip()!r} is not known; known are "
+            f"{where}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; known are "
             f"{', '.join(UNITS)}"
         )
     if _is_symbol(words):
         return words, None
     for match in _SEPARATED.finditer(words):
-        quantity, rest = words[: match.start()], words[match.end() :]
-        unit = unit_of(rest)
+        quantity, remainder = words[: match.start()], words[match.end() :]
+        unit = unit_of(remainder)
         if unit is None or not quantity:
             continue
         # A letter after a blank may be a direction (N S); it is a unit only if it matches the quantity.
         kind = _kind(quantity)
-        suits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
-        if suits or "/" in rest or match[0].strip(" _in"):
+        fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
+        if fits or "/" in remainder or match[0].strip(" _in"):
             return quantity, unit
     return words, None
 

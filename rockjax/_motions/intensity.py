@@ -45,10 +45,12 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
     """Return the time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady
     1975) [s]."""
-    spent = energy(motion)
-    if spent[-1] == 0:
+    cumulative_energy = energy(motion)
+    if cumulative_energy[-1] == 0:
         return 0.0
-    t = np.interp([start * spent[-1], end * spent[-1]], spent, motion.time)
+    t = np.interp(
+        [start * cumulative_energy[-1], end * cumulative_energy[-1]], cumulative_energy, motion.time
+    )
     return float(t[1] - t[0])
 
 
@@ -86,7 +88,7 @@ def measure_motion(
 
     Raises `ValueError` for another measure, and for a period that is missing or not applicable.
     """
-    simple = {
+    scalar_measures = {
         "PGA": (lambda: motion.pga, 1),
         "PGV": (lambda: motion.pgv, 1),
         "PGD": (lambda: motion.pgd, 1),
@@ -97,11 +99,13 @@ def measure_motion(
         if period is None:
             raise ValueError("scaled_to: Sa needs period, such as period=1.0 [s]")
         return spectral_acceleration(motion, period, damping), 1
-    if measure not in simple:
-        raise ValueError(f"scaled_to: measure must be one of {', '.join((*simple, 'Sa'))}, got {measure!r}")
+    if measure not in scalar_measures:
+        raise ValueError(
+            f"scaled_to: measure must be one of {', '.join((*scalar_measures, 'Sa'))}, got {measure!r}"
+        )
     if period is not None:
         raise ValueError(f"scaled_to: period is for Sa only; leave it out for {measure}")
-    find, power = simple[measure]
+    find, power = scalar_measures[measure]
     return find(), power
 
 
@@ -134,8 +138,8 @@ def intensity_measures(
     """
     import xarray
 
-    several = not isinstance(motion, Accelerogram)
-    motions = list(motion) if several else [motion]
+    is_sequence = not isinstance(motion, Accelerogram)
+    motions = list(motion) if is_sequence else [motion]
     owner = "intensity_measures"
     given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
     T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
@@ -169,18 +173,21 @@ def intensity_measures(
         attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
         columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / unit for m in motions])
         columns["velocity_ratio"] = ("1", "p PGV/(g tan α)", [p * m.pgv / unit for m in motions])
-    dims = ("motion",) if several else ()
-    put = lambda values: values if several else values[0]
+    dims = ("motion",) if is_sequence else ()
+    as_column = lambda values: values if is_sequence else values[0]
     data = xarray.Dataset(
         {
-            name: (dims, put(values), {"units": unit, "long_name": words})
+            name: (dims, as_column(values), {"units": unit, "long_name": words})
             for name, (unit, words, values) in columns.items()
         },
-        coords={"motion": (dims, put([m.name for m in motions])), "period": ("period", T, {"units": "s"})},
+        coords={
+            "motion": (dims, as_column([m.name for m in motions])),
+            "period": ("period", T, {"units": "s"}),
+        },
         attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )
     spectra = [[spectral_acceleration(m, float(period), damping) for period in T] for m in motions]
-    shape = (len(motions), len(T)) if several else (len(T),)
+    shape = (len(motions), len(T)) if is_sequence else (len(T),)
     words = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
     data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), words)
     return data

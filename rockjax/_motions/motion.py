@@ -24,13 +24,13 @@ from rockjax._units import STANDARD_GRAVITY
 from .accelerogram import Accelerogram
 from .intensity import energy, intensity_measures, measure_motion
 from .record import Record
-from .stations import paired
+from .stations import pair_motions
 
 if TYPE_CHECKING:
     import xarray
 
-_AT2_LEAST = 1e-99  # g; smaller samples are written as 0
-_RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
+_AT2_SMALLEST = 1e-99  # g; smaller samples are written as 0
+_MAX_RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -71,16 +71,16 @@ class Motion(Accelerogram):
         `metadata["scale"]`."""
         factor = require_number("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
-        scaled = self._changed(factor * self.acceleration, **note)
-        return scaled._and_vertical(lambda vertical: vertical.scaled(factor))
+        scaled = self._with_samples(factor * self.acceleration, **note)
+        return scaled._with_vertical(lambda vertical: vertical.scaled(factor))
 
-    def _changed(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
+    def _with_samples(self, acceleration: np.ndarray, dt: float | None = None, **notes) -> Self:
         dt = self.dt if dt is None else dt
         return dataclasses.replace(
             self, acceleration=acceleration, dt=dt, metadata=dict(self.metadata) | notes
         )
 
-    def _and_vertical(self, change: Callable[[Motion], Motion]) -> Self:
+    def _with_vertical(self, change: Callable[[Motion], Motion]) -> Self:
         """Apply a change to the vertical motion as well, if there is one."""
         return self if self.vertical is None else dataclasses.replace(self, vertical=change(self.vertical))
 
@@ -101,11 +101,12 @@ class Motion(Accelerogram):
             raise ValueError(
                 f"resampled: dt = {dt:g} s exceeds the duration of {self.duration:g} s; give a shorter one"
             )
-        ratio = Fraction(self.dt / dt).limit_denominator(_RATIO)
-        if not 0 < ratio.numerator <= _RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
+        ratio = Fraction(self.dt / dt).limit_denominator(_MAX_RATIO)
+        if not 0 < ratio.numerator <= _MAX_RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
             raise ValueError(
                 f"resampled: dt = "
-                f"{dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to {_RATIO}"
+                f"{dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to "
+                f"{_MAX_RATIO}"
             )
         from scipy.signal import resample_poly
 
@@ -116,8 +117,8 @@ class Motion(Accelerogram):
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
-        resampled = self._changed(filtered + line(np.arange(count) * dt), dt)
-        return resampled._and_vertical(lambda vertical: vertical.resampled(dt))
+        resampled = self._with_samples(filtered + line(np.arange(count) * dt), dt)
+        return resampled._with_vertical(lambda vertical: vertical.resampled(dt))
 
     def baseline_corrected(self, order: int = 2) -> Self:
         """Return the motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its
@@ -140,10 +141,10 @@ class Motion(Accelerogram):
         shapes = s[:, None] ** powers - s[:, None]
         c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
-        corrected = self._changed(self.acceleration - slope / self.duration, baseline_order=order)
+        corrected = self._with_samples(self.acceleration - slope / self.duration, baseline_order=order)
         # The trapezoidal rule is not exact for a polynomial.
-        corrected = corrected._changed(corrected.acceleration - corrected.velocity[-1] / self.duration)
-        return corrected._and_vertical(lambda vertical: vertical.baseline_corrected(order))
+        corrected = corrected._with_samples(corrected.acceleration - corrected.velocity[-1] / self.duration)
+        return corrected._with_vertical(lambda vertical: vertical.baseline_corrected(order))
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
         """Return the part between the fractions `lower` and `upper` of the Arias intensity [–].
@@ -157,15 +158,15 @@ class Motion(Accelerogram):
             raise ValueError(
                 f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}"
             )
-        spent = energy(self)
-        if spent[-1] == 0:
+        cumulative_energy = energy(self)
+        if cumulative_energy[-1] == 0:
             raise ValueError(
                 f"trimmed: {self.name} is zero throughout, so it has no strong part; leave it out"
             )
-        first = int(np.searchsorted(spent, lower * spent[-1], side="right")) - 1
-        last = int(np.searchsorted(spent, upper * spent[-1]))
+        first = int(np.searchsorted(cumulative_energy, lower * cumulative_energy[-1], side="right")) - 1
+        last = int(np.searchsorted(cumulative_energy, upper * cumulative_energy[-1]))
         part = slice(max(first, 0), max(last, first + 1) + 1)
-        trimmed, vertical = self._changed(self.acceleration[part]), self.vertical
+        trimmed, vertical = self._with_samples(self.acceleration[part]), self.vertical
         if vertical is None:
             return trimmed
         if vertical.dt != self.dt:
@@ -175,7 +176,7 @@ class Motion(Accelerogram):
             )
         if len(vertical.acceleration[part]) < 2:
             return dataclasses.replace(trimmed, vertical=None)
-        return dataclasses.replace(trimmed, vertical=vertical._changed(vertical.acceleration[part]))
+        return dataclasses.replace(trimmed, vertical=vertical._with_samples(vertical.acceleration[part]))
 
     def save(self, path: str | Path) -> Path:
         """Write the motion to a file, atomically, in the format of its suffix: `.AT2` or `.csv`.
@@ -199,13 +200,17 @@ class Motion(Accelerogram):
         )
 
     def _at2(self) -> list[str]:
-        say = lambda key, default: str(self.metadata.get(key) or default).replace(",", ";").replace("\n", " ")
+        header_text = lambda key, default: (
+            str(self.metadata.get(key) or default).replace(",", ";").replace("\n", " ")
+        )
         event, date, station, component = (
-            say(key, default)
+            header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
         # Exponents of three digits would fill the columns, and numbers would touch.
-        samples = np.where(np.abs(self.acceleration) < _AT2_LEAST * STANDARD_GRAVITY, 0.0, self.acceleration)
+        samples = np.where(
+            np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
+        )
         numbers = [f"{a:15.7E}" for a in samples / STANDARD_GRAVITY]
         return [
             "ROCKJAX GROUND MOTION",
@@ -228,8 +233,8 @@ class Motion(Accelerogram):
         }
         if self.vertical is not None:
             facts["vertical"] = f"{self.vertical.name}, {self.vertical.pga:.3g} m/s²"
-        more = {key: str(value) for key, value in self.metadata.items() if value not in (None, "")}
-        return facts | dict(list(more.items())[:8])
+        notes = {key: str(value) for key, value in self.metadata.items() if value not in (None, "")}
+        return facts | dict(list(notes.items())[:8])
 
     def __repr__(self) -> str:
         return "\n  ".join(
@@ -288,14 +293,14 @@ class Motions(Sequence[Motion]):
         vertical motion."""
         return [motion.record() for motion in self]
 
-    def paired(self) -> Motions:
+    def pair_motions(self) -> Motions:
         """Return the horizontal motions, each with the vertical one of its station and event.
 
         Stations, events and components are taken from the headers; without them, files whose names differ
         only in their component belong together. Raises `ValueError` that lists horizontal motions without a
         vertical one, and vertical ones that match several of a station.
         """
-        return Motions(paired(self.motions))
+        return Motions(pair_motions(self.motions))
 
     def scaled_to(
         self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05

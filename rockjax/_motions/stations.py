@@ -14,7 +14,7 @@ from .components import is_vertical, points_down, split_name
 M = TypeVar("M", bound=Accelerogram)
 
 
-def paired(motions: Sequence[M]) -> tuple[M, ...]:
+def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
     """Return the horizontal motions, each with the vertical one of its station, in the given order."""
     vertical: dict[tuple, list[M]] = defaultdict(list)
     horizontal: list[M] = []

@@ -196,9 +196,9 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
             "duration or shorten the pulse"
         )
     since = t - min(max(peak * t[-1], half), t[-1] - half)
-    acts = np.abs(since) <= half
+    is_inside = np.abs(since) <= half
     w = 2 * math.pi * f_p
     rate = np.sin(w * since / gamma) * np.cos(w * since + nu) / gamma
     rate += (1 + np.cos(w * since / gamma)) * np.sin(w * since + nu)
-    bump = np.where(acts, 1 + np.cos(w * since / gamma), 0.0)
-    return _at_rest(np.where(acts, -0.5 * A * w * rate, 0.0), t[1] - t[0], bump, displaced=False)
+    window = np.where(is_inside, 1 + np.cos(w * since / gamma), 0.0)
+    return _at_rest(np.where(is_inside, -0.5 * A * w * rate, 0.0), t[1] - t[0], window, displaced=False)

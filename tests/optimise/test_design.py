@@ -617,7 +617,7 @@ def test_lightest_beam_and_one_that_cannot_be():
     answer = studies.lightest(0, frequencies=4)
     assert answer.satisfied
     assert 0.1 < answer.objective < 10
-    closest = studies.unreachable(0, frequencies=4)
+    closest = studies.infeasible(0, frequencies=4)
     assert result_name(closest.result) == "infeasible"
     assert closest.variables["gamma"] > 99
     assert -0.1 < next(iter(closest.failing.values())) < 0
@@ -633,7 +633,7 @@ def test_least_shear_over_two_variables():
 
 @pytest.mark.slow
 def test_rare_overturning_and_its_bias():
-    answer, smoothed, counted = studies.rarely(1, records=20)
+    answer, smoothed, counted = studies.slimmest_for_suite(1, records=20)
     assert answer.satisfied
     assert smoothed <= 0.05 + 1e-6
     assert abs(smoothed - counted) <= 0.05 + 1e-6
