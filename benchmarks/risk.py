@@ -24,8 +24,8 @@ from scipy.stats import binomtest, norm
 
 import rockjax as rj
 from rockjax._risk.reliability import find_design_points, first_order_probability, starting_directions
+from rockjax._risk.rocking import limit_state
 from rockjax._risk.structure import OPTIONS
-from rockjax.internal import limit_state
 
 from .measure import RESULTS, report, stored_rows_if_any
 

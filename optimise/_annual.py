@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._motions.convert import as_motions
+from rockjax._motions.intensity import measure_by_label
 from rockjax.internal import (
     DEFAULT_WIDTH,
     AnyMotions,
-    as_motions,
     fit_capacities,
-    measure_by_label,
     require_instance,
     require_number,
     single_motions,

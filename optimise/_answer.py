@@ -11,7 +11,9 @@ import equinox as eqx
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import UNTIL_OVERTURNING, Module, align_rows, html, require_instance
+from rockjax._responses.peak import UNTIL_OVERTURNING
+from rockjax._text.tables import align_rows, html
+from rockjax.internal import Module, require_instance
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective

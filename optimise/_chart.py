@@ -8,18 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import (
-    BOUNDARY,
-    as_float,
-    as_pulse,
-    describe_options,
-    format_value,
-    require,
-    require_instance,
-    require_whole,
-    scan,
-    variable_attributes,
-)
+from rockjax._boundaries.boundary import BOUNDARY
+from rockjax._boundaries.crossings import scan
+from rockjax._checks import require
+from rockjax._motions.convert import as_pulse
+from rockjax._parameters.table import variable_attributes
+from rockjax._responses.datasets import describe_options
+from rockjax.internal import as_float, format_value, require_instance, require_whole
 
 from ._variables import Structure, as_podium, make_variables, parameter, with_variables
 

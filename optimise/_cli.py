@@ -33,7 +33,7 @@ def design_command(
     an interrupted search returns the best design so far.
     """
     import rockjax as rj
-    from rockjax.internal import as_json, write_atomically, write_figure
+    from rockjax._files import as_json, write_atomically, write_figure
 
     from ._pictures import before_after, convergence
     from ._variables import as_podium

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import bar as bar_of
+from rockjax._progress import bar as bar_of
 from rockjax.internal import format_value, require_instance, require_number, require_whole
 
 from ._answer import Design, Effort, SampleEstimates, SearchResult, build_design

@@ -14,7 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import rockjax as rj
-from rockjax.internal import KeptProgram, Module, TracedFunction, as_float
+from rockjax._programs.key import TracedFunction
+from rockjax._programs.program import KeptProgram
+from rockjax.internal import Module, as_float
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank

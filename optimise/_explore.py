@@ -19,18 +19,17 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
+from rockjax._options import PEAKS
+from rockjax._parameters.table import STRUCTURE, motion_parameter
+from rockjax._responses.peak import AbstractPeak
+from rockjax._units import MM_PER_M
 from rockjax.internal import (
     DIMENSIONS,
-    MM_PER_M,
-    PEAKS,
-    STRUCTURE,
-    AbstractPeak,
     AnyMotion,
     Module,
     as_excitation,
     displayed,
     format_value,
-    motion_parameter,
     require_instance,
 )
 

@@ -16,17 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import (
-    concrete,
-    limit_state,
-    parse_limit,
-    probability_at,
-    require_instance,
-    require_number,
-    require_whole,
-    sample_rays,
-    solve_factor,
-)
+from rockjax._risk.rays import probability_at, sample_rays, solve_factor
+from rockjax._risk.rocking import limit_state
+from rockjax._risk.structure import parse_limit
+from rockjax.internal import concrete, require_instance, require_number, require_whole
 
 from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax.internal import AnyMotions, format_value, records_from_samples, require_whole, single_motions
+from rockjax._risk.structure import records_from_samples
+from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
 STEP, SAMPLE = 1, 2  # streams of random numbers: batches of a search, and independent samples
 

@@ -11,17 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax.internal import (
-    PULSES,
-    Reader,
-    format_call,
-    load_table,
-    models,
-    parameters_of,
-    pulse_periods,
-    read,
-)
-from rockjax.internal import problem_key as key
+from rockjax._excitations.pulses import PULSES
+from rockjax._problem import models
+from rockjax._problem.models import key
+from rockjax._problem.reading import Reader, load_table, pulse_periods
+from rockjax._text.cards import format_call
+from rockjax.internal import parameters_of, read
 
 from ._annual import AnnualFrequency
 from ._answer import Design, aligned
@@ -250,7 +245,7 @@ def load(path: str | Path) -> Problem:
 def problem_of(
     table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
 ) -> Problem:
-    """Return the design problem of the table of a file; `options` as in `rockjax.internal.Reader`."""
+    """Return the design problem of the table of a file; `options` as in `rockjax._problem.reading.Reader`."""
     return _Reader(path, options).problem(table)
 
 

@@ -12,7 +12,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 import rockjax as rj
-from rockjax.internal import PEAKS, AbstractPeak, AnyMotions, Module, array_module, as_array, single_motions
+from rockjax._checks import as_array
+from rockjax._options import PEAKS
+from rockjax._responses.peak import AbstractPeak
+from rockjax.internal import AnyMotions, Module, array_module, single_motions
 
 from ._fresh import FreshSamples
 

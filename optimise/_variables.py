@@ -17,23 +17,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax import internal
-from rockjax.internal import (
-    DIMENSIONS,
-    ROWS_OF_DIMENSIONS,
-    STANDARD_GRAVITY,
-    Module,
-    Parameter,
-    array_module,
-    as_exponent,
-    as_float,
-    card,
-    displayed,
-    find_clash,
-    find_parameter,
-    format_call,
-    numbered_parameter,
-)
+from rockjax._parameters import variants
+from rockjax._parameters.table import ROWS_OF_DIMENSIONS, Parameter, find_clash, numbered_parameter
+from rockjax._restrainers.damper import as_exponent
+from rockjax._text.cards import card, format_call
+from rockjax._units import STANDARD_GRAVITY
+from rockjax.internal import DIMENSIONS, Module, array_module, as_float, displayed, find_parameter
 
 LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
 
@@ -251,9 +240,9 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
     entry = find_parameter(name)
     if entry is None:
         hint = " (masses vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
-        known = ", ".join(internal.parameters_of(base))
+        known = ", ".join(variants.parameters_of(base))
         raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of this podium is {known}")
-    if internal.has_parameter(base, entry):
+    if variants.has_parameter(base, entry):
         return
     if entry.name == "restitution":
         raise ValueError(_law_message(owner, base.restitution))
@@ -318,7 +307,7 @@ def _row_entry(name: str) -> tuple[Parameter | None, int]:
 def value_of(base: Structure, name: str):
     """Return the value of a variable."""
     if not isinstance(base, Dimensions):
-        return internal.read(base, name)
+        return variants.read(base, name)
     row, number = _row_entry(name)
     return getattr(base, name) if row is None else getattr(base, row.place)[number - 1]
 
@@ -326,7 +315,7 @@ def value_of(base: Structure, name: str):
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
     """Return a variant with other values of variables."""
     if not isinstance(base, Dimensions):
-        return internal.with_values(base, values)
+        return variants.with_values(base, values)
     changes: dict[str, Any] = {}
     for name, value in values.items():
         row, number = _row_entry(name)

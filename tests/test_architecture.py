@@ -84,3 +84,9 @@ def test_no_circle():
 def test_a_circle_is_found():
     with pytest.raises(graphlib.CycleError):
         graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
+
+
+def test_internal_stays_small():
+    tree = ast.parse(FILES["rockjax.internal"].read_text(encoding="utf-8"))
+    (names,) = (ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign))
+    assert len(names) <= 20
