@@ -74,7 +74,7 @@ class Explorer:
         present = {name: self._study.present_value(name) for name in vary}
         self._initial_values = {name: value for name, (value, _) in present.items()}
         self._values = dict(self._initial_values)
-        self._grids = {name: _Grid.around(*bounds, present[name][0]) for name, bounds in vary.items()}
+        self._grids = {name: _Grid.containing(*bounds, present[name][0]) for name, bounds in vary.items()}
         self.sliders = {name: _slider(name, self._grids[name], *present[name]) for name in vary}
         self._text = ipywidgets.HTML()
         self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
@@ -283,7 +283,7 @@ class _Grid(NamedTuple):
     step: float
 
     @classmethod
-    def around(cls, low: float, high: float, value: float) -> _Grid:
+    def containing(cls, low: float, high: float, value: float) -> _Grid:
         """Return a grid of some hundred positions with round steps, refined until it holds `value`."""
         rough = (high - low) / SLIDER_POSITIONS
         power = 10.0 ** math.floor(math.log10(rough))

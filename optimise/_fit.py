@@ -30,7 +30,7 @@ WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong rotation, fitted on
 STRONG = 0.1  # rotation is strong above this part of its peak
 EDGE = 1e-3  # distance of starts from the bounds, where the transform is flat
 STEPS = 40  # of the solver in each window
-WALK = 16  # random points tried for every start, on the first window
+DRAWS_PER_START = 16  # random points tried for every start, on the first window
 
 
 class Fit(Module):
@@ -138,12 +138,15 @@ def fit(
     rng = np.random.default_rng(seed)
     n = len(variables.names)
     first = np.asarray(variables.start())
-    draws = rng.uniform(size=(starts * WALK, n))
+    draws = rng.uniform(size=(starts * DRAWS_PER_START, n))
     draws[0] = first
     windows = [_window_weights(times, theta, part) for part in WINDOWS]
     draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), unit))
     # Each start begins at the best of its draws on the first window, the first start at the given structure.
-    chosen = [k * WALK + int(np.argmin(draw_costs[k * WALK : (k + 1) * WALK])) for k in range(starts)]
+    chosen = [
+        k * DRAWS_PER_START + int(np.argmin(draw_costs[k * DRAWS_PER_START : (k + 1) * DRAWS_PER_START]))
+        for k in range(starts)
+    ]
     z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(first), EDGE, 1 - EDGE))
     has_converged = None
     for window in windows:

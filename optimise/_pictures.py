@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 MARKERS = "osD^vP"  # of the starts
-MOST_STARTS = 8  # in the legend
+MAX_STARTS = 8  # in the legend
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
@@ -61,7 +61,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
             )
         label = f"start {start}" + (", the design" if k == 0 and others else "")
         entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
-    del entries[: max(0, len(entries) - MOST_STARTS)]
+    del entries[: max(0, len(entries) - MAX_STARTS)]
     entries = entries[::-1]
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="filled: targets hold"))
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))

@@ -67,7 +67,7 @@ def as_array(x) -> Array:
     return jax.device_put(np.array(x))
 
 
-def refuse_gaps(what: str, x) -> None:
+def refuse_gaps(name: str, x) -> None:
     """Raise a `ValueError` that names the first gap of a masked array, or of objects (None, NA)."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
@@ -79,7 +79,7 @@ def refuse_gaps(what: str, x) -> None:
         return
     if gaps.any():
         where = f"{_first_run(gaps.ravel())} of {gaps.size}"
-        raise ValueError(f"{what} has a gap: no number at {where}; {_CURE}")
+        raise ValueError(f"{name} has a gap: no number at {where}; {_CURE}")
 
 
 _CURE = "cut the gap out or fill it"
@@ -91,7 +91,7 @@ _SENTINELS = (
 )
 
 
-def refuse_sentinels(what: str, samples: np.ndarray) -> None:
+def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     """Raise a `ValueError` that names the gap if samples hold a value for missing ones, such as -999.
 
     Such a value is at least three times as large as all others, or occurs in runs of at least three that
@@ -109,7 +109,7 @@ def refuse_sentinels(what: str, samples: np.ndarray) -> None:
         in_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
         if in_runs or 3 * sizes[~at].max() < size:
             value = f"{samples[int(at.argmax())]:.10g}, which stands for missing samples"
-            raise ValueError(f"{what} has a gap: {value}, at {_first_run(at)} of {at.size}; {_CURE}")
+            raise ValueError(f"{name} has a gap: {value}, at {_first_run(at)} of {at.size}; {_CURE}")
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
@@ -146,9 +146,9 @@ def _contains_text(x) -> bool:
     return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _contains_text(y) for y in x)
 
 
-def as_number(what: str) -> Callable[..., Array]:
-    """Return a converter for a field of numbers, called `what` in errors."""
-    return functools.partial(as_float, what=what)
+def as_number(name: str) -> Callable[..., Array]:
+    """Return a converter for a field of numbers, called `name` in errors."""
+    return functools.partial(as_float, what=name)
 
 
 def check_dtype(owner: str, name: str, tree) -> None:

@@ -19,8 +19,8 @@ from rockjax._checks import array_module
 
 MIN_DISPERSION = 1e-4  # least dispersion that counts as a fit
 # Greatest dispersion that counts as a fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
-WIDEST = 3.0
-LEAST_RISE = 1e-9  # least rise of the shares over the levels that is not rounding
+MAX_DISPERSION = 3.0
+MIN_RISE = 1e-9  # least rise of the shares over the levels that is not rounding
 
 
 class Lognormal(NamedTuple):
@@ -64,8 +64,8 @@ def fit_capacities(
         likelihood = jnp.where(known, norm.logpdf(z) - y[1], norm.logsf(z))
         return -jnp.sum(w * likelihood) / jnp.sum(w)
 
-    y, good = _fitted(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), fits)
-    return _where(good, jnp.exp(y[0]), jnp.exp(y[1]))
+    y, good = _minimise(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), fits)
+    return _where_good(good, jnp.exp(y[0]), jnp.exp(y[1]))
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
@@ -75,7 +75,7 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
 
     NaN if the likelihood has no maximum: if all events lie above all others, any dispersion small enough
     fits; if the share does not rise with the level, any that is large enough. The same holds for a dispersion
-    above `WIDEST`.
+    above `MAX_DISPERSION`.
     """
     log = jnp.log(x)
     some, spared = events > 0, events < trials
@@ -85,7 +85,7 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     # likelihood rises with the slope from the best curve of slope 0.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
-    fits = jnp.any(some) & jnp.any(spared) & (lowest < highest) & (rise > LEAST_RISE)
+    fits = jnp.any(some) & jnp.any(spared) & (lowest < highest) & (rise > MIN_RISE)
 
     def loss(y, data):
         z = y[0] + y[1] * (log - centre)
@@ -95,17 +95,17 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
 
     share = (events + 0.5) / (trials + 1.0)
     slope, offset = jnp.polyfit(log - centre, norm.ppf(share), 1)
-    y, good = _fitted(loss, jnp.stack([offset, slope]), (events, trials), fits)
-    good = good & (y[1] * WIDEST > 1)
+    y, good = _minimise(loss, jnp.stack([offset, slope]), (events, trials), fits)
+    good = good & (y[1] * MAX_DISPERSION > 1)
     slope = jnp.where(good, y[1], 1.0)
-    return _where(good, jnp.exp(centre - y[0] / slope), 1 / slope)
+    return _where_good(good, jnp.exp(centre - y[0] / slope), 1 / slope)
 
 
-def _where(good: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Array, ""]) -> Lognormal:
+def _where_good(good: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Array, ""]) -> Lognormal:
     return Lognormal(jnp.where(good, median, jnp.nan), jnp.where(good, dispersion, jnp.nan))
 
 
-def _fitted(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+def _minimise(misfit, start, data, fits: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Return the place at which the gradient of a misfit is zero, and whether there is one."""
     import optimistix as optx  # slow to import, and needed only when a fit is traced
 

@@ -262,7 +262,7 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
-        return _in_program(leaves, structure, margin)
+        return _search_in_program(leaves, structure, margin)
 
     @program.def_vmap
     def _(count, mapped, *leaves):
@@ -272,16 +272,16 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
             rows = [
                 np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)
             ]
-            first = jax.tree.map(as_array, _on_host(rows, count, structure, margin))
+            first = jax.tree.map(as_array, _search_on_host(rows, count, structure, margin))
             return first, FirstBoundary(True, True, True, True)
         axes = [0 if own else None for own in mapped]
-        first = jax.vmap(lambda *leaves: _in_program(leaves, structure, margin), axes)(*leaves)
+        first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, margin), axes)(*leaves)
         return first, FirstBoundary(True, True, True, True)
 
     def search(*leaves):
         if _any_traced(leaves):
             return program(*leaves)
-        first = _on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
+        first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
         # NumPy, because under a transformation JAX would trace even concrete numbers.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
@@ -292,7 +292,7 @@ def _any_traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> FirstBoundary:
+def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> FirstBoundary:
     """Return the first boundaries of `count` searches side by side; `rows` hold a number once for all, or
     once for each search."""
     podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
@@ -332,7 +332,7 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
 
 
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
-def _in_program(leaves, structure, margin: bool) -> FirstBoundary:
+def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     wanted = margin_options(options, margin)
     coarse = scan_options(wanted, width)

@@ -37,7 +37,7 @@ def cache(
         report.facts |= {"removed": removed}
     entries = store.entries()
     size, limit = sum(entry.size for entry in entries) / 2**20, store.limit() / 2**20
-    why = store.why_unused()
+    why = store.reason_unused()
     report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {place}")
     if entries and not clear:
         days = (time.time() - entries[0].used) / 86400

@@ -55,12 +55,12 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         )
     names = [f"dataset-{k}" for k in range(count)]
     return [
-        _as_written(xarray.load_dataset(path, group=name, engine="netcdf4")) if name in groups else None
+        _restore_attrs(xarray.load_dataset(path, group=name, engine="netcdf4")) if name in groups else None
         for name in names
     ]
 
 
-def _as_written(data: xarray.Dataset) -> xarray.Dataset:
+def _restore_attrs(data: xarray.Dataset) -> xarray.Dataset:
     """Convert attributes back from the NumPy scalars of netCDF to Python numbers."""
     data.attrs = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in data.attrs.items()

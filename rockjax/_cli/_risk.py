@@ -31,7 +31,7 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
     files = parse_outputs(output, "rockjax-risk").check(("risk",))
     asked = request.settings
     import rockjax as rj
-    from rockjax._risk.annual import OUTSIDE
+    from rockjax._risk.annual import MIN_EXTRAPOLATED
 
     if asked.hazard is None:
         raise ValueError("--hazard: is missing; give the file with the hazard curve of the site")
@@ -53,7 +53,7 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
     for name, value in slopes.items():
         report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
     share = float(found.extrapolated)
-    if share > OUTSIDE:
+    if share > MIN_EXTRAPOLATED:
         report.say(f"{share:.0%} of the frequency comes from beyond the given points of the hazard curve")
     report.facts |= {"frequency_per_year": frequency, "return_period_years": float(found.return_period)}
     report.facts |= {

@@ -24,7 +24,7 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
-MOST_PIECES = 2**31  # pairs of pieces are numbered by one 32-bit integer
+MAX_PIECES = 2**31  # pairs of pieces are numbered by one 32-bit integer
 TOUCH = 1e-9  # over the time scale of the motion: shorter excursions above a level are ignored
 CAUTION = 1 - 1e-6  # factor on the level above which the horizontal motion is searched closely
 
@@ -57,7 +57,7 @@ class GroundMotion(AbstractExcitation):
     vertical: AbstractExcitation = eqx.field(converter=_component("vertical"))
 
     def __check_init__(self):
-        if self.horizontal.most_pieces * self.vertical.most_pieces >= MOST_PIECES:
+        if self.horizontal.most_pieces * self.vertical.most_pieces >= MAX_PIECES:
             raise ValueError(
                 "GroundMotion: horizontal and vertical have too many samples together, "
                 f"{self.horizontal.most_pieces} and {self.vertical.most_pieces}; resample one of them"
@@ -113,7 +113,7 @@ class GroundMotion(AbstractExcitation):
 
     def common_form(self) -> Self:
         horizontal, vertical = self.horizontal.common_form(), self.vertical.common_form()
-        if horizontal.most_pieces * vertical.most_pieces >= MOST_PIECES:
+        if horizontal.most_pieces * vertical.most_pieces >= MAX_PIECES:
             return self  # very long motions keep their own form
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 

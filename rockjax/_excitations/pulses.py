@@ -24,7 +24,7 @@ from rockjax._units import STANDARD_GRAVITY
 
 from .base import AbstractExcitation, AbstractLookahead
 
-LARGEST = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
+MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
 # (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
@@ -129,7 +129,7 @@ class AbstractPulse(AbstractExcitation):
         require_finite(type(self).__name__, a_p=self.a_p)
         require_positive(type(self).__name__, T_p=self.T_p)
         size = concrete(self.a_p)
-        if size is not None and size.ndim == 0 and abs(size) > LARGEST:
+        if size is not None and size.ndim == 0 and abs(size) > MAX_AMPLITUDE:
             in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
             warn_about_units(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
 
@@ -179,10 +179,10 @@ class AbstractPulse(AbstractExcitation):
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
         del piece, t
-        return now + jnp.abs(self.a_p / self.T_p) * _most(type(self), 1) * ahead
+        return now + jnp.abs(self.a_p / self.T_p) * _derivative_bound(type(self), 1) * ahead
 
     def curvature(self) -> Value:
-        return jnp.abs(self.a_p) * _most(type(self), 2) / self.T_p**2
+        return jnp.abs(self.a_p) * _derivative_bound(type(self), 2) / self.T_p**2
 
     def lowest(self) -> tuple[Value, Value]:
         heights = np.array([float(self.shape(np.float64(z))) for z in self.knots()])
@@ -201,8 +201,8 @@ class AbstractPulse(AbstractExcitation):
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
         # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
-        falls = self._passed(level, start, rises=False)
-        rises = self._passed(level, end, rises=True)
+        falls = self._level_crossings(level, start, rises=False)
+        rises = self._level_crossings(level, end, rises=True)
         lead = jnp.where(
             np.abs(start) > level, jnp.where(np.sign(start) * end > level, knots[1:], falls), knots[:-1]
         )
@@ -211,7 +211,7 @@ class AbstractPulse(AbstractExcitation):
         )
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
-    def _passed(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
+    def _level_crossings(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
         """Return where |s| crosses the level on each monotone interval.
 
         |s| rises to its top at the end of the interval or falls from its top at the start. The number is
@@ -227,7 +227,7 @@ class AbstractPulse(AbstractExcitation):
 
 
 @functools.cache
-def _most(pulse: type[AbstractPulse], order: int) -> float:
+def _derivative_bound(pulse: type[AbstractPulse], order: int) -> float:
     """Return a bound of a derivative of a shape inside its span, by differences."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():

@@ -20,7 +20,7 @@ from .base import AbstractExcitation, AbstractLookahead
 
 # Least size, and the ratio of successive sizes. Single records have few sizes, because each compiles a
 # program; tables have closer sizes, because each row is padded.
-OF_RECORDS, OF_TABLES = (8192, 4), (2048, 2)
+RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 
 def common_size(count: int, least: int, ratio: int) -> int:

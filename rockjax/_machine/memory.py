@@ -19,29 +19,29 @@ FEWER_LINES = "ask for fewer at a time"
 
 
 def require_memory(
-    owner: str, number: int, each: int = BYTES, of: str = "scenes", instead: str = SWEEP
+    owner: str, number: int, bytes_each: int = BYTES, noun: str = "scenes", advice: str = SWEEP
 ) -> None:
     """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
 
     - `owner`: name for the error message
-    - `number`, `each`: number of scenes, and memory of each [bytes]
-    - `of`: plural noun for what is counted
-    - `instead`: advice in the message
+    - `number`, `bytes_each`: number of scenes, and memory of each [bytes]
+    - `noun`: plural noun for what is counted
+    - `advice`: advice in the message
     """
-    needed, free = number * each, []
+    needed, free = number * bytes_each, []
     if needed < 2**20:  # not worth looking up what is free
         return
     try:
         lines = (SYSTEM / "proc/meminfo").read_text().splitlines()
         free += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-        most, used = (SYSTEM / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current"))
-        free += [int(most.read_text()) - int(used.read_text())]  # of a container
+        max_file, used_file = (SYSTEM / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current"))
+        free += [int(max_file.read_text()) - int(used_file.read_text())]  # of a container
     except (OSError, ValueError):  # another system, no container, or no limit: "max"
         pass
     if free and needed > min(free):
         raise ValueError(
-            f"{owner}: {number} {of} take some {readable_bytes(needed)} of memory, and "
-            f"{readable_bytes(max(0, min(free)))} are free: {instead}"
+            f"{owner}: {number} {noun} take some {readable_bytes(needed)} of memory, and "
+            f"{readable_bytes(max(0, min(free)))} are free: {advice}"
         )
 
 

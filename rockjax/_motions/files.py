@@ -10,7 +10,7 @@ from rockjax._checks import format_value, refuse_sentinels, require_instance, re
 from rockjax._units import ACCELERATIONS, RECORD_UNITS, unit_of
 
 from .accelerogram import RAW, Accelerogram
-from .formats import EVEN, parse
+from .formats import TIME_TOLERANCE, parse
 
 
 def check_reading(path: Path, units, dt, component) -> None:
@@ -85,7 +85,7 @@ def read(
     if found.dt is None and dt is None:
         cause = found.dt_place or f"{path}: has one column and no times"
         raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")
-    if found.dt is not None and dt is not None and abs(dt - found.dt) > EVEN * found.dt:
+    if found.dt is not None and dt is not None and abs(dt - found.dt) > TIME_TOLERANCE * found.dt:
         raise ValueError(f"{found.dt_place}, but dt = {dt:g} s was given; leave dt out")
     unit = units or file_units
     assert unit is not None

@@ -51,7 +51,7 @@ class _Oscillator(NamedTuple):
         steps = -(hold - ramp) * load[:-1] - ramp * load[1:]
         return np.concatenate([[0.0], lfilter([1.0], [1.0, -decay], steps)])
 
-    def after(self, z, load, slope, tau):
+    def state_after(self, z, load, slope, tau):
         """Return z a time τ ≤ T/8 later, under the load `load` + `slope` τ; arrays of one shape."""
         s = self.pole * tau
         term = np.ones_like(s)
@@ -63,7 +63,7 @@ class _Oscillator(NamedTuple):
             decay = decay + term
         return decay * z - tau * (load * hold + slope * tau * ramp)
 
-    def turn(self, z, load, slope):
+    def turning_time(self, z, load, slope):
         """Return the first τ > 0 at which ü = 0 if the load continues, a zero of a damped sinusoid."""
         u, v = self.displacement(z), self.velocity(z)
         w, b = self.omega, self.damping * self.omega
@@ -95,11 +95,11 @@ def _largest_inside(oscillator: _Oscillator, z, load, slope, dt: float, largest_
     """Return the largest |u| where u̇ = 0 inside an interval, or `largest_so_far` if none exceeds it."""
     start, end = z[:-1], z[1:]
     # u̇ is monotone on both sides of a zero of ü, and an interval contains at most one.
-    middle = oscillator.turn(start, load, slope)
+    middle = oscillator.turning_time(start, load, slope)
     turns = np.flatnonzero(middle < dt)
     middle = np.minimum(middle, dt)
     between = end.copy()
-    between[turns] = oscillator.after(start[turns], load[turns], slope[turns], middle[turns])
+    between[turns] = oscillator.state_after(start[turns], load[turns], slope[turns], middle[turns])
     velocity = [oscillator.velocity(y) for y in (start, between, end)]
     times = [np.zeros_like(middle), middle, np.full_like(middle, dt)]
     bound = np.abs(oscillator.displacement(start)) + dt * np.max(np.abs(velocity), axis=0)
@@ -109,10 +109,12 @@ def _largest_inside(oscillator: _Oscillator, z, load, slope, dt: float, largest_
         if not at.size:
             continue
         motion = start[at], load[at], slope[at]
-        sign, after = np.sign(velocity[k][at]), functools.partial(oscillator.after, *motion)
-        before = lambda tau, sign=sign, after=after: sign * oscillator.velocity(after(tau)) > 0
+        sign, state_after = np.sign(velocity[k][at]), functools.partial(oscillator.state_after, *motion)
+        before = lambda tau, sign=sign, state_after=state_after: (
+            sign * oscillator.velocity(state_after(tau)) > 0
+        )
         low, high = bisect(before, times[k][at], times[k + 1][at], _HALVINGS)
-        u = oscillator.displacement(after(0.5 * (low + high)))
+        u = oscillator.displacement(state_after(0.5 * (low + high)))
         largest = max(largest, float(np.abs(u).max()))
     return largest
 

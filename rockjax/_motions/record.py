@@ -22,8 +22,8 @@ from rockjax._checks import (
     require_positive,
 )
 from rockjax._excitations.sampled import (
-    OF_RECORDS,
-    OF_TABLES,
+    RECORD_SIZES,
+    TABLE_SIZES,
     AbstractSampled,
     Sampling,
     common_size,
@@ -122,7 +122,7 @@ class Record(AbstractSampled):
         """Return the record padded to one of a few sizes; batches use more sizes, because each record takes
         memory."""
         samples = self.acceleration
-        count, sizes = samples.shape[-1], OF_RECORDS if samples.ndim == 1 else OF_TABLES
+        count, sizes = samples.shape[-1], RECORD_SIZES if samples.ndim == 1 else TABLE_SIZES
         return PaddedRecord(
             pad_samples(samples, common_size(count, *sizes)),
             self.dt,

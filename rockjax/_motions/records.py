@@ -23,13 +23,13 @@ from rockjax._checks import (
     require_finite_samples,
 )
 from rockjax._excitations.ground import PARTS, GroundMotion
-from rockjax._excitations.sampled import OF_TABLES, AbstractSampled, Sampling, common_size, pad_samples
+from rockjax._excitations.sampled import TABLE_SIZES, AbstractSampled, Sampling, common_size, pad_samples
 from rockjax._types import Index, Value
 
 from .motion import Motion
 from .record import Record
 
-LEAST_ROWS = 8
+MIN_ROWS = 8
 
 
 class Records(AbstractSampled):
@@ -154,15 +154,15 @@ class Records(AbstractSampled):
 
     def common_form(self) -> Self:
         """Return the table padded to one of a few sizes, with records that are never selected."""
-        rows = max(LEAST_ROWS, 1 << (len(self) - 1).bit_length())
+        rows = max(MIN_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
             acceleration=pad_samples(
-                self.acceleration, rows, common_size(self.acceleration.shape[-1], *OF_TABLES)
+                self.acceleration, rows, common_size(self.acceleration.shape[-1], *TABLE_SIZES)
             ),
-            counts=_more(self.counts, rows, 2),
-            intervals=_more(self.intervals, rows, 1.0),
-            starts=_more(self.starts, rows, 0.0),
+            counts=_pad_end(self.counts, rows, 2),
+            intervals=_pad_end(self.intervals, rows, 1.0),
+            starts=_pad_end(self.starts, rows, 0.0),
         )
 
     @property
@@ -199,18 +199,18 @@ class RecordPairs(GroundMotion):
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
         """Return some of the pairs, unscaled."""
-        return self._each(lambda records: records.pick(which))
+        return self._map_components(lambda records: records.pick(which))
 
     def chosen(self, which, scale) -> Self:
         """Return some of the pairs, scaled; in NumPy if the arguments are NumPy arrays."""
-        return self._each(lambda records: records.chosen(which, scale))
+        return self._map_components(lambda records: records.chosen(which, scale))
 
-    def _each(self, change: Callable[[Records], Records]) -> Self:
+    def _map_components(self, change: Callable[[Records], Records]) -> Self:
         both = change(self._table), change(cast(Records, self.vertical))
         return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
 
 
-def _more(values, size: int, fill: float):
+def _pad_end(values, size: int, fill: float):
     """Return values padded at the end."""
     numpy = array_module(values)
     return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

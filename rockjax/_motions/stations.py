@@ -25,9 +25,9 @@ def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
             horizontal.append(motion)
     problems, found = [], []
     for motion in horizontal:
-        of_station = _of_depth(motion, vertical.get(_station(motion), [])) or _by_name(motion, vertical)
+        of_station = _match_depth(motion, vertical.get(_station(motion), [])) or _match_name(motion, vertical)
         if len(of_station) == 1:
-            found.append(dataclasses.replace(motion, vertical=_upwards(of_station[0])))
+            found.append(dataclasses.replace(motion, vertical=_orient_upwards(of_station[0])))
         else:
             names = ", ".join(other.name for other in of_station)
             problems.append(
@@ -57,7 +57,7 @@ def _station(motion: Accelerogram) -> tuple[str, ...]:
     return tuple(said) if said[0] else ("", motion.name)
 
 
-def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
+def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
     """Return vertical motions whose names differ from this one's only in their ends; of several the most
     similar."""
     if motion.metadata.get("station"):
@@ -68,7 +68,7 @@ def _by_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
     return [other for stem, other in stems if len(stem) == longest]
 
 
-def _of_depth(motion: M, others: list[M]) -> list[M]:
+def _match_depth(motion: M, others: list[M]) -> list[M]:
     """Return the instrument of the same number at a station (EW1 and UD1, EW2 and UD2)."""
     if len(others) < 2:
         return others
@@ -77,7 +77,7 @@ def _of_depth(motion: M, others: list[M]) -> list[M]:
     return [other for other in others if own and (same := number(other)) and same[0] == own[0]] or others
 
 
-def _upwards(motion: M) -> M:
+def _orient_upwards(motion: M) -> M:
     """Return the motion with upwards positive: a component that is labelled down changes its sign."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion

@@ -146,7 +146,7 @@ def synthetic_motions(
             f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
         )
     # Memory of the noise and of its filtered copies.
-    require_memory(owner, count, 3 * 8 * samples, of="motions", instead="ask for fewer, or for shorter ones")
+    require_memory(owner, count, 3 * 8 * samples, noun="motions", advice="ask for fewer, or for shorter ones")
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
         raise ValueError(

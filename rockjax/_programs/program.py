@@ -87,7 +87,7 @@ class KeptProgram:
         if types is None:
             return self._jit(static)(*passed)
         with nans_allowed():
-            if not _on_one_cpu():
+            if not _runs_on_one_cpu():
                 return self._jit(static)(*passed)
             key = static, types, _SETTINGS(jax.config)
             return (self._ready.get(key) or self._make(key, passed))(*passed)
@@ -101,7 +101,7 @@ class KeptProgram:
             if _SETTINGS(jax.config) == key[2]:  # settings of the calling thread may not hold in this one
                 self._make(key, passed)
 
-        if key[1] is not None and key not in self._ready and _on_one_cpu():
+        if key[1] is not None and key not in self._ready and _runs_on_one_cpu():
             submit(make)
 
     def traced(self, *arguments: Any, **keywords: Any) -> Any:
@@ -312,7 +312,7 @@ def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
     return tuple(found)
 
 
-def _on_one_cpu() -> bool:
+def _runs_on_one_cpu() -> bool:
     """Return whether programs run on a single CPU and JAX's settings do not change how."""
     settings: Any = jax.config
     uses_cpu = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"

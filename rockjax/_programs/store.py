@@ -68,7 +68,7 @@ def limit() -> int:
     return int(size * 2**20)
 
 
-def _why_unsafe(path: Path) -> str | None:
+def _reason_unsafe(path: Path) -> str | None:
     """Return the reason why a folder or file is not trusted, None if it is. Raises `OSError` if it cannot be
     read."""
     if not hasattr(os, "geteuid"):
@@ -81,12 +81,12 @@ def _why_unsafe(path: Path) -> str | None:
     return None
 
 
-def why_unused() -> str | None:
+def reason_unused() -> str | None:
     """Return the reason why programs are not stored, None if they are."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
-        unsafe = _why_unsafe(folder())
+        unsafe = _reason_unsafe(folder())
     except FileNotFoundError:
         return None  # it is created when needed
     except OSError as error:
@@ -107,7 +107,7 @@ def read(key: str) -> bytes | None:
     """Return the data stored under a key; None if there is none, or none that can be trusted."""
     file = _file(key)
     try:
-        unsafe = _why_unsafe(file.parent) or _why_unsafe(file)
+        unsafe = _reason_unsafe(file.parent) or _reason_unsafe(file)
         content = b"" if unsafe else file.read_bytes()
     except FileNotFoundError:
         return None
@@ -132,7 +132,7 @@ def write(key: str, data: bytes) -> None:
     path, limit_bytes = folder(), limit()
     path.parent.mkdir(parents=True, exist_ok=True)
     path.mkdir(mode=0o700, exist_ok=True)
-    if unsafe := _why_unsafe(path):
+    if unsafe := _reason_unsafe(path):
         raise PermissionError(unsafe)
     if len(data) + _DIGEST > limit_bytes:
         return

@@ -21,7 +21,7 @@ from .hazard import Hazard
 if TYPE_CHECKING:
     import xarray
 
-OUTSIDE = 0.05  # least share of the frequency from beyond the given points that `repr` reports
+MIN_EXTRAPOLATED = 0.05  # least share of the frequency from beyond the given points that `repr` reports
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +55,7 @@ class AnnualFrequency:
         if frequency is None:
             return "AnnualFrequency(traced)"
         share = float(self.extrapolated)
-        outside = f"; {share:.0%} of it from beyond the given points" if share > OUTSIDE else ""
+        outside = f"; {share:.0%} of it from beyond the given points" if share > MIN_EXTRAPOLATED else ""
         period = f"return period {float(self.return_period):.4g} years"
         in_50_years = f"{float(self.probability(50)):.3g} in 50 years"
         return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {in_50_years}{outside}"

@@ -156,7 +156,7 @@ def incremental_dynamic_analysis(
     measure = _measure(owner, measure, records)
     unit = np.asarray(measure.values, float)
     count = len(records)
-    require_memory(owner, count * (levels.size + resolution + 1), instead=FEWER_LINES)
+    require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
 
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)

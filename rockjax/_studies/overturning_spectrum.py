@@ -78,7 +78,7 @@ def overturning_spectrum(
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
-    require_memory(owner, x.size * (resolution + 1), instead=FEWER_LINES)
+    require_memory(owner, x.size * (resolution + 1), advice=FEWER_LINES)
     derived = derived_numbers(podium)
     unit, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 

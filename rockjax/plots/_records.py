@@ -12,7 +12,7 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-MOST = 6  # greatest number of records with their own colours
+MAX_COLOURS = 6  # greatest number of records with their own colours
 
 
 @styled
@@ -22,7 +22,7 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
     demand, displacement = figure.subplots(2, 1, sharex=True)
-    few = len(names) <= MOST
+    few = len(names) <= MAX_COLOURS
     for k, name in enumerate(names):
         how = {"color": COLOURS[k % len(COLOURS)] if few else "0.7", "lw": 1.3 if few else 0.8}
         demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **how)

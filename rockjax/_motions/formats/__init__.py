@@ -11,7 +11,7 @@ from pathlib import Path
 from rockjax._text.reading import decode
 
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unsupported, waveforms
-from .base import EVEN, Component, Samples
+from .base import TIME_TOLERANCE, Component, Samples
 
 # In the order in which they are tried.
 FORMATS = (
@@ -30,7 +30,7 @@ FORMATS = (
     table.FORMAT,
 )
 
-__all__ = ["EVEN", "FORMATS", "Samples", "parse"]
+__all__ = ["FORMATS", "TIME_TOLERANCE", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:

@@ -17,7 +17,7 @@ import numpy as np
 from rockjax._motions.components import is_vertical, points_down
 from rockjax._units import ACCELERATIONS, unit_of
 
-EVEN = 1e-3  # share of a step by which the rounded times of a file may be off
+TIME_TOLERANCE = 1e-3  # share of a step by which the rounded times of a file may be off
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
 # Fortran omits the E in exponents of three digits, and fills columns so that numbers touch. An exponent

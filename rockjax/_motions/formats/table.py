@@ -14,7 +14,7 @@ from rockjax._motions.headings import Heading, parse_heading
 from rockjax._units import UNITS, unit_of
 
 from .base import (
-    EVEN,
+    TIME_TOLERANCE,
     Component,
     Format,
     Samples,
@@ -32,7 +32,7 @@ _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing
 _COARSE = 0.25  # rounding of times, as a share of a step, that is accepted without further checks …
 _COARSEST = 2.0  # … and that is accepted for long records
-_MOST_HEADINGS = 3  # lines
+_MAX_HEADINGS = 3  # lines
 
 
 class _Table(NamedTuple):
@@ -112,7 +112,7 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
     names = [""] * count
     for i, text in lines:
         cells = _heading_cells(text, count)
-        if cells is None or len(lines) > _MOST_HEADINGS:
+        if cells is None or len(lines) > _MAX_HEADINGS:
             raise ValueError(
                 f"{path}:{i}: the heading {abbreviate(text.strip())} does not name {count} columns; give "
                 "each a "
@@ -294,8 +294,12 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
     off = np.abs(values - values[0] - step * np.arange(count))
     rounding = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
-    allowed = max(EVEN * step, min(digit, _COARSE * step))
-    if digit <= _COARSEST * step and digit < EVEN * (values[-1] - values[0]) and np.diff(values).min() >= 0:
+    allowed = max(TIME_TOLERANCE * step, min(digit, _COARSE * step))
+    if (
+        digit <= _COARSEST * step
+        and digit < TIME_TOLERANCE * (values[-1] - values[0])
+        and np.diff(values).min() >= 0
+    ):
         allowed = max(allowed, digit)
     if not step > 0 or off.max() > allowed:
         median_step = float(np.median(np.diff(values)))
