@@ -9,7 +9,7 @@ import numpy as np
 from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
-NEAR = 1e-3  # distance within which models of other points describe a kink here
+NEAR_DISTANCE = 1e-3  # distance within which models of other points describe a kink here
 EvaluatedPoints = list[tuple[Vector, Evaluation]]
 
 
@@ -47,8 +47,8 @@ def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Mo
 
 
 def points_near(x: Vector, points: EvaluatedPoints) -> EvaluatedPoints:
-    """Return the evaluated points within `NEAR` of x, whose models describe kinks at x."""
-    return [(y, evaluation) for y, evaluation in points if np.max(np.abs(y - x)) <= NEAR]
+    """Return the evaluated points within `NEAR_DISTANCE` of x, whose models describe kinks at x."""
+    return [(y, evaluation) for y, evaluation in points if np.max(np.abs(y - x)) <= NEAR_DISTANCE]
 
 
 def optimality(

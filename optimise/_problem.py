@@ -206,30 +206,30 @@ class Problem(NamedTuple):
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
     def __repr__(self):
-        return _described(self)
+        return _format_problem(self)
 
 
-def _described(asked: Problem) -> str:
+def _format_problem(problem: Problem) -> str:
     """Return a problem as text: variables at the start, targets with their scenes, sets of motions."""
-    wanted = asked.minimise
-    if wanted is None:
+    objective = problem.minimise
+    if objective is None:
         least = "the nearest design"
-    elif isinstance(wanted, AbstractObjective):
-        least = f"least {wanted.describe()}"
+    elif isinstance(objective, AbstractObjective):
+        least = f"least {objective.describe()}"
     else:
-        least = f"least {getattr(wanted, '__name__', 'objective')}"
-    box = make_variables(asked.podium, asked.vary)
+        least = f"least {getattr(objective, '__name__', 'objective')}"
+    box = make_variables(problem.podium, problem.vary)
     start = box.values(box.start())
     rows = [["variable", "start", "unit", "bounds"]]
     for name, value, unit in zip(box.names, start, box.units, strict=True):
-        low, high = asked.vary[name]
+        low, high = problem.vary[name]
         rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
     targets = [
         ["target", "scenes"],
-        *([target.name or target.describe(), str(target.scenes)] for target in asked.targets),
+        *([target.name or target.describe(), str(target.scenes)] for target in problem.targets),
     ]
-    sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in asked.motions.items())]
-    lines = [f"Problem: {least}", f"  {format_call(asked.podium)}"]
+    sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in problem.motions.items())]
+    lines = [f"Problem: {least}", f"  {format_call(problem.podium)}"]
     return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
 
 
@@ -286,7 +286,7 @@ class _Reader(Reader):
             self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(given.targets)
         )
         minimise = None if given.minimise is None else self.minimise(given.minimise, motions, podium)
-        settings = {name: value for name, value in given.given().items() if name in SETTINGS}
+        settings = {name: value for name, value in given.as_arguments().items() if name in SETTINGS}
         return Problem(
             structure, given.vary, minimise, targets, self.options(given.options), settings, motions
         )
@@ -304,7 +304,7 @@ class _Reader(Reader):
                     1.0,
                     self.hazard(entry.hazard),
                     suite,
-                    **entry.given("quantity", "cost", "loss", "hazard", "motions"),
+                    **entry.as_arguments("quantity", "cost", "loss", "hazard", "motions"),
                 )
                 return ExpectedLoss(_Cost(entry.cost), entry.loss, risk)
         if entry.quantity in known and entry.motions is not None:
@@ -322,16 +322,18 @@ class _Reader(Reader):
         """Return the hazard curve in a file beside this one."""
         return rj.Hazard.from_file(self.folder / name).in_si()
 
-    def target(self, entry: Any, at: str, motions: Mapping[str, Any], podium: rj.Podium) -> AbstractTarget:
+    def target(
+        self, entry: Any, location: str, motions: Mapping[str, Any], podium: rj.Podium
+    ) -> AbstractTarget:
         """Return a target; its required keys are the first arguments of its class, in order.
 
-        - `entry`: table of the target; `at`: its key, for errors
+        - `entry`: table of the target; `location`: its key, for errors
         - `motions`: sets of motions by name; `podium`: the structure at the start
         """
-        with self.at(at):
-            given: dict[str, Any] = entry.given("kind")
+        with self.at(location):
+            given: dict[str, Any] = entry.as_arguments("kind")
             if "motions" in given:
-                given["motions"] = motions[self.require_set(motions, entry.motions, f"{at}.motions")]
+                given["motions"] = motions[self.require_set(motions, entry.motions, f"{location}.motions")]
             if "hazard" in given:
                 given["hazard"] = self.hazard(entry.hazard)
             if "pulse" in given:
@@ -339,10 +341,10 @@ class _Reader(Reader):
                 given |= {"pulse": PULSES[entry.pulse], "T_p": pulse_periods(entry, podium)}
                 given.pop("frequency_ratio", None)
             if "motion" in given:
-                with self.at(f"{at}.motion"):
-                    numbers = entry.motion.given()
+                with self.at(f"{location}.motion"):
+                    numbers = entry.motion.as_arguments()
                     if "envelope" in numbers:
-                        numbers["envelope"] = rj.Envelope(**numbers["envelope"].given())
+                        numbers["envelope"] = rj.Envelope(**numbers["envelope"].as_arguments())
                     given["motion"] = rj.GaussianMotion(**numbers)
             make, needed, _ = TARGETS[entry.kind]
             first = [given.pop(name) for name in needed.split()]

@@ -22,7 +22,7 @@ from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
 
 MAX_ITERATIONS = 60
-ACCEPT, GOOD = 1e-3, 0.75  # parts of the predicted decrease
+ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75  # parts of the predicted decrease
 LARGEST_PENALTY = 1e6
 CUTS = 12  # trials remembered
 AXIS_SEARCHES, AXIS_DISTANCES = (
@@ -189,7 +189,7 @@ class _DescentState:
             self.record(length, False)
             return self.without_a_decrease()
         trial = yield from self.try_step(step, predicted, slack)
-        accepted = trial.ratio >= ACCEPT
+        accepted = trial.ratio >= ACCEPT_RATIO
         self.record(length, accepted)
         return self.accept(trial, step, length) if accepted else self.reject(trial, length)
 
@@ -233,7 +233,7 @@ class _DescentState:
         evaluation = scale_evaluation((yield x), self.rules)
         trial = _Trial(x, evaluation, self.ratio(evaluation, predicted, slack))
         too_far = evaluation.violation > step.violation + self.rules.accepted_violation
-        if not (evaluation.is_finite and trial.ratio < ACCEPT and too_far):
+        if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and too_far):
             return trial
         # Second-order correction: the models are shifted by the error found at the trial point.
         shifted = self.model._replace(c=self.model.c.copy())
@@ -246,7 +246,7 @@ class _DescentState:
         other = np.clip(self.x + corrected.d, 0.0, 1.0)
         found = scale_evaluation((yield other), self.rules)
         better = self.ratio(found, predicted, slack)
-        return _Trial(other, found, better) if better >= ACCEPT else trial
+        return _Trial(other, found, better) if better >= ACCEPT_RATIO else trial
 
     def accept(self, trial: _Trial, step: Step, length: float) -> None:
         merit, ratio = self.merit, trial.ratio
@@ -255,7 +255,7 @@ class _DescentState:
         )
         curvature, self.is_fresh = _update_bfgs(merit.curvature, trial.x - self.x, change, self.is_fresh)
         radius = merit.radius
-        if ratio > GOOD and length > 0.8 * radius:
+        if ratio > GOOD_RATIO and length > 0.8 * radius:
             radius = min(2 * radius, 1.0)
         elif ratio < 0.25:
             radius = 0.5 * length
@@ -294,9 +294,9 @@ def _step_and_penalty(
     return step, penalty
 
 
-def _lagrangian_slope(at: Evaluation, step: Step, current: Evaluation) -> Vector:
+def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
     k, m = len(current.f), len(current.c)
-    return step.value_multipliers[:k] @ at.f_slope - step.margin_multipliers[:m] @ at.c_slope
+    return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
 
 
 def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_fresh: bool) -> tuple[np.ndarray, bool]:

@@ -269,11 +269,11 @@ def format_value(value) -> str:
     return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
 
 
-def require_instance(owner: str, name: str, value, accepted_type: Any, wanted: str) -> None:
+def require_instance(owner: str, name: str, value, accepted_type: Any, type_in_words: str) -> None:
     """Raise a `ValueError` unless `value` is an instance of `accepted_type`.
 
     - `owner`, `name`: class or function and argument, for the error
-    - `value`: the value; `accepted_type`: type or union; `wanted`: the accepted type in words
+    - `value`: the value; `accepted_type`: type or union; `type_in_words`: the accepted type in words
     """
     if not isinstance(value, accepted_type):
-        raise ValueError(f"{owner}: {name} must be {wanted}, got {format_value(value)}")
+        raise ValueError(f"{owner}: {name} must be {type_in_words}, got {format_value(value)}")

@@ -75,16 +75,16 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
 def as_json(data: Any, ascii: bool = False) -> str:
     """JSON of numbers, texts, arrays, lists and tables; what is not finite is null. `ascii` escapes all other
     characters."""
-    return json.dumps(_plain(data), indent=2, ensure_ascii=ascii)
+    return json.dumps(_to_json_types(data), indent=2, ensure_ascii=ascii)
 
 
-def _plain(y: Any) -> Any:
+def _to_json_types(y: Any) -> Any:
     if isinstance(y, dict):
-        return {key: _plain(value) for key, value in y.items()}
+        return {key: _to_json_types(value) for key, value in y.items()}
     if isinstance(y, list | tuple):
-        return [_plain(value) for value in y]
+        return [_to_json_types(value) for value in y]
     if hasattr(y, "tolist"):  # arrays and their scalars
-        return _plain(y.tolist())
+        return _to_json_types(y.tolist())
     if isinstance(y, float):
         return y if math.isfinite(y) else None
     return y

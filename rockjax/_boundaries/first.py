@@ -98,9 +98,9 @@ def _is_unfinished(state: _State, limit: Array) -> Array:
     return (state.stage < NARROW) | wide
 
 
-def _steps(like: Array) -> Array:
+def _steps(template: Array) -> Array:
     """Return 1 … WIDTH."""
-    return jnp.arange(1, WIDTH + 1, dtype=like.dtype)
+    return jnp.arange(1, WIDTH + 1, dtype=template.dtype)
 
 
 def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:

@@ -41,8 +41,8 @@ class SolvedScenes(NamedTuple):
     reach: np.ndarray  # distance in y over which the motion continues unchanged, 0 if unknown
     sharp: np.ndarray  # whether solved at full accuracy
 
-    def merged_with(self, more: SolvedScenes) -> SolvedScenes:
-        both = [np.concatenate(pair) for pair in zip(self, more, strict=True)]
+    def merged_with(self, other: SolvedScenes) -> SolvedScenes:
+        both = [np.concatenate(pair) for pair in zip(self, other, strict=True)]
         order = np.lexsort((both[1], both[0]))
         return SolvedScenes(*(y[order] for y in both))
 

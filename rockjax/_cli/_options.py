@@ -110,9 +110,9 @@ def accuracy(**defaults: Any) -> dict[str, Option]:
     return options_of(models.Options, *defaults, **defaults)
 
 
-def _option_type(kind: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
+def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
     """Return the command-line type of a key, the conversion of its text, and arguments of its option."""
-    origin, arguments = get_origin(kind), get_args(kind)
+    origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _option_type(arguments[0])
     if origin is list:
@@ -125,7 +125,7 @@ def _option_type(kind: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, A
         if len(members) > 1 and (words or str in arguments):
             return str, _number_or_text, {"autocompletion": lambda: words} if words else {}
         return members[0]
-    return kind, lambda _, value: value, {}
+    return annotation, lambda _, value: value, {}
 
 
 def _numbers(flag: str, text: str) -> list[float]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _TOP = tuple(models.Superstructure.model_fields)
 _STRUCTURE = [*models.ByRatios.model_fields, *_TOP, *models.ByDimensions.model_fields]
-_SIDES = ("width", "height", "column_mass")
+_COLUMN_DIMENSIONS = ("width", "height", "column_mass")
 _PULSE = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
 _MOTION = [*models.Pulses.model_fields, *models.Record.model_fields]
 _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
@@ -102,7 +102,7 @@ class Request:
         """Return the table of the structure, overridden by the options."""
         panels = self.command in ("spectrum", "overturning")  # these set the superstructure themselves
         explicit = self.chosen(name for name in _STRUCTURE if not (panels and name in ("T_s", "zeta")))
-        if table is None and not any(name in explicit for name in _SIDES):
+        if table is None and not any(name in explicit for name in _COLUMN_DIMENSIONS):
             left_out = ("T_s", "zeta", "stories") if panels else ()
             names = [name for name in _STRUCTURE if name in self.values and name not in left_out]
             return self._by_ratios({}, {name: self.values[name] for name in names}) or None
@@ -178,7 +178,7 @@ class Request:
         given, attributes = self.problem.structure, {}  # attributes for the files of the command
         if isinstance(given, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
-            kilograms = {f"{name}_kg": y for name, y in given.given().items() if name in masses}
+            kilograms = {f"{name}_kg": y for name, y in given.as_arguments().items() if name in masses}
             attributes = {"columns": given.columns or 2} | kilograms
         MASSES.set(attributes)
         return self.reader.structure(given)
@@ -228,8 +228,8 @@ class Request:
         found = self.reader.members(self.problem.motions, name, podium)
         holds = f"holds {len(found)} motions"
         if number is None and len(found) > 1:
-            how = f"([{self.command}] number, or --number, 1 to {len(found)})"
-            self.reader.fail(f"motions.{name}", f"{holds}: which? {how}")
+            selection = f"([{self.command}] number, or --number, 1 to {len(found)})"
+            self.reader.fail(f"motions.{name}", f"{holds}: which? {selection}")
         if number is not None and number > len(found):
             self.reader.fail(f"motions.{name}", f"{holds}, there is no number {number}")
         return found[(number or 1) - 1]

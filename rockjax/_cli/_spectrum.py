@@ -64,8 +64,8 @@ def spectrum(
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
-            how = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
-            spectra = rj.rocking_spectra(podiums, pulse, x, y, **how)
+            settings = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
+            spectra = rj.rocking_spectra(podiums, pulse, x, y, **settings)
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
         panels = combine_panels(spectra, ratios, periods, zeta)
         report.write(files.data(), panels)

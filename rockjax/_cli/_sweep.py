@@ -190,8 +190,10 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     if scheduler is not None:
-        how: dict[str, Any] = {"scheduler_file" if scheduler.endswith(".json") else "address": scheduler}
-        with Client(**how) as client:
+        connection: dict[str, Any] = {
+            "scheduler_file" if scheduler.endswith(".json") else "address": scheduler
+        }
+        with Client(**connection) as client:
             yield client
         return
     # Workers share the compiled programs.

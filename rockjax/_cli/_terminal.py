@@ -54,7 +54,7 @@ def terminal() -> Iterator[None]:
     Raises `SystemExit` with status 1 after the command if stdout could not be written, as on a full disk.
     """
     if os.environ.get("NO_COLOR"):
-        _plain()
+        _switch_off_styles()
     _open_closed_streams()
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = out, errors = _Stream(before[0]), _Stream(before[1])
@@ -85,7 +85,7 @@ def _open_closed_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
-def _plain() -> None:
+def _switch_off_styles() -> None:
     """Switch off bold and dim text too, which rich keeps under NO_COLOR."""
     with contextlib.suppress(ImportError):
         from typer import rich_utils

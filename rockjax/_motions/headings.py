@@ -8,7 +8,7 @@ from typing import NamedTuple
 from rockjax._units import UNITS, unit_of
 
 # The first pattern that matches a heading determines its kind.
-_KINDS = [
+_QUANTITIES = [
     ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
     ("return period", r"\breturn period|\brp\b|\bt r\b"),
     ("rate", r"\brates?\b|\b(?:annual|mean|exceedance)\b.*\bfrequency|\bfrequency of|\b(?:maf|mafe|afe)\b"
@@ -76,7 +76,7 @@ def parse_heading(where: str, text: str) -> Heading:
     """
     words = " ".join(text.split()).strip("\"' ")
     years, standard_name = None, None
-    if _kind(words) == "probability":
+    if _match_quantity(words) == "probability":
         if match := _YEARS.search(words.replace("_", " ")):
             years, words = float(match[1]), words[: match.start()] + " " + words[match.end() :]
         elif re.search(r"annual|yearly|per (?:year|annum)", words, re.I):
@@ -85,7 +85,7 @@ def parse_heading(where: str, text: str) -> Heading:
         standard_name = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
         words = words.replace(match[0], match[1])
     quantity, unit = _split(where, text, words.strip(" ,;:/"))
-    kind = _kind(quantity) if quantity else ""
+    kind = _match_quantity(quantity) if quantity else ""
     if kind in ("", "index") and unit:
         kind = UNITS[unit].dimension
     elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
@@ -100,14 +100,14 @@ def parse_heading(where: str, text: str) -> Heading:
     return Heading(text, standard_name or (quantity.upper() if is_peak else quantity), kind, unit, years)
 
 
-def _kind(words: str) -> str:
+def _match_quantity(words: str) -> str:
     normalised = " ".join(words.replace("_", " ").casefold().split())
-    return next((kind for kind, pattern in _KINDS if re.search(pattern, normalised)), "")
+    return next((kind for kind, pattern in _QUANTITIES if re.search(pattern, normalised)), "")
 
 
 def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
     """Return quantity and unit."""
-    if (unit := unit_of(words)) and not _kind(words):
+    if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
         in_brackets, quantity = (
@@ -132,7 +132,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         if unit is None or not quantity:
             continue
         # A letter after a blank may be a direction (N S); it is a unit only if it matches the quantity.
-        kind = _kind(quantity)
+        kind = _match_quantity(quantity)
         fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if fits or "/" in remainder or match[0].strip(" _in"):
             return quantity, unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+import warnings
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -94,10 +95,15 @@ class PulseFit:
         """Return v of the pulse at times of the record, shape (n,) [m/s]."""
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
-    def rest(self, motion: Motion) -> Motion:
+    def residual(self, motion: Motion) -> Motion:
         """Return the motion less the pulse (host)."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
+
+    def rest(self, motion: Motion) -> Motion:
+        """Former name of `residual`."""
+        warnings.warn("PulseFit.rest is called PulseFit.residual now", DeprecationWarning, stacklevel=2)
+        return self.residual(motion)
 
     def __repr__(self):
         if concrete(self.share) is None:

@@ -53,8 +53,8 @@ def _is_vertical(motion: Accelerogram) -> bool:
 
 def _station(motion: Accelerogram) -> tuple[str, ...]:
     """Return station, event and date; the name if the header has no station."""
-    said = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
-    return tuple(said) if said[0] else ("", motion.name)
+    description = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
+    return tuple(description) if description[0] else ("", motion.name)
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:

@@ -90,7 +90,7 @@ def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", 
     return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
 
 
-SIDES = ("width", "height")  # of a column: together they are its slenderness and size
+WIDTH_AND_HEIGHT = ("width", "height")  # of a column: together they are its slenderness and size
 _SLENDER = "slenderness of the columns"
 _COLUMN = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"

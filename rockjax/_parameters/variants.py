@@ -14,7 +14,16 @@ from rockjax._checks import require
 from rockjax._structures import Podium, g_tan_alpha, slenderness_and_size
 from rockjax._structures.modes import joined, members, parts, with_fields
 
-from .table import MOTION, OVERALL, ROWS, SIDES, STRUCTURE, Parameter, find_clash, numbered_parameter
+from .table import (
+    MOTION,
+    OVERALL,
+    ROWS,
+    STRUCTURE,
+    WIDTH_AND_HEIGHT,
+    Parameter,
+    find_clash,
+    numbered_parameter,
+)
 
 
 def find_parameter(name: str) -> Parameter | None:
@@ -83,8 +92,8 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     stored = {places[name]: value for name, value in values.items() if name in places}
     if "tan_alpha" in values:
         stored["alpha"] = jnp.arctan(values["tan_alpha"])
-    if any(name in values for name in SIDES):
-        width, height = (values.get(name, getattr(podium, name)) for name in SIDES)
+    if any(name in values for name in WIDTH_AND_HEIGHT):
+        width, height = (values.get(name, getattr(podium, name)) for name in WIDTH_AND_HEIGHT)
         stored["alpha"], stored["R"] = slenderness_and_size(width, height)
     return _with_changes(podium, {tuple(place.split(".")): value for place, value in stored.items()})
 

@@ -123,7 +123,7 @@ class Keys(BaseModel):
                 raise PydanticCustomError("unknown", "is not known; {hint}", {"hint": hint, "key": str(name)})
         return given
 
-    def given(self, *without: str) -> dict[str, Any]:
+    def as_arguments(self, *without: str) -> dict[str, Any]:
         """Return the given keys, except those of `without`, as arguments by name."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
@@ -175,7 +175,7 @@ def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
 
 def _stored_in(*places: str) -> dict[str, table.Parameter]:
     """Return the parameters of a structure stored in these places, without the sides of a column."""
-    entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.SIDES}
+    entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
     return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
 
@@ -231,7 +231,7 @@ class ByRatios(
 
     @model_validator(mode="after")
     def _check(self) -> ByRatios:
-        require_one(self.given(), "alpha", "tan_alpha")
+        require_one(self.as_arguments(), "alpha", "tan_alpha")
         return self
 
 
@@ -245,7 +245,9 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
 
 
 def _structure(given: Any) -> str:
-    sides = isinstance(given, dict) and any(name in given for name in (*table.SIDES, "column_mass"))
+    sides = isinstance(given, dict) and any(
+        name in given for name in (*table.WIDTH_AND_HEIGHT, "column_mass")
+    )
     return "dimensions" if sides and "R" not in given else "ratios"
 
 
@@ -266,7 +268,7 @@ class Pulses(Keys):
 
     @model_validator(mode="after")
     def _check(self) -> Pulses:
-        given = self.given()
+        given = self.as_arguments()
         pair = require_one(given, "a_p", "acceleration_ratio"), require_one(given, "T_p", "frequency_ratio")
         a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
         if a_p > 1 and T_p > 1 and a_p != T_p:

@@ -69,24 +69,24 @@ class Reader:
         except (ValueError, TypeError) as error:
             self.fail(key, str(error))
 
-    def fail(self, key: str, why: str) -> NoReturn:
+    def fail(self, key: str, reason: str) -> NoReturn:
         """Raise an error of a key."""
-        raise LocatedError(f"{self.prefix}{key}: {why}")
+        raise LocatedError(f"{self.prefix}{key}: {reason}")
 
     def check(self, model: type[K], given: Any) -> K:
         """Return a table as its model. Raises `ValueError` for the first invalid key."""
         try:
             return model.model_validate(given)
         except ValidationError as error:
-            key, why, value = _explain(error, given)
+            key, reason, value = _explain(error, given)
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
-            raise LocatedError(f"{flag}: {why}")
-        return self.fail(key, why)
+            raise LocatedError(f"{flag}: {reason}")
+        return self.fail(key, reason)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
         """Return the options of a file; `changes` are defaults where the file gives none."""
-        chosen: dict[str, Any] = {"throw": False} | changes | given.given()
+        chosen: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
         with self.at("options"):
             return Options(**chosen)
 
@@ -96,7 +96,7 @@ class Reader:
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
         """Return the podium of a table, or the result of `by_dimensions` for a table by dimensions."""
-        numbers = given.given("superstructure")
+        numbers = given.as_arguments("superstructure")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
                 return by_dimensions(**numbers)
@@ -125,7 +125,7 @@ class Reader:
             models.ModesOfSuperstructure: Modes,
         }
         with self.at("structure.superstructure"):
-            return classes.get(type(given), superstructure_of)(**given.given())
+            return classes.get(type(given), superstructure_of)(**given.as_arguments())
 
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
@@ -167,7 +167,7 @@ class Reader:
 
     def _records(self, entry: Any) -> Motions:
         """Return the records of an entry."""
-        arguments = entry.given("vertical_ratio", "paired", "file", "suite", "synthetic")
+        arguments = entry.as_arguments("vertical_ratio", "paired", "file", "suite", "synthetic")
         if isinstance(entry, models.Synthetic):
             found = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
         elif isinstance(entry, models.Suite):
@@ -193,7 +193,7 @@ class Reader:
 def _explain(error: ValidationError, given: Any) -> tuple[str, str, Any]:
     """Return the key of the first error of a table, the cause and the value."""
     first = error.errors(include_url=False)[0]
-    place, value, why = "", given, first["msg"].removeprefix("Value error, ")
+    place, value, reason = "", given, first["msg"].removeprefix("Value error, ")
     for part in first["loc"]:  # other parts name branches of unions
         if isinstance(value, dict) and part in value:
             place, value = f"{place}.{part}".lstrip("."), value[part]
@@ -203,15 +203,15 @@ def _explain(error: ValidationError, given: Any) -> tuple[str, str, Any]:
     if error_type == "missing":
         return place or "file", f"{first['loc'][-1]} is missing", None
     if error_type == "unknown":
-        return f"{place}.{context['key']}".lstrip("."), why, value[context["key"]]
+        return f"{place}.{context['key']}".lstrip("."), reason, value[context["key"]]
     if error_type == "union_tag_invalid":
         return f"{place}.kind", f"must be one of {context['expected_tags']}, got {context['tag']!r}", None
     if error_type == "union_tag_not_found":
         return place, "kind is missing", None
     if error_type in ("model_type", "dict_type"):
-        why = "must be a table"
-    why = why.replace("Input should be", "must be").replace("a valid string", "a text")
-    return place or "file", f"{why}, got {value!r}" if why.startswith("must") else why, value
+        reason = "must be a table"
+    reason = reason.replace("Input should be", "must be").replace("a valid string", "a text")
+    return place or "file", f"{reason}, got {value!r}" if reason.startswith("must") else reason, value
 
 
 def entries_of(motions: models.MotionSet) -> list[Any]:

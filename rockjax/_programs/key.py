@@ -85,14 +85,14 @@ def describe(value: Any) -> str:
     return f"{name}()"  # an object without fields
 
 
-def _qualified_name(thing: Any) -> str:
+def _qualified_name(obj: Any) -> str:
     """Return the full name of a class or function at the top level of a module with known source or
     version."""
-    module, name = thing.__module__ or "", thing.__qualname__  # None in code run from a text
+    module, name = obj.__module__ or "", obj.__qualname__  # None in code run from a text
     found = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
-    if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or found is not thing:
+    if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or found is not obj:
         raise NoKeyError(f"{module}.{name}")
     return f"{module}.{name}"
 

@@ -67,18 +67,18 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 
 
 def in_series(
-    rates: Float[Array, "m m"], out: Float[Array, " m"], filters: tuple[Filter, ...]
+    rates: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
     """Return rates and output of states s with output C s, followed by filters; each filter adds two states,
     x and ẋ of ẍ + a₁ẋ + a₀x = input."""
-    size = len(out)
+    size = len(output)
     more = 2 * len(filters)
-    rates, out = jnp.pad(rates, (0, more)), jnp.pad(out, (0, more))
+    rates, output = jnp.pad(rates, (0, more)), jnp.pad(output, (0, more))
     for k, one in enumerate(filters):
         x, v = size + 2 * k, size + 2 * k + 1
         (b_2, b_1, b_0), (a_1, a_0) = one.numerator, one.denominator
-        oscillator = out.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
+        oscillator = output.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
         rates = rates.at[x, v].set(1.0).at[v].set(oscillator)
-        out = b_2 * oscillator
-        out = out.at[jnp.array([x, v])].add(jnp.stack([b_0, b_1]))
-    return rates, out
+        output = b_2 * oscillator
+        output = output.at[jnp.array([x, v])].add(jnp.stack([b_0, b_1]))
+    return rates, output

@@ -34,15 +34,15 @@ class Division(NamedTuple):
 class LineCrossings(NamedTuple):
     """Crossings of lines with the surface of failure, along each line in ascending order.
 
-    - `line`: index of the line, (k,); `place`: c on it, on the failing side, (k,); `G`: there, (k,)
-    - `other`: the nearest evaluated place on the surviving side, (k,)
+    - `line`: index of the line, (k,); `position`: c on it, on the failing side, (k,); `G`: there, (k,)
+    - `survivor`: the nearest evaluated place on the surviving side, (k,)
     - `enters`: whether failure begins there, (k,)
     - `fails_first`, `fails_last`: whether the lines fail at their first and last place, (m,)
     """
 
     line: np.ndarray
-    place: np.ndarray
-    other: np.ndarray
+    position: np.ndarray
+    survivor: np.ndarray
     G: np.ndarray
     enters: np.ndarray
     fails_first: np.ndarray
@@ -77,18 +77,18 @@ def crossings(
     limit: AbstractLimitState,
     origin: np.ndarray,
     direction: np.ndarray,
-    places: Sequence[np.ndarray],
+    positions: Sequence[np.ndarray],
     division: Division = Division(),
 ) -> LineCrossings:
     """Return the crossings of the lines origin + c·direction with the surface of failure.
 
     - `limit`: limit state
     - `origin`, `direction`: of each line, (m, d)
-    - `places`: values of c at which each line is evaluated, ascending, one array per line
+    - `positions`: values of c at which each line is evaluated, ascending, one array per line
     - `division`: division of the intervals with a crossing
     """
-    sizes = np.array([len(c) for c in places])
-    line, c = np.repeat(np.arange(len(places)), sizes), np.concatenate([*places, np.zeros(0)])
+    sizes = np.array([len(c) for c in positions])
+    line, c = np.repeat(np.arange(len(positions)), sizes), np.concatenate([*positions, np.zeros(0)])
     value = limit.values(origin[line] + c[:, None] * direction[line])
     ends = np.cumsum(sizes)
     first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
@@ -112,7 +112,7 @@ def narrow_crossings(
     - `value`: G at the places, (k,)
     - `division`: division of the intervals with a crossing
 
-    Returns `line`, `place`, `other`, `G` and `enters` as in `LineCrossings`.
+    Returns `line`, `position`, `survivor`, `G` and `enters` as in `LineCrossings`.
     """
     same_line = line[1:] == line[:-1]
     parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
@@ -127,10 +127,10 @@ def narrow_crossings(
         inner_values = limit.values(origin[row_lines] + inside.reshape(-1, 1) * direction[row_lines]).reshape(
             inside.shape
         )
-        place = np.concatenate([intervals.a[:, None], inside, intervals.b[:, None]], axis=1)
+        position = np.concatenate([intervals.a[:, None], inside, intervals.b[:, None]], axis=1)
         values = np.concatenate([intervals.at_a[:, None], inner_values, intervals.at_b[:, None]], axis=1)
         row_lines = np.repeat(intervals.line, inside.shape[1] + 1)
-        ends = (place[:, :-1], place[:, 1:], values[:, :-1], values[:, 1:])
+        ends = (position[:, :-1], position[:, 1:], values[:, :-1], values[:, 1:])
         intervals = _Intervals(row_lines, *(y.ravel() for y in ends)).with_crossing()
         wide = intervals.b - intervals.a > min_width
         finished.append(intervals.select(~wide))
@@ -138,5 +138,8 @@ def narrow_crossings(
     intervals = _Intervals(*(np.concatenate(ys) for ys in zip(*finished, intervals, strict=True)))
     intervals = intervals.select(np.lexsort((intervals.a, intervals.line)))
     enters = intervals.at_b <= 0
-    place, other = np.where(enters, intervals.b, intervals.a), np.where(enters, intervals.a, intervals.b)
-    return intervals.line, place, other, np.where(enters, intervals.at_b, intervals.at_a), enters
+    position, survivor = (
+        np.where(enters, intervals.b, intervals.a),
+        np.where(enters, intervals.a, intervals.b),
+    )
+    return intervals.line, position, survivor, np.where(enters, intervals.at_b, intervals.at_a), enters

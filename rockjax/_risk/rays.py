@@ -35,8 +35,8 @@ TRIAL_SAMPLES, TRIAL_SHARE = (
     200,
     0.1,
 )  # samples of a level in the runs of a trial, and the share that passes it
-COARSE = Division(rounds=0)
-FINE = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # Newton's step does the rest, except
+UNREFINED = Division(rounds=0)
+REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # Newton's step does the rest, except
 SHARP = Division(rounds=3, parts=16)  # where G jumps
 MAX_WEIGHT = 5.0  # weight, times the median
 JUMP_STEP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
@@ -119,7 +119,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     u, weights = _draw_failing(estimator, count, rng)
     size = np.linalg.norm(u, axis=1)
     scan = _RayScan(limit, u / size[:, None], factor)
-    scan.narrow(FINE)
+    scan.narrow(REFINED)
     # A sample in a window narrower than the distance of two places says nothing about its ray.
     before_sample = scan.r < factor * size[scan.line]
     is_failing = (
@@ -198,16 +198,16 @@ class _RayScan:
         stop = max(self.stop, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
         below, above = self._evaluate(first, self.first), self._evaluate(self.stop, stop)
         self.G, self.first, self.stop = np.concatenate([below, self.G, above], axis=1), first, stop
-        self.narrow(COARSE)
+        self.narrow(UNREFINED)
 
     def narrow(self, division: Division) -> None:
         """Find the crossings between places."""
-        m, r = len(self.directions), self._places(self.first, self.stop)
+        m, r = len(self.directions), self._radii(self.first, self.stop)
         parts = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
         found = narrow_crossings(
             self.limit, np.zeros_like(self.directions), self.directions, *parts, division
         )
-        self.line, self.r, self.other, _, enters = found
+        self.line, self.r, self.survivor, _, enters = found
         self.sign = np.where(enters, 1.0, -1.0)
         self.fails_at_start = (self.G[:, 0] <= 0).astype(float)  # below the first place
 
@@ -215,7 +215,7 @@ class _RayScan:
         """Narrow some crossings down to rounding."""
         if rows.size == 0:
             return
-        ends = np.sort(np.stack([self.r[rows], self.other[rows]], axis=1), axis=1)
+        ends = np.sort(np.stack([self.r[rows], self.survivor[rows]], axis=1), axis=1)
         e = self.directions[self.line[rows]]
         line = np.repeat(np.arange(rows.size), 2)
         value = self.limit.values(e[line] * ends.reshape(-1, 1))
@@ -224,11 +224,11 @@ class _RayScan:
         first = np.unique(found[0], return_index=True)[1]
         self.r[rows[found[0][first]]] = found[1][first]
 
-    def _places(self, first: int, stop: int) -> np.ndarray:
+    def _radii(self, first: int, stop: int) -> np.ndarray:
         return np.exp(self.step * np.arange(first, stop))
 
     def _evaluate(self, first: int, stop: int) -> np.ndarray:
-        r = self._places(first, stop)
+        r = self._radii(first, stop)
         u = self.directions[:, None, :] * r[:, None]
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
 
@@ -254,7 +254,7 @@ def solve_factor(
     scan, k = _scan_near(limit, rays, probability, guess)
     if not 1 / MAX_FACTOR < k < MAX_FACTOR:
         return FactorSolution(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
-    scan.narrow(FINE)
+    scan.narrow(REFINED)
     weight = rays.weights[scan.line]
     jumps, along_ray, slopes = _polish(limit, rays, scan, names)
     d = rays.directions.shape[1]
@@ -290,7 +290,7 @@ def _polish(
         scan.r = scan.r * np.exp(np.where(jumps, 0.0, step))
         return jumps, along_ray, slopes
 
-    jumps, _, _ = newton(np.abs(scan.r - scan.other) / scan.r)
+    jumps, _, _ = newton(np.abs(scan.r - scan.survivor) / scan.r)
     scan.sharpen(np.flatnonzero(jumps))  # if Newton's step leaves the interval, divide it further
     return newton(JUMP_STEP)
 
@@ -314,7 +314,7 @@ def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_Ra
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
     """Return P of the motions of `limit`, multiplied by a factor."""
     scan = _RayScan(limit, rays.directions, factor)
-    scan.narrow(FINE)
+    scan.narrow(REFINED)
     return float(rays.weights @ scan.shares(factor))
 
 

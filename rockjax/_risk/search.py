@@ -69,16 +69,16 @@ class _Bracket(NamedTuple):
         return _Bracket(*(y[rows] for y in self))
 
 
-def _bracket(limit: AbstractLimitState, directions: np.ndarray, at: np.ndarray) -> _Bracket:
-    """Bracket the first failure of rays (m, d), evaluated at places `at` (m, k) in ascending order."""
-    places = directions[:, None, :] * at[..., None]
-    value = limit.values(places.reshape(-1, directions.shape[1])).reshape(at.shape)
+def _bracket(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarray) -> _Bracket:
+    """Bracket the first failure of rays (m, d), evaluated at places `radii` (m, k) in ascending order."""
+    points = directions[:, None, :] * radii[..., None]
+    value = limit.values(points.reshape(-1, directions.shape[1])).reshape(radii.shape)
     over = value <= 0
-    first, rows = np.argmax(over, axis=1), np.arange(len(at))
+    first, rows = np.argmax(over, axis=1), np.arange(len(radii))
     fails = over.any(axis=1)
-    low = np.where(first > 0, at[rows, first - 1], 0.0)
+    low = np.where(first > 0, radii[rows, first - 1], 0.0)
     G_low = np.where(first > 0, value[rows, first - 1], np.inf)
-    return _Bracket(low, np.where(fails, at[rows, first], np.inf), G_low, value[rows, first])
+    return _Bracket(low, np.where(fails, radii[rows, first], np.inf), G_low, value[rows, first])
 
 
 def _narrow(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
@@ -111,8 +111,8 @@ def distances(
     limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
 ) -> np.ndarray:
     """Return the least distance at which each ray fails, (m,); inf if it survives up to `max_distance`."""
-    at = np.tile(np.linspace(0, max_distance, RAY + 1)[1:], (len(directions), 1))
-    return _narrow(limit, directions, _bracket(limit, directions, at))
+    radii = np.tile(np.linspace(0, max_distance, RAY + 1)[1:], (len(directions), 1))
+    return _narrow(limit, directions, _bracket(limit, directions, radii))
 
 
 def _unit(u: np.ndarray) -> np.ndarray:

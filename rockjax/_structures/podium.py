@@ -24,7 +24,7 @@ from rockjax._checks import (
     require_not_negative,
     require_positive,
 )
-from rockjax._parameters.table import SIDES, STRUCTURE
+from rockjax._parameters.table import STRUCTURE, WIDTH_AND_HEIGHT
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import (
     apparent_mass,
@@ -411,7 +411,7 @@ class Podium(Module):
             self,
             {
                 "p": "Frequency parameter p [rad/s]",
-                **{name: STRUCTURE[name].heading for name in SIDES},
+                **{name: STRUCTURE[name].heading for name in WIDTH_AND_HEIGHT},
                 "restitution_factor": "Velocity factor of an impact e [–]",
                 "uplift_ground_acceleration": "Slow ground acceleration that lifts the columns [m/s²]",
             },

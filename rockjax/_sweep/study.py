@@ -56,13 +56,15 @@ class SweepSpec(NamedTuple):
             "chunk": list(layout.block),
             "numbers": {name: digest(y) for name, y in self.numbers.arrays.items()},
             "labels": {name: digest(y) for name, y in self.labels.items()},
-            "options": {name: y if isinstance(y, str) else repr(_plain(y)) for name, y in values.items()},
+            "options": {
+                name: y if isinstance(y, str) else repr(_to_python_number(y)) for name, y in values.items()
+            },
             "sensitivities": list(self.sensitivities),
         }
         return entries | {"fingerprint": fingerprint(entries)}
 
 
-def _plain(y: Any) -> Any:
+def _to_python_number(y: Any) -> Any:
     return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
 
 

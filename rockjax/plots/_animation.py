@@ -234,7 +234,7 @@ class _Stage:
         self.cursor.set_data([self.times[k]], [self.ratio[k]])
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
 
-    def _show_floors(self, k: int, at: float, base: float) -> None:
+    def _show_floors(self, k: int, offset: float, base: float) -> None:
         z, below, foot = np.linspace(0, 1, 21), 0.0, 0.0
         for floor, sway, slab, column_lines in zip(
             self.floors, self.sway[:, k], self.slabs, self.column_lines, strict=True
@@ -242,9 +242,10 @@ class _Stage:
             deflection = below + (sway - below) * (3 - 2 * z) * z**2
             for line, place in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
-                    at + place * floor.width * self.half + deflection, base + foot + (floor.level - foot) * z
+                    offset + place * floor.width * self.half + deflection,
+                    base + foot + (floor.level - foot) * z,
                 )
-            slab.set_xy(_box(at + sway, base + floor.level, floor.width * self.half, floor.depth))
+            slab.set_xy(_box(offset + sway, base + floor.level, floor.width * self.half, floor.depth))
             below, foot = sway, floor.level + floor.depth
 
 

@@ -26,8 +26,8 @@ ABOVE: dict[str, Any] = {
 BAND = 0.2  # opacity
 
 
-def _label(name: str, of: str) -> str:
-    return f"{name} [{displayed(of)}]"
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{displayed(unit)}]"
 
 
 @on_axes

@@ -24,9 +24,9 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
     demand, displacement = figure.subplots(2, 1, sharex=True)
     few = len(names) <= MAX_COLOURS
     for k, name in enumerate(names):
-        how = {"color": COLOURS[k % len(COLOURS)] if few else "0.7", "lw": 1.3 if few else 0.8}
-        demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **how)
-        displacement.plot(p, dataset["top_displacement"][k], **how)
+        style = {"color": COLOURS[k % len(COLOURS)] if few else "0.7", "lw": 1.3 if few else 0.8}
+        demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **style)
+        displacement.plot(p, dataset["top_displacement"][k], **style)
     if not few:
         # NaN of the demand is below the range of the search; NaN of the displacement is an overturning.
         middle = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)

@@ -40,8 +40,8 @@ def test_a_pulse_in_noise_explains_its_share_and_leaves_the_noise():
     assert float(fit.pulse.f_p) == pytest.approx(0.7, rel=0.05)
     left = motion.velocity - np.asarray(fit.velocity(motion.time))
     assert float(fit.share) == pytest.approx(1 - left @ left / (motion.velocity @ motion.velocity), abs=1e-9)
-    rest = fit.rest(motion)
-    assert np.abs(rest.velocity).max() < 0.5 * motion.pgv
+    residual = fit.residual(motion)
+    assert np.abs(residual.velocity).max() < 0.5 * motion.pgv
     # No other pulse of its kind comes closer.
     for name in ("A", "f_p", "gamma", "nu"):
         for factor in (0.99, 1.01):

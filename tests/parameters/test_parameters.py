@@ -71,7 +71,7 @@ def test_the_range_is_that_of_the_structure(name):
         variants.with_values(FULL, {name: end + inwards})
         with pytest.raises(ValueError, match=r"must be"):
             variants.check_values("here", {name: end - inwards})
-        if name not in (*table.SIDES, "tan_alpha"):
+        if name not in (*table.WIDTH_AND_HEIGHT, "tan_alpha"):
             with pytest.raises(ValueError, match=r"must be"):
                 variants.with_values(FULL, {name: end - inwards})
 
@@ -84,7 +84,7 @@ def test_dimensions_are_the_arguments_of_the_constructor():
 
 def test_problem_files_know_all_parameters():
     of_ratios = {*ByRatios.model_fields, *Superstructure.model_fields}
-    assert {*of_ratios, *table.SIDES} == {*table.STRUCTURE, *table.BUILDING, "superstructure"}
+    assert {*of_ratios, *table.WIDTH_AND_HEIGHT} == {*table.STRUCTURE, *table.BUILDING, "superstructure"}
     assert set(ByDimensions.model_fields) == set(inspect.signature(rj.Podium.from_dimensions).parameters)
 
 

@@ -13,7 +13,7 @@ from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_SAME = 0.01  # relative difference of the peaks of column and header if both are in the same unit
+_PEAK_TOLERANCE = 0.01  # relative difference of the peaks of column and header if both are in the same unit
 
 
 def _afad(path: Path, lines: list[str], component: Component) -> Samples:
@@ -66,7 +66,7 @@ def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
         peak = float(found[1]) if found else 0.0
     except ValueError:
         return None
-    return "gal" if values.size and abs(np.abs(values).max() - peak) <= _SAME * peak else None
+    return "gal" if values.size and abs(np.abs(values).max() - peak) <= _PEAK_TOLERANCE * peak else None
 
 
 FORMAT = Format("AFAD text", lambda path, lines: _TITLE in lines[0].upper(), _afad)

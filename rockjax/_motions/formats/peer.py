@@ -23,7 +23,7 @@ from .base import (
 
 _AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(rf"DT\s*=?\s*({NUMBER})", re.I)
 _AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({NUMBER})\s+NPTS\s*,?\s*DT", re.I)
-_OTHER = re.compile(
+_OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
@@ -55,7 +55,7 @@ def _at2(path: Path, lines: list[str]) -> Samples:
         )
     k, (count, step) = found[0]
     for i, line in enumerate(lines[:k], start=1):
-        if other := _OTHER.match(line):
+        if other := _OTHER_QUANTITY.match(line):
             held = other[1].lower()
             raise ValueError(f"{path}:{i}: holds {held} ({abbreviate(line.strip())}), not acceleration")
     if held := _SUFFIXES.get(path.suffix.lower()):

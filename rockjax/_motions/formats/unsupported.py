@@ -9,9 +9,9 @@ from pathlib import Path
 from .base import Component, Format, Samples
 
 
-def _refuse(why: str) -> Callable[[Path, list[str], Component], Samples]:
+def _refuse(reason: str) -> Callable[[Path, list[str], Component], Samples]:
     def read(path: Path, lines: list[str], component: Component) -> Samples:
-        raise ValueError(f"{path}:1: {why}")
+        raise ValueError(f"{path}:1: {reason}")
 
     return read
 

@@ -22,7 +22,11 @@ from rockjax._risk.lines import crossings
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
-NEAR, FINE, COARSE = 2.5, 0.3, 0.8  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
+FINE_RANGE, FINE_STEP, COARSE_STEP = (
+    2.5,
+    0.3,
+    0.8,
+)  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
 HALF_LENGTH = 7.5  # half the length of a line: Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # scenes of a line, approximately
 BATCH = 128  # lines in memory at once
@@ -76,22 +80,26 @@ class Line(AbstractEstimator):
         """Add the contributions and the crossings of lines."""
         beta, direction = self.points.beta[lines.part], self.directions[lines.part]
         pairs = zip(lines.low, beta, strict=True)
-        places = [self._places(low, max(HALF_LENGTH, b + NEAR), float(b)) for low, b in pairs]
-        crossed = crossings(self.limit, lines.u, direction, places)
+        positions = [
+            self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
+        ]
+        crossed = crossings(self.limit, lines.u, direction, positions)
         # Failing stretches end at crossings; beyond the ends of a full line the state at its end continues.
         below = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, below, 0.0)
         np.add.at(
             probability,
             crossed.line,
-            np.where(crossed.enters, 1.0, -1.0) * scipy.stats.norm.sf(crossed.place),
+            np.where(crossed.enters, 1.0, -1.0) * scipy.stats.norm.sf(crossed.position),
         )
         for i, values in enumerate(self.lines):
             of_part = lines.part == i
             values[lines.line[of_part]] = probability[of_part]
-        u = lines.u[crossed.line] + crossed.place[:, None] * direction[crossed.line]
+        u = lines.u[crossed.line] + crossed.position[:, None] * direction[crossed.line]
         where = lines.part[crossed.line], lines.line[crossed.line]
-        self.surface_points.append(_SurfacePoints(u, scipy.stats.norm.pdf(crossed.place), crossed.G, *where))
+        self.surface_points.append(
+            _SurfacePoints(u, scipy.stats.norm.pdf(crossed.position), crossed.G, *where)
+        )
 
     def _draw(self, counts: np.ndarray) -> _Lines:
         """Draw `counts` new lines for each design point; lines that miss its part count, but are dropped."""
@@ -107,14 +115,14 @@ class Line(AbstractEstimator):
         bound = (u @ self.directions.T - beta + beta[part, None]) / cosine
         bound[np.arange(part.size), part] = -HALF_LENGTH
         low = np.maximum(bound.max(axis=1), -HALF_LENGTH)
-        reached = low < np.maximum(HALF_LENGTH, beta[part] + NEAR)
+        reached = low < np.maximum(HALF_LENGTH, beta[part] + FINE_RANGE)
         return _Lines(u[reached], low[reached], part[reached], line[reached])
 
     @staticmethod
-    def _places(low: float, high: float, beta: float) -> np.ndarray:
-        ends = np.clip([low, beta - NEAR, beta + NEAR, high], low, high)
+    def _scan_positions(low: float, high: float, beta: float) -> np.ndarray:
+        ends = np.clip([low, beta - FINE_RANGE, beta + FINE_RANGE, high], low, high)
         parts = [np.zeros(0)]
-        for a, b, step in zip(ends[:-1], ends[1:], (COARSE, FINE, COARSE), strict=True):
+        for a, b, step in zip(ends[:-1], ends[1:], (COARSE_STEP, FINE_STEP, COARSE_STEP), strict=True):
             if b > a:
                 parts.append(np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1)))
         return np.unique(np.concatenate(parts))
