@@ -71,7 +71,7 @@ SAFETY = 10.0  # times the estimated error
 GRAZES = 1e-3  # of pα
 
 
-class Kind(NamedTuple):
+class SceneClass(NamedTuple):
     """What a batch of scenes has in common."""
 
     top: str
@@ -83,7 +83,7 @@ class Kind(NamedTuple):
         return "-".join(self)
 
     @classmethod
-    def chosen(cls, words) -> Iterator[Kind]:
+    def matching(cls, words) -> Iterator[SceneClass]:
         """All kinds in whose names all parts of one of the words are."""
         for parts in itertools.product(TOPS, DEVICES, DIRECTIONS, MOTIONS):
             if not words or any(set(word.split("-")) <= set(parts) for word in words):
@@ -108,9 +108,9 @@ class Scenes(NamedTuple):
         """One of them, with its own record."""
         one = lambda tree: jax.tree.map(lambda y: np.asarray(y)[k] if np.ndim(y) else y, tree)
 
-        def of(motion):
+        def select_motion(motion):
             if isinstance(motion, rj.GroundMotion):
-                return rj.GroundMotion(of(motion.horizontal), of(motion.vertical))
+                return rj.GroundMotion(select_motion(motion.horizontal), select_motion(motion.vertical))
             if not isinstance(motion, rj.Records):
                 return one(motion)
             row = int(motion.which[k])
@@ -118,12 +118,12 @@ class Scenes(NamedTuple):
                 motion.acceleration[row], SPACING, motion.scale[k], t_start=float(motion.starts[row])
             )
 
-        return Scenes(one(self.podium), of(self.motion), one(self.initial), self.t_end[k])
+        return Scenes(one(self.podium), select_motion(self.motion), one(self.initial), self.t_end[k])
 
 
-def scenes(kind: Kind, count: int, seed: int) -> Scenes:
+def scenes(scene_class: SceneClass, count: int, seed: int) -> Scenes:
     """Random scenes; the same for the same arguments."""
-    rng = np.random.default_rng([seed, *map(ord, str(kind))])
+    rng = np.random.default_rng([seed, *map(ord, str(scene_class))])
     draw = lambda low, high, *more: rng.uniform(low, high, (count, *more))
     side = lambda *more: rng.choice([-1.0, 1.0], (count, *more))
     alpha, gamma = draw(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)
@@ -131,25 +131,26 @@ def scenes(kind: Kind, count: int, seed: int) -> Scenes:
         alpha,
         10 ** draw(-0.3, 1),
         gamma,
-        superstructure=_top(kind.top, draw),
+        superstructure=_top(scene_class.top, draw),
         restitution=draw(0.3, 0.98),
-        restrainers=_devices(kind.devices, draw),
+        restrainers=_devices(scene_class.devices, draw),
     )
     lifts, p = np.asarray(structure.uplift_ground_acceleration), np.asarray(structure.p)
     strength = lifts * np.where(draw(0, 1) < 0.4, draw(0.9, 1.5), draw(1, 6)) * side()
     size = structure.g * draw(0.01, 0.95) * side()
-    if kind.motion in PULSES:
+    if scene_class.motion in PULSES:
         period = 2 * math.pi / (p * draw(1, 12))
-        horizontal: Any = PULSES[kind.motion](strength, period)
+        horizontal: Any = PULSES[scene_class.motion](strength, period)
         vertical: Any = rj.Ricker(size, period * draw(0.1, 1))
     else:
-        of = lambda start: rj.Records.of(
-            [rj.Record(row, SPACING, t_start=start) for row in _rows(rng, kind.motion == "steps")]
+        make_records = lambda start: rj.Records.of(
+            [rj.Record(row, SPACING, t_start=start) for row in _rows(rng, scene_class.motion == "steps")]
         ).pick(rng.integers(0, RECORDS, count))
-        motion_factor = 0.0 if kind.motion == "rest" else 1.0
-        horizontal, vertical = of(0.0).scaled(strength * motion_factor), of(0.1).scaled(size)
-    motion = horizontal if kind.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
-    turned = (draw(0, 1) < 0.4) | (kind.motion == "rest")
+        motion_factor = 0.0 if scene_class.motion == "rest" else 1.0
+        horizontal = make_records(0.0).scaled(strength * motion_factor)
+        vertical = make_records(0.1).scaled(size)
+    motion = horizontal if scene_class.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
+    turned = (draw(0, 1) < 0.4) | (scene_class.motion == "rest")
     theta = np.where(turned, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
     rate = np.where(turned & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
     start, end = (np.asarray(y) for y in motion.support)
@@ -283,24 +284,24 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
 class Difference(NamedTuple):
     """An answer or a derivative that is off."""
 
-    kind: Kind
+    scene_class: SceneClass
     scene: int
     answer: str  # with the parameter, where it is a derivative
-    way: str
+    route: str
     ours: float
     right: float
     name: str
 
     def __str__(self):
         return (
-            f"{self.kind}, scene {self.scene}: {self.answer} at {self.way} is {self.ours:.12g} for "
+            f"{self.scene_class}, scene {self.scene}: {self.answer} at {self.route} is {self.ours:.12g} for "
             f"{self.right:.12g} ({self.name})"
         )
 
 
-def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Difference]:
+def compare(scene_class: SceneClass, batch: Scenes, with_ways: bool = False) -> list[Difference]:
     """All answers and derivatives of a batch that are off."""
-    outputs, count = OUTPUTS[kind.top], (len(batch.t_end),)
+    outputs, count = OUTPUTS[scene_class.top], (len(batch.t_end),)
     peaks = {rtol: solve(batch, outputs, rtol, sensitivities=PARAMETERS) for rtol in TOLERANCES}
     loose, right, tight = (columns(peak, outputs, count) for peak in peaks.values())
     # The tightest is right, unless the others agree on something else.
@@ -316,23 +317,23 @@ def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Differen
         "grazing": ~differences.settled & (slow < GRAZES)[:, None],
         "unsettled": ~differences.settled,
     }
-    found: list[Difference] = []
+    deviations: list[Difference] = []
 
-    def add(answers, way, ours, right, off, named):
-        for place in map(tuple, np.argwhere(off).tolist()):
+    def add(answers, route, ours, right, is_off, named):
+        for place in map(tuple, np.argwhere(is_off).tolist()):
             column, scene, *parameter = place
             answer = answers[column]
             if parameter:
                 answer = f"d {answer}/d ln {PARAMETERS[parameter[0]]}"
             name = next((name for name, where in named.items() if where[place]), "FAULT")
-            found.append(Difference(kind, scene, answer, way, ours[place], right[place], name))
+            deviations.append(Difference(scene_class, scene, answer, route, ours[place], right[place], name))
 
-    def judge(way, rtol, values):
-        off = ~(np.abs(values - right) <= limit) & answered
-        if off.any():
+    def judge(route, rtol, values):
+        is_off = ~(np.abs(values - right) <= limit) & answered
+        if is_off.any():
             named = {name: where.any(axis=-1) for name, where in unsettled.items()}
-            flagged = flags(kind, batch, rtol, np.maximum(limit, np.abs(values - right)))
-            add(names, way, values, right, off, {"flagged": flagged, **named})
+            flagged = flags(scene_class, batch, rtol, np.maximum(limit, np.abs(values - right)))
+            add(names, route, values, right, is_off, {"flagged": flagged, **named})
 
     within = RELATIVE * (np.abs(differences.values) + np.abs(right)[..., None]) + ABSOLUTE
     slopes = {rtol: columns(y.sensitivities, outputs, count, last=1) for rtol, y in peaks.items()}
@@ -343,55 +344,55 @@ def compare(kind: Kind, batch: Scenes, with_ways: bool = False) -> list[Differen
         if wrong.any():
             near = [np.abs(slopes[rtol] - side) <= 100 * within for side in differences.sides]
             converges = (errors[rtol] <= 10 * within) & (errors[TOLERANCES[-1]] <= within)
-            flagged = np.broadcast_to(flags(kind, batch, rtol, limit)[..., None], wrong.shape)
+            flagged = np.broadcast_to(flags(scene_class, batch, rtol, limit)[..., None], wrong.shape)
             named = {"tie": near[0] | near[1], "flagged": flagged, **unsettled, "converges": converges}
             add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, named)
     if with_ways:
-        for way, rtol, asked, method in (
+        for route, rtol, asked, method in (
             ("no derivatives", TOLERANCES[1], outputs, "dopri8"),
             ("all impacts", TOLERANCES[1], (*outputs, "impacts"), "dopri8"),
             ("tsit5", TOLERANCES[2], outputs, "tsit5"),
         ):
-            judge(way, rtol, columns(solve(batch, asked, rtol, method), outputs, count))
-    return found
+            judge(route, rtol, columns(solve(batch, asked, rtol, method), outputs, count))
+    return deviations
 
 
-def flags(kind: Kind, batch: Scenes, rtol: float, off: np.ndarray) -> np.ndarray:
-    """Where estimates allow for errors as large as `off`, (columns, scenes). The margin's is that of the
+def flags(scene_class: SceneClass, batch: Scenes, rtol: float, error: np.ndarray) -> np.ndarray:
+    """Where estimates allow for errors as large as `error`, (columns, scenes). The margin's is that of the
     rotation."""
-    outputs = OUTPUTS[kind.top]
+    outputs = OUTPUTS[scene_class.top]
     errors: Any = solve(batch, (*outputs, "errors"), rtol).errors
     estimated = tuple("peak_rotation" if name == "margin" else name for name in outputs)
     size = columns(errors, estimated, (len(batch.t_end),))
-    return np.asarray(errors.undecided) | (SAFETY * size >= np.where(np.isnan(off), np.inf, off))
+    return np.asarray(errors.undecided) | (SAFETY * size >= np.where(np.isnan(error), np.inf, error))
 
 
-def write(difference: Difference, one: Scenes, folder: Path) -> None:
+def write(difference: Difference, scene: Scenes, folder: Path) -> None:
     """A scene with all its numbers, as `--again` reads it."""
-    leaves = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(one)]
+    leaves = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(scene)]
     serialised = difference._replace(
-        kind=str(difference.kind), ours=float(difference.ours), right=float(difference.right)
+        scene_class=str(difference.scene_class), ours=float(difference.ours), right=float(difference.right)
     )
     words = "-".join(
-        (str(difference.kind), str(difference.scene), *difference.answer.replace("/", " by ").split())
+        (str(difference.scene_class), str(difference.scene), *difference.answer.replace("/", " by ").split())
     )
     path = folder / f"{words}.json"
     path.write_text(json.dumps(serialised._asdict() | {"leaves": leaves}))
 
 
-def read(path: Path) -> tuple[Kind, Scenes]:
+def read(path: Path) -> tuple[SceneClass, Scenes]:
     """The scene of a file, as a batch of one."""
     data = json.loads(path.read_text())
-    kind = Kind(*data["kind"].split("-"))
-    like = scenes(kind, 1, 0).scene(0)
+    scene_class = SceneClass(*data["scene_class"].split("-"))
+    like = scenes(scene_class, 1, 0).scene(0)
     leaves = [
         np.asarray(y, np.asarray(z).dtype) for y, z in zip(data["leaves"], jax.tree.leaves(like), strict=True)
     ]
     one = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return kind, one._replace(motion=one.motion.scaled(np.ones(1)), t_end=np.reshape(one.t_end, 1))
+    return scene_class, one._replace(motion=one.motion.scaled(np.ones(1)), t_end=np.reshape(one.t_end, 1))
 
 
-def table(kind: Kind, found: list[Difference], count: int) -> list[str]:
+def table(scene_class: SceneClass, deviations: list[Difference], count: int) -> list[str]:
     """How many scenes are off in all and in each answer, by name, and a fault of each answer."""
 
     def scenes_of(some: list[Difference]) -> str:
@@ -399,11 +400,11 @@ def table(kind: Kind, found: list[Difference], count: int) -> list[str]:
         return ", ".join(f"{number} {name}" for name, number in each.most_common()) or "all agree"
 
     by_answer: dict[str, list[Difference]] = {}
-    for each in found:
+    for each in deviations:
         by_answer.setdefault(each.answer, []).append(each)
-    lines = [f"{kind}: {count} scenes, {scenes_of(found)}"]
+    lines = [f"{scene_class}: {count} scenes, {scenes_of(deviations)}"]
     lines += [f"  {answer}: {scenes_of(some)}" for answer, some in by_answer.items()]
-    faults = {y.answer: y for y in found if y.name == "FAULT"}
+    faults = {y.answer: y for y in deviations if y.name == "FAULT"}
     return lines + [f"  {y}" for y in faults.values()]
 
 
@@ -417,16 +418,16 @@ def main() -> None:
     parser.add_argument("--again", type=Path)
     given = parser.parse_args()
     if given.again:
-        kind, batch = read(given.again)
-        print(*compare(kind, batch, given.ways), sep="\n")
+        scene_class, batch = read(given.again)
+        print(*compare(scene_class, batch, given.ways), sep="\n")
         return
-    for kind in Kind.chosen(given.kinds):
-        batch = scenes(kind, given.scenes, given.seed)
-        found = compare(kind, batch, given.ways)
-        print(*table(kind, found, given.scenes), sep="\n", flush=True)
+    for scene_class in SceneClass.matching(given.kinds):
+        batch = scenes(scene_class, given.scenes, given.seed)
+        deviations = compare(scene_class, batch, given.ways)
+        print(*table(scene_class, deviations, given.scenes), sep="\n", flush=True)
         if given.faults:
             given.faults.mkdir(parents=True, exist_ok=True)
-            for each in found:
+            for each in deviations:
                 if each.name == "FAULT":
                     write(each, batch.scene(each.scene), given.faults)
 

@@ -35,16 +35,16 @@ import rockjax as rj
 from .measure import RESULTS, show, store_rows
 
 WIDTH = 1e-4  # of the range
-FINE = 0.25 * WIDTH  # from one scale that is tried to the next
-WIDE = 64  # scales in a row that overturn: what is above them is no window any more
+SCALE_STEP = 0.25 * WIDTH  # from one scale that is tried to the next
+OVERTURNING_RUN = 64  # scales in a row that overturn: what is above them is no window any more
 BLOCK = 4096  # scales that are tried at once
 INSIDE = 200  # scales in a step at whose ends the verdict changes
 RANGE = 10.0  # scales up to so many g tan α over PGA
 COARSE = 256  # scales that tell from where on the columns lift
 LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
-NEAR = 0.02  # a margin as small is worked out again …
+CLOSE_MARGIN = 0.02  # a margin as small is worked out again …
 SHARP = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))  # … at the accuracy of a boundary
-BEFORE, SAMPLES = 400, 1000  # of a record: so many before its peak, and altogether
+SAMPLES_BEFORE_PEAK, SAMPLES = 400, 1000  # of a record: so many before its peak, and altogether
 SLENDER, STOCKY = math.atan(0.15), 0.25
 STRUCTURES = {
     "solitary column": rj.Podium(0.2, 1.0),
@@ -77,7 +77,7 @@ def read_records(folder: Path, count: int) -> rj.Records:
         suite = rj.read_suite(folder, units="m/s2", pattern="*.dat")
     for motion in suite:
         samples = np.asarray(motion.acceleration)
-        first = max(0, int(np.argmax(np.abs(samples))) - BEFORE)
+        first = max(0, int(np.argmax(np.abs(samples))) - SAMPLES_BEFORE_PEAK)
         cut.append(rj.Record(samples[first : first + SAMPLES], motion.dt))
     return rj.Records.of(cut[:count])
 
@@ -86,7 +86,7 @@ def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray
     """Whether scales of one record overturn; those that are close to it at the full accuracy."""
     results = peaks(podium, records, j, scales, LOOKING)
     over = np.array(results.overturned)
-    near = np.flatnonzero(np.abs(np.asarray(results.margin)) < NEAR)
+    near = np.flatnonzero(np.abs(np.asarray(results.margin)) < CLOSE_MARGIN)
     if near.size:
         over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
     return over
@@ -109,24 +109,24 @@ def scan_windows(podium: rj.Podium, records: rj.Records, j: int, limit: float) -
     """What plain responses tell about one record: `windows` of overturning, (from, to), up to the first wide
     one, whose end is not looked for."""
     began = time.process_time()
-    scales = np.arange(largest_resting_scale(podium, records, j, limit), limit, FINE * limit)
+    scales = np.arange(largest_resting_scale(podium, records, j, limit), limit, SCALE_STEP * limit)
     over = np.zeros(0, bool)
     for first in range(0, scales.size, BLOCK):
         over = np.append(over, overturns(podium, records, j, scales[first : first + BLOCK]))
-        in_a_row = np.convolve(over, np.ones(WIDE), mode="valid")
-        wide = np.flatnonzero(in_a_row > WIDE - 0.5)
+        in_a_row = np.convolve(over, np.ones(OVERTURNING_RUN), mode="valid")
+        wide = np.flatnonzero(in_a_row > OVERTURNING_RUN - 0.5)
         if wide.size:
-            over = over[: wide[0] + WIDE]
+            over = over[: wide[0] + OVERTURNING_RUN]
             break
     found = windows(podium, records, j, scales[: over.size], over)
     return {"windows": found, "scenes": int(over.size), "cpu_s": time.process_time() - began}
 
 
 def windows(
-    podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, over: np.ndarray
+    podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, overturned: np.ndarray
 ) -> list[list[float]]:
     """Beginnings and ends of the windows that overturn among ascending scales of one record."""
-    changes = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(int)))
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], overturned, [False]]).astype(int)))
     edges = []
     for change in changes:
         lo, hi = scales[max(change - 1, 0)], scales[min(change, scales.size - 1)]
@@ -156,7 +156,13 @@ def scan_all(
         if store is None:
             rows.append(work())
             continue
-        numbers = [*jax.tree.leaves(podium), *jax.tree.leaves(records.pick(np.int32(j))), limit, FINE, WIDE]
+        numbers = [
+            *jax.tree.leaves(podium),
+            *jax.tree.leaves(records.pick(np.int32(j))),
+            limit,
+            SCALE_STEP,
+            OVERTURNING_RUN,
+        ]
         digest = hashlib.sha256(b"".join(np.asarray(y, float).tobytes() for y in numbers)).hexdigest()[:12]
         words = "".join(letter if letter.isalnum() else "-" for letter in f"{name}-{source}")
         rows.append(cached(store / f"{words}-{j}-{digest}.json", work))
@@ -178,7 +184,7 @@ def compare_search(name: str, source: str, records: rj.Records, store: Path | No
     scale, certain = np.asarray(found.scale), np.asarray(found.certain_width)
     below, doubtful = [], []
     for j, limit in enumerate(limits):
-        top = scale[j] - FINE * limit / (INSIDE - 1)  # what begins closer is the boundary itself
+        top = scale[j] - SCALE_STEP * limit / (INSIDE - 1)  # what begins closer is the boundary itself
         for lo, hi in truth[j]["windows"]:
             hi = min(hi, scale[j])  # scales between that survive are not seen where they are closer
             if lo < top:

@@ -3,9 +3,9 @@ errors|intervals`.
 
 `errors [scenes] [--records FOLDER]`: random structures of ordinary proportions under synthetic records, and
 under those in a folder (`benchmarks/boundaries.py` says which), at amplitudes from just above what lifts the
-columns to eight times that. Each scene is solved as asked for with its error estimate and again at `TRUTH`,
-which stands for the truth. Scenes whose class differs from that of the truth are counted by themselves: a
-peak is then no longer a number with an error.
+columns to eight times that. Each scene is solved as asked for with its error estimate and again at
+`REFERENCE_RTOL`, which stands for the truth. Scenes whose class differs from that of the truth are counted by
+themselves: a peak is then no longer a number with an error.
 
 `intervals [trials]`: how often intervals of fragility curves hold the truth. Capacities are drawn from a
 lognormal distribution, some of them censored; a fit and its 90 % intervals are found for each sample, with
@@ -35,15 +35,15 @@ from .measure import report, store_rows
 
 QUANTITIES = ("peak_rotation", "peak_shear")
 TOLERANCES = (1e-4, 1e-6, 1e-8)
-TRUTH = 1e-13
+REFERENCE_RTOL = 1e-13
 ROUNDING = 1e-12  # of a rotation over α: errors as small are those of the truth
 
 
-def podiums(kind: str, n: int, rng: np.random.Generator) -> rj.Podium:
+def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
     eta = rng.uniform(1.0, 100.0, n)
     top = (
         rj.Rigid(eta)
-        if kind == "rigid"
+        if structure == "rigid"
         else rj.Elastic(eta, rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n))
     )
     return rj.Podium(rng.uniform(0.08, 0.35, n), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), top)
@@ -61,26 +61,26 @@ def options(rtol: float, *more: str) -> rj.Options:
     return rj.Options(rtol=rtol, atol=0.01 * rtol, outputs=(*QUANTITIES, *more))
 
 
-def compare_errors(source: str, kind: str, records: rj.Records, n: int) -> list[dict]:
-    rng = np.random.default_rng([5, *f"{source} {kind}".encode()])
-    podium = podiums(kind, n, rng)
+def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> list[dict]:
+    rng = np.random.default_rng([5, *f"{source} {structure}".encode()])
+    podium = podiums(structure, n, rng)
     motion = scale_records(podium, records, n, rng)
-    truth = rj.peak_responses(podium, motion, options=options(TRUTH))
+    reference = rj.peak_responses(podium, motion, options=options(REFERENCE_RTOL))
     rows = []
     for rtol in TOLERANCES:
         peak = rj.peak_responses(podium, motion, options=options(rtol, "errors"))
         assert peak.errors is not None
-        lifted = np.asarray(truth.uplifted)
-        answered = (np.asarray(code_of(peak.result)) <= 2) & (np.asarray(code_of(truth.result)) <= 2)
-        other = np.asarray(peak.overturned) != np.asarray(truth.overturned)
+        lifted = np.asarray(reference.uplifted)
+        answered = (np.asarray(code_of(peak.result)) <= 2) & (np.asarray(code_of(reference.result)) <= 2)
+        other = np.asarray(peak.overturned) != np.asarray(reference.overturned)
         undecided = np.asarray(peak.errors.undecided)
-        stands = answered & lifted & ~other & ~np.asarray(truth.overturned)
-        row = {"records": source, "structure": kind, "rtol": rtol, "scenes": n}
+        stands = answered & lifted & ~other & ~np.asarray(reference.overturned)
+        row = {"records": source, "structure": structure, "rtol": rtol, "scenes": n}
         row |= {"no answer": int((~answered).sum()), "flips": int((answered & other).sum())}
         row["unflagged"] = int((answered & other & ~undecided).sum())
         row |= {"undecided": float(np.mean(undecided)), "compared": int(stands.sum())}
         for name in QUANTITIES:
-            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(truth, name)))[stands]
+            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(reference, name)))[stands]
             estimate = np.asarray(getattr(peak.errors, name))[stands]
             ratio = np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300)
             for factor in (1, 10, 100):
@@ -110,20 +110,20 @@ CONFIDENCE = 0.9
 DISPERSION = 0.4
 BATCH = 500
 FRACTILES = (0.1, 0.9)  # where the band is looked at
-AGAIN, SPAN = 0.3, 0.7  # chance of surviving a level above the capacity, up to so much in ln(x)
+SURVIVAL_CHANCE, SPAN = 0.3, 0.7  # chance of surviving a level above the capacity, up to so much in ln(x)
 
 _fits = jax.jit(jax.vmap(fit_capacities))
 
 
-def _coverage(bounds, truth) -> np.ndarray:
-    return (bounds[0] <= truth) & (truth <= bounds[1])
+def _coverage(bounds, true_value) -> np.ndarray:
+    return (bounds[0] <= true_value) & (true_value <= bounds[1])
 
 
 def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
     """Coverage with `count` records, of which a share `censored` is expected above the limit."""
     rng = np.random.default_rng(seed)
     limit = np.exp(DISPERSION * ndtri(1 - censored)) if censored else 1e6
-    held = []
+    is_covered = []
     for _ in range(-(-trials // BATCH)):
         drawn = np.exp(DISPERSION * rng.normal(size=(BATCH, count)))
         drawn = np.where(drawn < limit, drawn, np.inf)
@@ -138,8 +138,10 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
             CONFIDENCE,
         )
         truth = zip((found.log_median, found.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
-        held.append(np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(found.probit, z)]))
-    share = np.concatenate(held, axis=1)
+        is_covered.append(
+            np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(found.probit, z)])
+        )
+    share = np.concatenate(is_covered, axis=1)
     return _row("capacities", count, f"{censored:.0%} censored", share)
 
 
@@ -157,7 +159,7 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
     truth = fit_counts(x, overturned(many).sum(axis=0).astype(float), np.full(levels, float(many)))
     median, dispersion = (float(y) for y in truth)
     z = ndtri(FRACTILES)
-    held = []
+    is_covered = []
     for _ in range(trials):
         try:
             curve = rj.fragility(
@@ -167,8 +169,8 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
             continue
         (a, b), (c, d) = curve["interval"].values
         share = [a <= median <= b, c <= dispersion <= d]
-        held.append([*share, *_coverage((curve["lower"].values, curve["upper"].values), FRACTILES)])
-    return _row("stripes", count, f"{levels} levels, {survival_chance:.0%} again", np.transpose(held))
+        is_covered.append([*share, *_coverage((curve["lower"].values, curve["upper"].values), FRACTILES)])
+    return _row("stripes", count, f"{levels} levels, {survival_chance:.0%} again", np.transpose(is_covered))
 
 
 def _analysis(x: np.ndarray, overturned: np.ndarray) -> xarray.Dataset:
@@ -181,10 +183,10 @@ def _analysis(x: np.ndarray, overturned: np.ndarray) -> xarray.Dataset:
     )
 
 
-def _row(method: str, count: int, case: str, held: np.ndarray) -> dict:
+def _row(method: str, count: int, case: str, is_covered: np.ndarray) -> dict:
     names = ("median", "dispersion", *(f"P = {p:g}" for p in FRACTILES))
-    shares = dict(zip(names, held.mean(axis=1).tolist(), strict=True))
-    return {"method": method, "records": count, "case": case, "samples": held.shape[1], **shares}
+    shares = dict(zip(names, is_covered.mean(axis=1).tolist(), strict=True))
+    return {"method": method, "records": count, "case": case, "samples": is_covered.shape[1], **shares}
 
 
 def intervals(trials: int) -> None:
@@ -193,7 +195,9 @@ def intervals(trials: int) -> None:
     for count in (5, 10, 40):
         rows += [capacities(count, censored, trials) for censored in (0.0, 0.25, 0.5, 0.75)]
     for count in (5, 10, 40):
-        rows += [stripes(count, 12, survival_chance, trials // 2) for survival_chance in (0.0, AGAIN)]
+        rows += [
+            stripes(count, 12, survival_chance, trials // 2) for survival_chance in (0.0, SURVIVAL_CHANCE)
+        ]
     report("coverage", rows)
 
 

@@ -39,14 +39,14 @@ def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
 
 def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
     """One `diffeqsolve` with an event per segment, vmapped: what Diffrax's documentation suggests."""
-    how = options(rtol, engine="segments")
-    peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), how)
+    settings = options(rtol, engine="segments")
+    peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), settings)
     return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
 
 
 @jax.jit
-def _segments(structure: rj.Podium, motions: rj.Ricker, how: rj.Options) -> rj.Peak:
-    return jax.vmap(lambda a_p, T_p: rj.peak_response(structure, rj.Ricker(a_p, T_p), options=how))(
+def _segments(structure: rj.Podium, motions: rj.Ricker, settings: rj.Options) -> rj.Peak:
+    return jax.vmap(lambda a_p, T_p: rj.peak_response(structure, rj.Ricker(a_p, T_p), options=settings))(
         motions.a_p, motions.T_p
     )
 

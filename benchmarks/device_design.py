@@ -57,7 +57,7 @@ ABOVE = 190e3  # [N]: with a little less than that the records rotate the column
 STIFFNESSES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)  # over the critical one
 SHEARS = (0.35, 0.36, 0.38, 0.4)
 LARGEST_INERTANCE = 900e3  # [kg], 600 masses of a column
-TIGHT = rj.Options(
+CHECK_OPTIONS = rj.Options(
     rtol=1e-12, atol=1e-14, outputs=("peak_rotation", "margin", "peak_shear"), throw=False, max_steps=100_000
 )
 DAMPED = OPTIONS.replace(rtol=1e-7, atol=1e-9)  # with ν < 1 each digit costs steps
@@ -126,7 +126,7 @@ class Problem(NamedTuple):
         )
 
 
-def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = TIGHT) -> rj.Peak:
+def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = CHECK_OPTIONS) -> rj.Peak:
     """Peak responses to motions of one kind, one scene each."""
     (group,) = Suite.of(motions).groups
     return rj.peak_responses(podium, group, options=options)
@@ -135,13 +135,13 @@ def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = TIGHT
 def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
     """Values of the objective, margins of the targets, and the responses that they are of."""
     read_off = [item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)]
-    outputs = {*TIGHT.outputs, *(name for item in read_off for name in item.outputs)}
-    tight = TIGHT.replace(outputs=tuple(sorted(outputs)))
+    outputs = {*CHECK_OPTIONS.outputs, *(name for item in read_off for name in item.outputs)}
+    tight = CHECK_OPTIONS.replace(outputs=tuple(sorted(outputs)))
     peaks = fresh_peaks(podium, problem.motions, tight)
 
-    def of(item, alone: str) -> np.ndarray:
+    def of(item, method: str) -> np.ndarray:
         read = isinstance(item, AbstractResponses)
-        return np.atleast_1d(item.read(peaks, tight) if read else getattr(item, alone)(podium, tight))
+        return np.atleast_1d(item.read(peaks, tight) if read else getattr(item, method)(podium, tight))
 
     margins = [of(target, "margins") for target in problem.targets]
     return of(problem.minimise, "values"), np.concatenate([np.zeros(0), *margins]), peaks
@@ -363,7 +363,7 @@ RATIOS = (1.5, 2.0, 3.0)  # PGA over g tan α
 SIZES = (0.5, 1.0, 2.0)  # of the columns, over those of the other studies
 DESIGN = 2.0  # of the ratios, for the design
 UNMOVED = 1e-3  # of α: smaller rotations say nothing
-SHORT = 2000  # samples; of the design
+SHORT_LENGTH = 2000  # samples; of the design
 SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N]: below no design stands, above all do
 SCANNED = "least of the scan [N]", "throughout from [N]", "satisfied between", "changes"
 Pairs = list[rj.GroundMotion]
@@ -450,8 +450,8 @@ def scan_prestress(case: list[rj.AbstractExcitation]) -> dict[str, float]:
 def designs(motions: rj.Motions) -> list[dict]:
     """The least prestress for the shorter pairs, with and without the vertical component."""
     podium = rj.Podium.from_dimensions(**RIGID)
-    short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT))
-    print(f"{len(short)} pairs of less than {SHORT} samples", flush=True)
+    short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT_LENGTH))
+    print(f"{len(short)} pairs of less than {SHORT_LENGTH} samples", flush=True)
     pairs = pairs_of(short, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
     cases: dict[str, list[rj.AbstractExcitation]] = {"with": list(pairs), "without": horizontal(pairs)}
     return [row_of(name, least_force(case)) | scan_prestress(case) for name, case in cases.items()]
@@ -470,10 +470,10 @@ def vertical(folder: Path) -> None:
 
 
 # -------------------------------------------------------------------------------- pictures
-WORST = r"largest $|\theta|\,/\,\alpha$ of all motions"
-FORCE = r"$P_0\,/\,(m_c g)$"
+ROTATION_LABEL = r"largest $|\theta|\,/\,\alpha$ of all motions"
+FORCE_LABEL = r"$P_0\,/\,(m_c g)$"
 NAMES = {"records": "ten records", "pulses": "eight pulses"}
-ALL = TIGHT.replace(rtol=1e-8, atol=1e-10)  # the programs are those of the checks
+ALL = CHECK_OPTIONS.replace(rtol=1e-8, atol=1e-10)  # the programs are those of the checks
 
 
 def rotations(podiums: list[rj.Podium], motions) -> np.ndarray:
@@ -542,7 +542,9 @@ def draw_stiffness() -> Figure:
             alone["stiffness"], alone["largest force"], "D", color=line_style["color"], ms=7, mfc="none"
         )
     right.plot([], [], "D", color="0.4", mfc="none", label="stiffness alone")
-    left.set(xlabel=r"stiffness $\kappa\,/\,\kappa_{cr}$", ylabel="least prestress " + FORCE, ylim=(0, None))
+    left.set(
+        xlabel=r"stiffness $\kappa\,/\,\kappa_{cr}$", ylabel="least prestress " + FORCE_LABEL, ylim=(0, None)
+    )
     right.set(xlabel=r"stiffness $\kappa\,/\,\kappa_{cr}$", xscale="symlog", yscale="log")
     right.set_ylabel(r"largest force $P_\mathrm{max}\,/\,(m_c g)$")
     right.set_xlim(0, 50)
@@ -623,7 +625,7 @@ def draw_inerter() -> Figure:
             xlabel=r"inertance $\mu = b\,/\,m_c$", title=NAMES[suite], xlim=(0, ratios[-1]), ylim=(0, 1.05)
         )
         ax.legend()
-    figure.axes[0].set_ylabel(WORST)
+    figure.axes[0].set_ylabel(ROTATION_LABEL)
     return figure
 
 

@@ -56,16 +56,16 @@ def cost() -> None:
     report("gradients", rows)
 
 
-def _row(family: str, kind: str, value: float, both: float) -> dict:
+def _row(family: str, quantity: str, value: float, both: float) -> dict:
     times = {"value [ms]": value * 1e3, "with gradient [ms]": both * 1e3, "ratio": both / value}
-    return {"family": family, "kind": kind} | times
+    return {"family": family, "kind": quantity} | times
 
 
 SAMPLES, DT = 60, 0.05  # of the records
 CLOSE = 1e-12
-AGAIN = 16  # times that samples are changed
+PERTURBATIONS = 16  # times that samples are changed
 PART = 256  # scenes that go through a program side by side
-HOW = rj.Options(max_steps=4000, throw=False)
+OPTIONS = rj.Options(max_steps=4000, throw=False)
 
 
 def structure_of(y: jax.Array, elastic: bool) -> rj.Podium:
@@ -74,7 +74,7 @@ def structure_of(y: jax.Array, elastic: bool) -> rj.Podium:
 
 
 def of_pulse(y: jax.Array, elastic: bool) -> jax.Array:
-    peak = rj.peak_response(structure_of(y, elastic), rj.Ricker(y[-2], y[-1]), options=HOW)
+    peak = rj.peak_response(structure_of(y, elastic), rj.Ricker(y[-2], y[-1]), options=OPTIONS)
     return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
 
 
@@ -84,7 +84,7 @@ def by_numbers(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array]:
 
 
 def of_record(y: jax.Array, samples: jax.Array, elastic: bool) -> jax.Array:
-    peak = rj.peak_response(structure_of(y, elastic), rj.Record(samples, DT), options=HOW)
+    peak = rj.peak_response(structure_of(y, elastic), rj.Record(samples, DT), options=OPTIONS)
     return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
 
 
@@ -152,7 +152,7 @@ def _moved(solved, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(0)
     most = np.zeros_like(forward)
     samples = slice(-2 * SAMPLES, -SAMPLES)
-    for _ in range(AGAIN if len(y) else 0):
+    for _ in range(PERTURBATIONS if len(y) else 0):
         # Full parts: another size would be another program.
         near = np.resize(y, (-(-len(y) // PART) * PART, y.shape[1]))
         near[:, samples] *= 1 + np.finfo(float).eps * rng.integers(-1, 2, near[:, samples].shape)

@@ -120,11 +120,11 @@ def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, fl
 
 
 def difference_quantiles(
-    found: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndarray]
+    found: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
     """The same of (peaks, overturned) against others."""
-    same = found[1] == truth[1]
-    error = np.abs(found[0] - truth[0])[same]
+    same = found[1] == expected[1]
+    error = np.abs(found[0] - expected[0])[same]
     return {
         "median": float(np.median(error)),
         "p99": float(np.quantile(error, 0.99)),

@@ -146,20 +146,20 @@ def subset(minutes: str = "0", *names: str) -> None:
     )
 
 
-COUNTED = ("block 1e-4", "block 1e-5")
+COUNTED_CASES = ("block 1e-4", "block 1e-5")
 BLOCKS = 100_000  # motions that are drawn at once
 
 
 def scenes(motions: int) -> rj.Record:
     """So many motions times the densities of the cases, shape (motions, densities)."""
-    first = motion_of(CASES[COUNTED[0]])
+    first = motion_of(CASES[COUNTED_CASES[0]])
     samples = np.empty((motions, 1, first.n))
     for k, start in enumerate(range(0, motions, BLOCKS)):
         size = min(BLOCKS, motions - start)
         u = np.random.default_rng([13, k]).standard_normal((size, first.dimension))
         samples[start : start + size, 0] = first.acceleration(jnp.asarray(u))
     # Motions are linear in √S₀.
-    scale = np.sqrt([CASES[name].S_0 / CASES[COUNTED[0]].S_0 for name in COUNTED])
+    scale = np.sqrt([CASES[name].S_0 / CASES[COUNTED_CASES[0]].S_0 for name in COUNTED_CASES])
     return rj.Record(samples, first.dt, scale)
 
 
@@ -188,7 +188,7 @@ def sweep(count: str, folder: str) -> None:
     }
     rows = [
         {"case": name, "motions": motions, "failures": int((result[:, k] == 2).sum())} | shared
-        for k, name in enumerate(COUNTED)
+        for k, name in enumerate(COUNTED_CASES)
     ]
     report("risk-sweep", rows)
 
@@ -196,15 +196,15 @@ def sweep(count: str, folder: str) -> None:
 STARTS, SEED = 8, 0
 
 
-def rows_of(kind: str) -> list[dict]:
+def rows_of(structure: str) -> list[dict]:
     """The cases of one structure, from the design points of its P ≈ 1e-4."""
-    name = f"{kind} 1e-4"
+    name = f"{structure} 1e-4"
     case = CASES[name]
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
     found = find_design_points("benchmark", limit, starting_directions(limit, STARTS, SEED))
     rows = []
     for other, of in CASES.items():
-        if not other.startswith(kind):
+        if not other.startswith(structure):
             continue
         factor = math.sqrt(case.S_0 / of.S_0)
         scaled_points = found._replace(u=found.u * factor, beta=found.beta * factor)

@@ -34,7 +34,7 @@ HAZARD = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-
 MOTION = rj.GaussianMotion(101, 0.05, 0.02)
 FREQUENCY, PROBABILITY = 4e-4, 1e-3  # limits: [1/year], [–]
 WIDTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.95)  # of the curves [m]
-RECORDS, OTHERS = 6, 200  # of the suite, and independent ones
+RECORDS, INDEPENDENT_RECORDS = 6, 200  # of the suite, and independent ones
 STEPS = 120  # of Adam
 WIDTH = 1e-3  # of the windows of overturning that may be missed, over the largest intensity
 COLUMN: dict[str, Any] = {"height": 3.0, "column_mass": 1.5e3, "beam_mass": 30e3}
@@ -81,8 +81,8 @@ def capacities(podium: rj.Podium, motions: list[rj.AbstractExcitation]) -> np.nd
 
 
 @jax.jit
-def _frequency(found: jnp.ndarray) -> jnp.ndarray:
-    curve = fit_capacities(found, jnp.full(found.shape, HAZARD.intensity[-1]))
+def _frequency(capacities: jnp.ndarray) -> jnp.ndarray:
+    curve = fit_capacities(capacities, jnp.full(capacities.shape, HAZARD.intensity[-1]))
     return rj.annual_frequency(curve, HAZARD).frequency
 
 
@@ -93,7 +93,7 @@ def frequency_of(found: np.ndarray) -> float:
 
 def sampled_frequency(podium: rj.Podium) -> dict[str, float]:
     """λ_f by records that took no part in a design, and the interval of it by 300 samples of them."""
-    parts = [capacities(podium, records(1000 + first, 50)) for first in range(0, OTHERS, 50)]
+    parts = [capacities(podium, records(1000 + first, 50)) for first in range(0, INDEPENDENT_RECORDS, 50)]
     found = np.concatenate(parts)
     rng = np.random.default_rng(3)
 

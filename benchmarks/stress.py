@@ -53,7 +53,7 @@ LAWS = ("paper", "compatible", "given")
 PULSES = ("Ricker", "AntisymmetricRicker", "OneSine", "OneCosine", "HalfSine")
 MOTIONS = (*PULSES, "MavroeidisPapageorgiou", "Gabor", "Rest", "record", "offset record", "coarse record")
 # Methods of lower order where they make sense: down to which tolerance.
-OTHERS = {"tsit5": 1e-12, "dopri5": 1e-11, "bosh3": 1e-6}
+METHOD_TOLERANCES = {"tsit5": 1e-12, "dopri5": 1e-11, "bosh3": 1e-6}
 QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear")
 
 
@@ -81,7 +81,7 @@ def groups() -> Iterator[Group]:
     for top, law, motion in itertools.product(SUPERSTRUCTURES, LAWS, MOTIONS):
         yield Group(top, law, motion)
     for method, top, motion in itertools.product(
-        OTHERS, ("rigid", "elastic"), ("Ricker", "OneCosine", "record")
+        METHOD_TOLERANCES, ("rigid", "elastic"), ("Ricker", "OneCosine", "record")
     ):
         yield Group(top, "paper", motion, method)
 
@@ -210,15 +210,15 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     return Batch(podium, motion, rj.State(*initial), options)
 
 
-def scene(of: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
+def scene(batch: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
     """Scene k of a batch, as single numbers; or some of them."""
 
     def pick(y):
         y = np.asarray(y)
-        return jnp.asarray(y[k] if y.ndim and y.shape[0] == len(of.initial.theta) else y)
+        return jnp.asarray(y[k] if y.ndim and y.shape[0] == len(batch.initial.theta) else y)
 
-    podium, motion = jax.tree.map(pick, of.podium), control.over_parts(of.motion, pick)
-    return podium, motion, jax.tree.map(pick, of.initial)
+    podium, motion = jax.tree.map(pick, batch.podium), control.over_parts(batch.motion, pick)
+    return podium, motion, jax.tree.map(pick, batch.initial)
 
 
 def repeat(group: Group, rtol: float, n: int, seed: int, k: int) -> str:
@@ -249,12 +249,12 @@ class Findings:
     within: int = 0  # out of steps all the same
     seconds: float = 0.0
 
-    def fail(self, cause: str, bad: np.ndarray, line: Callable[[int], str]) -> None:
-        count = int(bad.sum())
+    def fail(self, cause: str, failed: np.ndarray, line: Callable[[int], str]) -> None:
+        count = int(failed.sum())
         if not count:
             return
         self.failures[cause] = self.failures.get(cause, 0) + count
-        for k in np.flatnonzero(bad)[:2]:
+        for k in np.flatnonzero(failed)[:2]:
             self.examples.append((cause, line(int(k))))
 
 
@@ -309,65 +309,69 @@ ROUNDING = 1e-13  # of a peak rotation over α: less than that is not asked of a
 OUT_OF_STEPS = [NAMES.index(name) for name in ("out_of_steps", "chattering", "too_stiff")]
 
 
-def vibration(of: Batch) -> np.ndarray:
+def vibration(batch: Batch) -> np.ndarray:
     """Radians that the superstructure vibrates on lifted columns, Eq. (31), until the end of each scene.
 
     Where damping there is more than twice critical, the radians that its decay counts for: both bound a step.
     """
-    top, shape = of.podium.superstructure, np.shape(of.initial.theta)
+    top, shape = batch.podium.superstructure, np.shape(batch.initial.theta)
     if not isinstance(top, rj.Elastic | rj.Modes):
         return np.zeros(shape)
-    start, excitation_end = (np.asarray(y) for y in of.motion.support)
-    frequency = np.asarray(of.podium.uplifted_frequency)
+    start, excitation_end = (np.asarray(y) for y in batch.motion.support)
+    frequency = np.asarray(batch.podium.uplifted_frequency)
     if isinstance(top, rj.Modes):
-        longest, damping = control.longest_vibration(of.podium)
+        longest, damping = control.longest_vibration(batch.podium)
     else:
         longest, damping = np.asarray(top.T_s), np.asarray(top.zeta) * frequency / np.asarray(top.omega_s)
-    after = np.maximum(30 / np.asarray(of.podium.p), 10 * longest)  # `default_end`
+    after = np.maximum(30 / np.asarray(batch.podium.p), 10 * longest)  # `default_end`
     return np.broadcast_to(
         frequency * (excitation_end - start + after) * np.maximum(1.0, 0.5 * damping), shape
     )
 
 
-def judge(found: Findings, of: Batch, peak: Answers, truth: Answers, line: Callable[[int], str]) -> None:
-    code, true_code = peak["result"], truth["result"]
-    found.scenes += code.size
+def judge(
+    findings: Findings, of: Batch, peak: Answers, reference: Answers, line: Callable[[int], str]
+) -> None:
+    code, true_code = peak["result"], reference["result"]
+    findings.scenes += code.size
     for k, name in enumerate(NAMES):
-        found.results[name] = found.results.get(name, 0) + int((code == k).sum())
-    found.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
+        findings.results[name] = findings.results.get(name, 0) + int((code == k).sum())
+    findings.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
     for kind in OUT_OF_STEPS:
-        found.fail(f"steps: {NAMES[kind]}", code == kind, line)
-    found.fail("not finite", code == NAMES.index("not_finite"), line)
+        findings.fail(f"steps: {NAMES[kind]}", code == kind, line)
+    findings.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, has_reference = code <= 2, true_code <= 2
     ratio = float(of.options.overturn_ratio)
     # Of several modes, the largest; NaN where one is.
     values = {name: np.reshape(peak[name], (code.size, -1)).max(axis=-1) for name in QUANTITIES}
     for name, value in values.items():
-        found.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
-        found.fail(f"{name} is negative", answered & (value < 0), line)
+        findings.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
+        findings.fail(f"{name} is negative", answered & (value < 0), line)
     rotation, overturned = values["peak_rotation"], peak["overturned"].astype(bool)
     uplifted = peak["uplifted"].astype(bool)
-    found.fail("rotation beyond overturning", answered & (rotation > ratio * (1 + 1e-12)), line)
-    found.fail("overturned below the limit", answered & overturned & (rotation < ratio * (1 - 1e-12)), line)
-    found.fail("overturned is not the result", answered & (overturned != (code == 2)), line)
-    found.fail(
+    findings.fail("rotation beyond overturning", answered & (rotation > ratio * (1 + 1e-12)), line)
+    findings.fail(
+        "overturned below the limit", answered & overturned & (rotation < ratio * (1 - 1e-12)), line
+    )
+    findings.fail("overturned is not the result", answered & (overturned != (code == 2)), line)
+    findings.fail(
         "overturned without a time", answered & (overturned != np.isfinite(peak["overturn_time"])), line
     )
-    found.fail("uplifted without a time", answered & (uplifted != np.isfinite(peak["uplift_time"])), line)
-    found.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
-    found.trials.append(peak["steps"][answered])
+    findings.fail("uplifted without a time", answered & (uplifted != np.isfinite(peak["uplift_time"])), line)
+    findings.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
+    findings.trials.append(peak["steps"][answered])
 
     both = answered & has_reference
     undecided = peak["undecided"].astype(bool)
-    flips = both & (overturned != truth["overturned"].astype(bool))
-    found.flips += int(flips.sum())
-    found.unflagged += int((flips & ~undecided).sum())
-    found.fail("the class changes without having been flagged", flips & ~undecided, line)
-    found.undecided += int((undecided & answered).sum())
+    flips = both & (overturned != reference["overturned"].astype(bool))
+    findings.flips += int(flips.sum())
+    findings.unflagged += int((flips & ~undecided).sum())
+    findings.fail("the class changes without having been flagged", flips & ~undecided, line)
+    findings.undecided += int((undecided & answered).sum())
     compared = both & ~flips
-    error = np.abs(rotation - truth["peak_rotation"])[compared]
+    error = np.abs(rotation - reference["peak_rotation"])[compared]
     estimate = peak["peak_rotation_error"][compared]
-    found.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
+    findings.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
 
 
 def run(
@@ -380,7 +384,7 @@ def run(
 ) -> Findings:
     found = Findings()
     began = time.perf_counter()
-    possible = [rtol for rtol in TOLERANCES if rtol >= OTHERS.get(group.method, 0.0) * 0.99]
+    possible = [rtol for rtol in TOLERANCES if rtol >= METHOD_TOLERANCES.get(group.method, 0.0) * 0.99]
     # Spread over the range, all of them as often over the groups.
     first = number % len(possible)
     tolerances = sorted(
@@ -393,7 +397,7 @@ def run(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
             peak = of.answers(of.options.replace(max_steps=steps), store, f"{name}-asked")
-            tight = max(FINER * rtol, FINER * OTHERS.get(group.method, 0.0), 1e-13)
+            tight = max(FINER * rtol, FINER * METHOD_TOLERANCES.get(group.method, 0.0), 1e-13)
             finer = of.options.replace(
                 rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=TRUTH_STEPS
             )
@@ -508,7 +512,7 @@ def main() -> None:
         parts["all devices" if added == "all" else added] = [f for g, f in found.items() if g.added == added]
     for motion in MOTIONS:
         parts[motion] = [f for g, f in found.items() if g.motion == motion and g.method == "dopri8"]
-    for method in OTHERS:
+    for method in METHOD_TOLERANCES:
         parts[method] = [f for g, f in found.items() if g.method == method]
     rows = table({name: some for name, some in parts.items() if some})
     show(rows)

@@ -175,10 +175,10 @@ def is_wrong_fit(answer: optimise.Fit) -> bool:
     )
 
 
-def one_run(name: str, seed: int, how: dict) -> dict:
+def one_run(name: str, seed: int, solver_options: dict) -> dict:
     """A study from one random start; a fit is by least squares, whatever the method."""
     began = time.process_time()
-    answer = STUDIES[name](seed) if name == "measured_fit" else STUDIES[name](seed, **how)
+    answer = STUDIES[name](seed) if name == "measured_fit" else STUDIES[name](seed, **solver_options)
     seconds = time.process_time() - began
     if isinstance(answer, optimise.Fit):
         return {"failed": is_wrong_fit(answer), "answer": answer.rms, "cpu s": seconds}
@@ -242,7 +242,7 @@ PROBLEMS = {
 }
 
 
-class Counted:
+class CountedRotations:
     """Peak rotations over α as a user of SciPy would write them, counted."""
 
     def __init__(self, problem: Compared):
@@ -263,7 +263,7 @@ class Counted:
 
 
 def slsqp(problem: Compared, start: np.ndarray) -> tuple[np.ndarray, int]:
-    counted = Counted(problem)
+    counted = CountedRotations(problem)
     # Overturning is a peak rotation of exactly 1: stay a little below.
     limit = problem.limit if problem.limit < 1 else 0.999
     answer = optimize.minimize(
@@ -278,7 +278,7 @@ def slsqp(problem: Compared, start: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def evolution(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, int]:
-    counted = Counted(problem)
+    counted = CountedRotations(problem)
     limit = problem.limit if problem.limit < 1 else 0.999
     answer = optimize.differential_evolution(
         counted.alpha,

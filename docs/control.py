@@ -40,8 +40,8 @@ def potentials() -> None:
     depth = float(potential(coefficients(FRAME), jnp.ones(()), jnp.asarray(0.15)))
     for k, (label, restrainers) in enumerate(CASES):
         podium = FRAME.replace(restrainers=restrainers)
-        held = lambda angle, c=coefficients(podium): potential(c, jnp.ones(()), angle)
-        energy, moment = jax.vmap(jax.value_and_grad(held))(theta)
+        potential_energy = lambda angle, c=coefficients(podium): potential(c, jnp.ones(()), angle)
+        energy, moment = jax.vmap(jax.value_and_grad(potential_energy))(theta)
         line_style = {
             "color": plots.COLOURS[k % len(plots.COLOURS)],
             "ls": plots.STYLES[k % len(plots.STYLES)],
@@ -51,7 +51,13 @@ def potentials() -> None:
         right.plot(theta / 0.15, moment / start, **line_style)
         top = float(podium.stability_angle)
         if top < float(theta[-1]):
-            left.plot(top / 0.15, float(held(jnp.asarray(top))) / depth, "X", color=line_style["color"], ms=7)
+            left.plot(
+                top / 0.15,
+                float(potential_energy(jnp.asarray(top))) / depth,
+                "X",
+                color=line_style["color"],
+                ms=7,
+            )
             right.plot(top / 0.15, 0, "X", color=line_style["color"], ms=7)
     left.set(
         xlabel=r"$|\theta|\,/\,\alpha$",
@@ -107,7 +113,7 @@ def spectra(points: int = 60) -> None:
 
 
 if __name__ == "__main__":
-    wanted = sys.argv[1:]
+    names = sys.argv[1:]
     for draw in (potentials, spectra):
-        if not wanted or draw.__name__ in wanted:
+        if not names or draw.__name__ in names:
             draw()

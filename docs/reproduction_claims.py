@@ -27,7 +27,7 @@ TOP = 12.0  # the search ends at this a_p/(g tan α)
 SCALE = 6.0  # of length, of the specimen
 
 
-def at(value: float) -> int:
+def nearest_index(value: float) -> int:
     return int(np.argmin(np.abs(X - value)))
 
 
@@ -52,7 +52,7 @@ def span(values) -> str:
     return f"{low:.2f} to {high:.2f}"
 
 
-def verdict_text(holds: bool, otherwise: str = "does not hold") -> str:
+def claim_status(holds: bool, otherwise: str = "does not hold") -> str:
     return "holds" if holds else otherwise
 
 
@@ -69,20 +69,25 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
     }
     bare = boundary(COLUMN)
     every = np.stack(list(least.values()))
-    band = every[:, at(3.0) : at(4.0) + 1]
+    band = every[:, nearest_index(3.0) : nearest_index(4.0) + 1]
     last = np.array([X[np.isfinite(curve)].max() for curve in every])
     over_rigid = {
         (ratio, T_s): least[ratio, T_s] / least[ratio, 0.0] for ratio in RATIOS for T_s in PERIODS[1:]
     }
-    long = {T_s: np.array([over_rigid[ratio, T_s][at(2.0)] for ratio in RATIOS]) for T_s in PERIODS[1:]}
-    short = {T_s: np.array([over_rigid[ratio, T_s][at(4.5)] for ratio in RATIOS]) for T_s in PERIODS[1:]}
-    usual = np.s_[at(2.5) : at(5.0) + 1]
+    long = {
+        T_s: np.array([over_rigid[ratio, T_s][nearest_index(2.0)] for ratio in RATIOS]) for T_s in PERIODS[1:]
+    }
+    short = {
+        T_s: np.array([over_rigid[ratio, T_s][nearest_index(4.5)] for ratio in RATIOS]) for T_s in PERIODS[1:]
+    }
+    usual = np.s_[nearest_index(2.5) : nearest_index(5.0) + 1]
     paper_stiff = np.concatenate([over_rigid[ratio, 0.1][usual] for ratio in RATIOS])
     compatible_stiff = np.concatenate([(stiff[ratio] / least[ratio, 0.0])[usual] for ratio in RATIOS])
     heavy = {T_s: (least[10.0, T_s] / least[1.0, T_s]) for T_s in PERIODS}
     by_weight = np.concatenate([heavy[T_s][usual] for T_s in PERIODS[:2]])
-    doubled = (least[1.0, 0.0] / bare)[np.s_[at(1.0) : at(5.0) + 1]]
+    doubled = (least[1.0, 0.0] / bare)[np.s_[nearest_index(1.0) : nearest_index(5.0) + 1]]
     like_rigid = np.max(np.abs(paper_stiff - 1)) < 0.03
+    at_five = every[:, nearest_index(5.0)]
     return [
         (
             "4",
@@ -90,21 +95,20 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"least $a_p/(g\\tan\\alpha)$ over all pulses: "
             f"{span([curve.min() for curve in every])}; none beyond "
             f"$\\omega_p/p$ = {span(last)}, searched up to {TOP:g}",
-            verdict_text(bool(np.all(last < 6.1))),
+            claim_status(bool(np.all(last < 6.1))),
         ),
         (
             "4",
             "for $3<\\omega_p/p<4$, on the order of 0.9 g or more",
             f"least in that range: {span(band.min(axis=1) * TAN)} g",
-            verdict_text(bool(np.all(band.min(axis=1) * TAN > 0.8))),
+            claim_status(bool(np.all(band.min(axis=1) * TAN > 0.8))),
         ),
         (
             "4",
             "for $\\omega_p/p>5$ it is essentially impossible to overturn",
             f"up to {TOP:g} $g\\tan\\alpha$ overturning is found to $\\omega_p/p$ = "
-            f"{span(last)}; at 5 it takes "
-            f"{span(every[:, at(5.0)][np.isfinite(every[:, at(5.0)])])} $g\\tan\\alpha$",
-            verdict_text(
+            f"{span(last)}; at 5 it takes {span(at_five[np.isfinite(at_five)])} $g\\tan\\alpha$",
+            claim_status(
                 bool(np.all(last <= 5.0)), f"not to the letter: {int(np.sum(last > 5.0))} of 12 structures"
             ),
         ),
@@ -114,14 +118,14 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"boundary over that of the rigid one, $2.5\\leq\\omega_p/p\\leq5$: "
             f"{percent(paper_stiff)} with the paper's "
             f"restitution, {percent(compatible_stiff)} with the compatible one",
-            verdict_text(like_rigid, "only with the compatible restitution, see below"),
+            claim_status(like_rigid, "only with the compatible restitution, see below"),
         ),
         (
             "4, 5",
             "$T_s\\geq0.5$ s is beneficial for short pulses",
             f"boundary over that of the rigid one at $\\omega_p/p=4.5$: $T_s=0.5$ s {percent(short[0.5])}, "
             f"$T_s=1$ s {percent(short[1.0])}",
-            verdict_text(
+            claim_status(
                 bool(np.all(short[0.5] > 1) and np.all(short[1.0] > 1)),
                 "for $T_s=1$ s; not for every mass at 0.5 s",
             ),
@@ -130,7 +134,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "and detrimental for long ones",
             f"at $\\omega_p/p=2$: $T_s=0.5$ s {percent(long[0.5])}, $T_s=1$ s {percent(long[1.0])}",
-            verdict_text(
+            claim_status(
                 bool(np.all(long[0.5] < 1) and np.all(long[1.0] < 1)), "not at every frequency of that range"
             ),
         ),
@@ -138,9 +142,9 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "5",
             "only marginally so",
             f"over $1\\leq\\omega_p/p\\leq3$: "
-            f"{percent(np.concatenate([v[: at(3.0) + 1] for v in over_rigid.values()]))}",
-            verdict_text(
-                min(float(np.nanmin(v[: at(3.0) + 1])) for v in over_rigid.values()) > 0.95,
+            f"{percent(np.concatenate([v[: nearest_index(3.0) + 1] for v in over_rigid.values()]))}",
+            claim_status(
+                min(float(np.nanmin(v[: nearest_index(3.0) + 1])) for v in over_rigid.values()) > 0.95,
                 "not for long periods of the building",
             ),
         ),
@@ -150,15 +154,17 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"$\\eta/\\gamma=10$ over 1, $2.5\\leq\\omega_p/p\\leq5$: "
             f"{percent(by_weight)} for $T_s\\leq0.1$ s, "
             f"{percent(heavy[1.0][usual])} for $T_s=1$ s; at $\\omega_p/p=2$ and $T_s=1$ s "
-            f"{100 * (heavy[1.0][at(2.0)] - 1):+.1f} %",
-            verdict_text(abs(heavy[1.0][at(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"),
+            f"{100 * (heavy[1.0][nearest_index(2.0)] - 1):+.1f} %",
+            claim_status(
+                abs(heavy[1.0][nearest_index(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"
+            ),
         ),
         (
             "4",
             "heavier structures are marginally better",
             f"the same ratios: better at "
             f"{int(np.sum(by_weight > 1))} of {by_weight.size} places for $T_s\\leq0.1$ s",
-            verdict_text(
+            claim_status(
                 bool(np.all(by_weight >= 1)), "not everywhere: within the span above, to either side"
             ),
         ),
@@ -168,7 +174,7 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             f"boundary of $\\eta/\\gamma=1$, rigid, over that without a superstructure, "
             f"$1\\leq\\omega_p/p\\leq5$: "
             f"{percent(doubled)}",
-            verdict_text(
+            claim_status(
                 bool(np.all(doubled > 0.999)) and float(np.max(doubled)) < 1.05,
                 "small, and not always better",
             ),
@@ -196,7 +202,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "2.4",
             "$\\omega_{s,up}/\\omega_s\\to1/\\sin\\alpha$ for $\\eta\\to\\infty$",
             f"{amplified:.4f} at $\\eta=10^9$; $1/\\sin\\alpha$ = {limit:.4f}",
-            verdict_text(abs(amplified / limit - 1) < 1e-6),
+            claim_status(abs(amplified / limit - 1) < 1e-6),
         ),
         (
             "3",
@@ -208,7 +214,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "$\\omega_s/p$ of 28.4, 5.7, 2.8 for $T_s$ = 0.1, 0.5, 1 s",
             omegas,
-            verdict_text(omegas == "28.4, 5.7, 2.8"),
+            claim_status(omegas == "28.4, 5.7, 2.8"),
         ),
         (
             "4",
@@ -227,7 +233,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "close to overturning the rotation grows fast with $a_p$",
             f"$\\theta/\\alpha$ at {', '.join(f'{r:g}' for r in ratios)} $g\\tan\\alpha$ ($T_p=1$ s): "
             f"{', '.join(f'{r:.3f}' for r in rotation)}; its slope {', '.join(f'{s:.2f}' for s in slopes)}",
-            verdict_text(bool(np.all(np.diff(slopes) > 0))),
+            claim_status(bool(np.all(np.diff(slopes) > 0))),
         ),
     ]
 

@@ -64,11 +64,11 @@ def _keys(name: str, schema: dict) -> str:
         needed = (
             "needed" if key in schema.get("required", ()) else "" if default in (None, []) else f"`{default}`"
         )
-        lines.append(f"| `{key}` | {_holds(part)} | {needed} | {part.get('description', '')} |")
+        lines.append(f"| `{key}` | {_describe_value(part)} | {needed} | {part.get('description', '')} |")
     return "\n".join(lines)
 
 
-def _holds(part: dict) -> str:
+def _describe_value(part: dict) -> str:
     """What a key holds, in words."""
     if "$ref" in part:
         name = part["$ref"].rpartition("/")[2]
@@ -77,12 +77,12 @@ def _holds(part: dict) -> str:
         return ", ".join(f"`{value}`" for value in part.get("enum", [part.get("const")]))
     kinds = part.get("anyOf") or part.get("oneOf")
     if kinds:
-        words = (_holds(kind) for kind in kinds if kind.get("type") != "null")
+        words = (_describe_value(kind) for kind in kinds if kind.get("type") != "null")
         return " or ".join(dict.fromkeys(words))
     if part.get("type") == "array":
-        return "lowest, highest" if "prefixItems" in part else f"list of {_holds(part['items'])}"
+        return "lowest, highest" if "prefixItems" in part else f"list of {_describe_value(part['items'])}"
     if part.get("type") == "object":
-        return f"table of {_holds(part['additionalProperties'])}"
+        return f"table of {_describe_value(part['additionalProperties'])}"
     words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
     limits = ", ".join(f"{sign} {part[name]:g}" for name, sign in signs.items() if name in part)

@@ -82,8 +82,8 @@ axes = figure.subplots(1, len(ratios), sharey=True)
 for row, (ax, ratio) in enumerate(zip(axes, ratios, strict=True)):
     for k, T_s in enumerate(periods):
         panel = spectra[row * len(periods) + k]
-        look = {"color": plots.COLOURS[k], "linestyle": plots.STYLES[k]}
-        plots.overturning_curve(panel, ax, label=rf"$T_s = {T_s:g}$ s", **look)
+        style = {"color": plots.COLOURS[k], "linestyle": plots.STYLES[k]}
+        plots.overturning_curve(panel, ax, label=rf"$T_s = {T_s:g}$ s", **style)
     ax.set(title=rf"$\eta/\gamma = {ratio:g}$", ylim=(0, 12))
     ax.grid(alpha=0.3)
     ax.label_outer()

@@ -144,8 +144,8 @@ legend = ax.legend(loc="lower right")
 # %%
 for rtol in (1e-3, 1e-5, 1e-8):
     tolerances = options.replace(rtol=rtol, atol=0.01 * rtol)
-    again = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=tolerances)
-    print(f"rtol {rtol:.0e}: {int(again.undecided.sum()):4d} of {again.undecided.size} scenes undecided")
+    solved = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=tolerances)
+    print(f"rtol {rtol:.0e}: {int(solved.undecided.sum()):4d} of {solved.undecided.size} scenes undecided")
 
 # %% [markdown]
 # ## Next

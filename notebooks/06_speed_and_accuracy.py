@@ -77,8 +77,8 @@ tolerances = 10.0 ** -np.arange(3, 13, 3 if REDUCED else 1)
 rows = []
 for rtol in tolerances:
     answer, seconds = timed(lambda rtol=rtol: spectrum(rtol, "peak_rotation"))
-    same = ~answer.overturned & ~reference.overturned
-    error = np.abs(answer.peak_rotation - reference.peak_rotation).values[same]
+    is_comparable = ~answer.overturned & ~reference.overturned
+    error = np.abs(answer.peak_rotation - reference.peak_rotation).values[is_comparable]
     changed = int((answer.overturned != reference.overturned).sum())
     rows.append((rtol, 1e6 * seconds / n**2, np.median(error), np.percentile(error, 99), changed))
 
@@ -107,11 +107,11 @@ legend = ax.legend()
 # count impacts to the end, all of the rocking has to be followed.
 
 # %%
-wanted = [("peak_rotation",), ("peak_rotation", "impacts")]
-wanted += (
+selections = [("peak_rotation",), ("peak_rotation", "impacts")]
+selections += (
     [] if REDUCED else [("peak_rotation", "margin"), ("peak_rotation", "peak_deformation", "peak_shear")]
 )
-for outputs in wanted:
+for outputs in selections:
     spectrum(1e-8, *outputs)  # compiles
     answer, seconds = timed(lambda outputs=outputs: spectrum(1e-8, *outputs))
     steps = float(answer.steps.mean())
@@ -125,13 +125,15 @@ for outputs in wanted:
 
 # %%
 checked = spectrum(1e-6, "peak_rotation", "errors")
-same = (~checked.overturned & ~reference.overturned & np.isfinite(checked.peak_rotation_error)).values
-true = np.abs(checked.peak_rotation - reference.peak_rotation).values[same]
-estimate = checked.peak_rotation_error.values[same]
-seen = (true > 0) & (estimate > 0)
+is_comparable = (
+    ~checked.overturned & ~reference.overturned & np.isfinite(checked.peak_rotation_error)
+).values
+true = np.abs(checked.peak_rotation - reference.peak_rotation).values[is_comparable]
+estimate = checked.peak_rotation_error.values[is_comparable]
+is_positive = (true > 0) & (estimate > 0)
 
 ax = plt.figure(figsize=(5, 4), layout="constrained").add_subplot()
-ax.loglog(true[seen], estimate[seen], ".", ms=3, color=plots.COLOURS[2])
+ax.loglog(true[is_positive], estimate[is_positive], ".", ms=3, color=plots.COLOURS[2])
 ends = np.array([1e-14, 1e-2])
 ax.plot(ends, ends, color=plots.COLOURS[0], linestyle="--", label="estimate = error")
 ax.set(xlabel=r"error of $\max|\theta|\,/\,\alpha$", ylabel="estimated error", xlim=ends, ylim=ends)

@@ -74,8 +74,8 @@ print(f"the first impact at {impact:.6f} s; it moves by {moved:.6f} s per rad")
 
 # %%
 h = 1e-7  # s, to either side of the impact
-sides = np.concatenate([impact + h * np.array([-2, -1, 1, 2]), t[4:]])  # as many times as above: one program
-(x, _), (Y, _) = jax.tree.map(np.asarray, state_and_slope(theta_0, sides))
+times = np.concatenate([impact + h * np.array([-2, -1, 1, 2]), t[4:]])  # as many times as above: one program
+(x, _), (Y, _) = jax.tree.map(np.asarray, state_and_slope(theta_0, times))
 x, Y = x[:, :4], Y[:, :4]
 before, after = (x[1, 1] - x[1, 0]) / h, (x[1, 3] - x[1, 2]) / h  # accelerations
 e = float(podium.restitution_factor)
@@ -131,8 +131,8 @@ def rotation(alpha, pulse):
 
 shaken = rj.Ricker(2.35 * unit, 1.4187)
 value, exact, _ = rotation(podium.alpha, shaken)
-seen = rj.simulate(podium, shaken, options=tight)
-before = np.asarray(seen.impact_times) < float(seen.peak_rotation_time)
+response = rj.simulate(podium, shaken, options=tight)
+before = np.asarray(response.impact_times) < float(response.peak_rotation_time)
 print(
     f"peak rotation "
     f"{value:.4f} α after {before.sum()} of {before.size} impacts; derivative {exact:.6f} per rad"
@@ -142,13 +142,13 @@ steps = 10.0 ** -np.arange(3, 12, 1.0 if REDUCED else 0.25)
 estimates = [
     (rotation(podium.alpha + h, shaken)[0] - rotation(podium.alpha - h, shaken)[0]) / (2 * h) for h in steps
 ]
-off = np.abs(np.array(estimates) / exact - 1)
+relative_error = np.abs(np.array(estimates) / exact - 1)
 
 ax = plt.figure(figsize=(6, 3.2), layout="constrained").add_subplot()
-ax.loglog(steps, off, "o-", ms=4, color=plots.COLOURS[2])
+ax.loglog(steps, relative_error, "o-", ms=4, color=plots.COLOURS[2])
 ax.set(xlabel="step of the finite differences [rad]", ylabel="relative distance\nto the gradient")
 ax.grid(alpha=0.3)
-assert off.min() < 1e-5
+assert relative_error.min() < 1e-5
 
 # %% [markdown]
 # On the left rounding is divided by the step, on the right the differences are biased, or leave the branch

@@ -29,10 +29,12 @@ from rockjax import plots
 
 REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for the tests
 
-bare = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
-held = bare.replace(restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=15.0)))
+unrestrained = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
+restrained = unrestrained.replace(
+    restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=15.0))
+)
 pulse = rj.OneSine(3.0, 0.8)
-for name, podium in (("bare", bare), ("held", held)):
+for name, podium in (("bare", unrestrained), ("held", restrained)):
     lifts, stable = float(podium.uplift_ground_acceleration), float(podium.stability_angle)
     print(f"{name}: columns lift at {lifts:.3f} m/s², static stability ends at {stable:.3f} rad")
 
@@ -43,7 +45,7 @@ for name, podium in (("bare", bare), ("held", held)):
 # damper took is a part of the balance of energy.
 
 # %%
-history = rj.simulate(held, pulse, t_end=6.0)
+history = rj.simulate(restrained, pulse, t_end=6.0)
 print(history)
 figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 plots.moment_rotation(history, ax=axes[0])
@@ -61,7 +63,7 @@ ratio = np.linspace(-0.9, 0.9, 7 if REDUCED else 61)
 motions = rj.GroundMotion(rj.OneSine(2.5, 0.8), rj.OneSine(2.5 * ratio, 0.8))
 options = rj.Options(outputs=("peak_rotation",))
 fig, ax = plt.subplots(layout="constrained")
-for podium, label in ((bare, "bare columns"), (held, "tendons and dampers")):
+for podium, label in ((unrestrained, "bare columns"), (restrained, "tendons and dampers")):
     peaks = rj.peak_responses(podium, motions, options=options)
     ax.plot(ratio, peaks.peak_rotation, label=label)
 ax.set(xlabel=r"$\ddot v_g/\ddot u_g$", ylabel=r"peak rotation $|\theta|/\alpha$")
@@ -77,7 +79,9 @@ ax.legend()
 points = 9 if REDUCED else 50
 frequency, acceleration = np.linspace(0.5, 8.0, points), np.linspace(1.0, 12.0, points)
 fig, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
-for ax, podium, label in zip(axes, (bare, held), ("bare columns", "tendons and dampers"), strict=True):
+for ax, podium, label in zip(
+    axes, (unrestrained, restrained), ("bare columns", "tendons and dampers"), strict=True
+):
     data = rj.rocking_spectrum(podium, rj.Ricker, frequency, acceleration, options=options)
     plots.rocking_spectrum(data, ax)
     ax.set_title(f"{label}: {float(data['overturned'].mean()):.0%} overturn")
@@ -91,7 +95,7 @@ plots.rotation_bar(axes)
 # %%
 value, slope = jax.value_and_grad(
     lambda podium: rj.peak_response(podium, pulse, options=options).peak_rotation
-)(held)
+)(restrained)
 print(f"peak rotation {value:.3f} α")
 for device in slope.restrainers:
     print(device)
