@@ -12,7 +12,6 @@ os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_ca
 import jax
 import pytest
 
-import rockjax as rj
 from rockjax._programs.program import forget
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -87,8 +86,3 @@ def podium(request):
     from .scenes import PODIUMS
 
     return PODIUMS[request.param]
-
-
-@pytest.fixture
-def tight():
-    return rj.Options(rtol=1e-12, atol=1e-14, method="dopri8")

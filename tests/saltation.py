@@ -124,7 +124,7 @@ class Block:
         return series
 
 
-def at(series: list[Dual], h) -> tuple[Dual, Dual, Dual]:
+def state_at(series: list[Dual], h) -> tuple[Dual, Dual, Dual]:
     """(θ, θ̇, θ̈) a fixed time h after the expansion."""
     theta = rate = bend = series[0] * 0
     for k in reversed(range(len(series))):
@@ -161,17 +161,17 @@ def solve(scene: dict[str, str], until: str = "2.6") -> dict[str, Any]:
     while t < end:
         stop = pulse_end.value if block.shakes and t + step >= pulse_end.value else t + step
         series, h = block.taylor(t, side, theta, rate), stop - t
-        angle = lambda s, series=series: at(series, s)[0].value
-        speed = lambda s, series=series: at(series, s)[1].value
+        angle = lambda s, series=series: state_at(series, s)[0].value
+        speed = lambda s, series=series: state_at(series, s)[1].value
         falls = side * angle(h) < 0
         if falls:
             h = root(angle, h / 1000 if theta.value == 0 else mp.mpf(0), h, mp)
         if side * speed(mp.mpf(0)) > 0 > side * speed(h):
             top = root(speed, mp.mpf(0), h, mp)
-            crest = at(series, top)[0]
+            crest = state_at(series, top)[0]
             if abs(crest.value) > best[0]:
                 best = (abs(crest.value), t + top, crest)
-        before = at(series, h)
+        before = state_at(series, h)
         theta, rate = before[0], before[1]
         t = t + h
         if falls:

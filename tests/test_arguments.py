@@ -15,7 +15,7 @@ PODIUM, MOTION = PODIUMS["rigid"], rj.Motion(np.array([0.0, 1.0, -1.0, 0.0]), 0.
 BOX = {"alpha": (0.1, 0.3)}
 # What each takes besides the argument in question. Arguments that take anything, or that Python itself
 # checks, are left out.
-GOOD = {
+VALID = {
     rj.Podium: {"alpha": 0.2, "R": 1.0},
     rj.Podium.from_dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
     rj.Elastic: {"eta": 1.0, "T_s": 0.5},
@@ -111,7 +111,7 @@ WRONG = {"text": "wrong", "date": datetime.date(2020, 1, 1)}
 RIGHT = {("path", "text"), ("measure", "text"), ("method", "text"), ("store", "text"), ("component", "text")}
 CASES = [
     pytest.param(function, name, value, id=f"{function.__qualname__}-{name}-{kind}")
-    for function in GOOD
+    for function in VALID
     for name, parameter in inspect.signature(function).parameters.items()
     if name not in ANYTHING and name[0] != "_" and parameter.kind != parameter.VAR_KEYWORD
     for kind, value in WRONG.items()
@@ -123,6 +123,6 @@ CASES = [
 def test_an_argument_of_a_wrong_kind_is_named(function, name, wrong, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ValueError, TypeError)) as error:
-        function(**GOOD[function] | {name: wrong})
+        function(**VALID[function] | {name: wrong})
     said = str(error.value)
     assert name in said or "missing" in said, said

@@ -13,7 +13,7 @@ import rockjax as rj
 
 from .scenes import PODIUMS, pulse
 
-GOOD = {"alpha": 0.2, "R": 1.5}
+VALID = {"alpha": 0.2, "R": 1.5}
 
 
 @pytest.mark.smoke
@@ -39,7 +39,7 @@ GOOD = {"alpha": 0.2, "R": 1.5}
 )
 def test_podium(changes, words):
     with pytest.raises(ValueError) as error:
-        rj.Podium(**{**GOOD, **changes})
+        rj.Podium(**{**VALID, **changes})
     for word in words:
         assert word in str(error.value)
 

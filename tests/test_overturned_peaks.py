@@ -13,23 +13,23 @@ WORDS = "until overturning"
 
 
 @pytest.fixture(scope="module")
-def fell():
+def overturning():
     return rj.simulate(BUILDING, FALLS)
 
 
 @pytest.fixture(scope="module")
-def stood():
+def standing():
     return rj.simulate(BUILDING, STANDS)
 
 
-def test_a_peak_says_so(fell, stood):
-    assert fell.overturned
-    lines = repr(fell).splitlines()
+def test_a_peak_says_so(overturning, standing):
+    assert overturning.overturned
+    lines = repr(overturning).splitlines()
     for label in ("deformation", "shear / weight", "drifts", "floors"):
         (line,) = (line for line in lines if line.strip().startswith(label))
         assert line.endswith(WORDS)
-    assert WORDS in fell._repr_html_()
-    assert WORDS not in repr(stood)
+    assert WORDS in overturning._repr_html_()
+    assert WORDS not in repr(standing)
 
 
 def test_a_batch_says_so():
@@ -40,8 +40,8 @@ def test_a_batch_says_so():
     assert WORDS not in repr(rj.peak_responses(block, rj.Ricker([1.0, 2.0, 3.0], 0.1)))
 
 
-def test_datasets_refer_to_the_flag(fell):
-    data = fell.dataset(np.linspace(0, 0.1, 3))
+def test_datasets_refer_to_the_flag(overturning):
+    data = overturning.dataset(np.linspace(0, 0.1, 3))
     batch = rj.peak_responses(rj.Podium(0.15, 1.5), rj.Ricker([1.0, 30.0], 1.0)).dataset()
     for name in ("peak_rotation", "peak_deformation", "peak_shear", "peak_drift", "peak_floor_acceleration"):
         for each in (data, batch):
@@ -52,14 +52,14 @@ def test_datasets_refer_to_the_flag(fell):
     assert batch["overturned"].values.tolist() == [False, True]
 
 
-def test_a_picture_of_stories_says_so(fell, stood):
+def test_a_picture_of_stories_says_so(overturning, standing):
     for beside, texts in (
         (None, [WORDS]),
-        ({"weak": stood}, [WORDS, "weak"]),
-        ({"strong": fell}, [WORDS, f"strong, {WORDS}"]),
+        ({"weak": standing}, [WORDS, "weak"]),
+        ({"strong": overturning}, [WORDS, f"strong, {WORDS}"]),
     ):
-        figure = plots.stories(fell, beside=beside)
+        figure = plots.stories(overturning, beside=beside)
         legend = figure.axes[0].get_legend()
         assert [text.get_text() for text in legend.get_texts()] == texts
         plt.close(figure)
-    assert plots.stories(stood).axes[0].get_legend() is None
+    assert plots.stories(standing).axes[0].get_legend() is None

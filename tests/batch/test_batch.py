@@ -23,7 +23,7 @@ def amplitudes(n):
     return np.linspace(0.5, 6.0, n) * G * 0.15
 
 
-def same(a, b, rtol=1e-7):
+def assert_close(a, b, rtol=1e-7):
     for name in FIELDS:
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=rtol, atol=1e-9, equal_nan=True)
     np.testing.assert_array_equal(a.overturned, b.overturned)
@@ -37,11 +37,11 @@ def test_one_scene_is_its_place_in_the_batch(name):
     a_p = amplitudes(13)
     batch = rj.peak_responses(podium, rj.Ricker(a_p, 1.0), options=options(1e-10, "tsit5"))
     single = [rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10, "tsit5")) for a in a_p]
-    same(batch, jax.tree.map(lambda *y: np.stack(y), *single))
+    assert_close(batch, jax.tree.map(lambda *y: np.stack(y), *single))
     mapped = jax.vmap(lambda a: rj.peak_response(podium, rj.Ricker(a, 1.0), options=options(1e-10, "tsit5")))(
         jnp.asarray(a_p)
     )
-    same(batch, mapped)
+    assert_close(batch, mapped)
     assert batch.overturned.any()
     assert not batch.overturned.all()
 
@@ -83,13 +83,13 @@ def test_order_size_and_lanes_do_not_matter(monkeypatch):
     a_p = amplitudes(700)
     whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
     backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10, "tsit5"))
-    same(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
+    assert_close(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
     monkeypatch.setattr(rj._batch.batch, "LANES", 48)
     monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
-    same(whole, chunks, rtol=1e-6)
+    assert_close(whole, chunks, rtol=1e-6)
     alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"), threads=1)
-    same(chunks, alone, rtol=1e-12)
+    assert_close(chunks, alone, rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -35,14 +35,14 @@ def suite(n):
     return table.pick(np.arange(2)[:, None]).scaled(np.linspace(0.5, 2, n))
 
 
-def wide(n):
+def distinct_records(n):
     """Records of their own: such scenes are not moved between lanes."""
     return rj.Record(np.stack([shaking(90, seed=k).acceleration for k in range(n)]), 0.02)
 
 
 # Few and small programs, for each takes seconds to compile.
-SMALL = options(1e-5, "bosh3", outputs=("peak_rotation", "impacts"))
-ERRORS = SMALL.replace(outputs=("peak_rotation", "errors"), max_steps=400)
+COARSE_OPTIONS = options(1e-5, "bosh3", outputs=("peak_rotation", "impacts"))
+ERRORS = COARSE_OPTIONS.replace(outputs=("peak_rotation", "errors"), max_steps=400)
 
 
 class Case(NamedTuple):
@@ -54,10 +54,10 @@ class Case(NamedTuple):
 
 CASES = {
     "elastic, errors, out of steps": Case(elastic(0.4), rj.Ricker(amplitudes(500), 0.9), ERRORS, [2]),
-    "rigid, a suite in one table": Case(PODIUMS["rigid"], suite(97), SMALL, [3]),
-    "rigid, several chunks": Case(PODIUMS["rigid"], suite(4801), SMALL, [3]),
-    "block, a record each": Case(PODIUMS["block"], wide(5), SMALL, [1, 3]),
-    "block, fewer scenes than devices": Case(PODIUMS["block"], wide(2), SMALL, [3]),
+    "rigid, a suite in one table": Case(PODIUMS["rigid"], suite(97), COARSE_OPTIONS, [3]),
+    "rigid, several chunks": Case(PODIUMS["rigid"], suite(4801), COARSE_OPTIONS, [3]),
+    "block, a record each": Case(PODIUMS["block"], distinct_records(5), COARSE_OPTIONS, [1, 3]),
+    "block, fewer scenes than devices": Case(PODIUMS["block"], distinct_records(2), COARSE_OPTIONS, [3]),
 }
 STOPPED = "rigid, several chunks"
 
@@ -69,7 +69,7 @@ class StopsAtOnce(threading.Event):
         self.set()
 
 
-def apart(a: rj.Peak, b: rj.Peak, where=...) -> float:
+def largest_difference(a: rj.Peak, b: rj.Peak, where=...) -> float:
     """The largest difference, relative to the largest number of its kind; inf where anything else differs."""
     worst = 0.0
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
@@ -88,15 +88,17 @@ def apart(a: rj.Peak, b: rj.Peak, where=...) -> float:
 
 def report() -> dict:
     devices = jax.local_devices()
-    found: dict = {"devices": len(devices)}
+    device_results: dict = {"devices": len(devices)}
     for name, (podium, motion, how, numbers) in CASES.items():
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "[0-9]+ of .* scenes ended without an answer", RuntimeWarning)
             run = lambda chosen, p=podium, m=motion, o=how: rj.peak_responses(p, m, options=o, devices=chosen)
             alone = run(None)
-            found[name] = {k: apart(run(devices[:k]), alone) for k in numbers}
-        found[name]["results"] = sorted({str(rj._results.NAMES[k]) for k in np.unique(alone.result._value)})
-        found[name]["shape"] = alone.peak_rotation.shape
+            device_results[name] = {k: largest_difference(run(devices[:k]), alone) for k in numbers}
+        device_results[name]["results"] = sorted(
+            {str(rj._results.NAMES[k]) for k in np.unique(alone.result._value)}
+        )
+        device_results[name]["shape"] = alone.peak_rotation.shape
         if name == STOPPED:
             stop = StopsAtOnce()
             try:
@@ -104,16 +106,16 @@ def report() -> dict:
             except rj.Interrupted as interrupted:
                 some = interrupted.partial
                 ended = np.asarray(some.result != rj.RESULTS.interrupted)
-                found["stopped"] = {
+                device_results["stopped"] = {
                     "ended": int(ended.sum()),
                     "of": ended.size,
-                    "apart": apart(some, alone, ended),
+                    "apart": largest_difference(some, alone, ended),
                 }
-    return found
+    return device_results
 
 
 @pytest.fixture(scope="module")
-def found():
+def device_results():
     root = Path(__file__).parents[2]
     cache = {
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
@@ -139,26 +141,26 @@ def found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_devices_answer_as_threads_do(found, name):
+def test_devices_answer_as_threads_do(device_results, name):
     """To the last digit at present; a compiler may arrange the two programs differently."""
-    assert found["devices"] == DEVICES
+    assert device_results["devices"] == DEVICES
     for k in CASES[name].devices:
-        assert found[name][str(k)] < 1e-9
+        assert device_results[name][str(k)] < 1e-9
 
 
 @pytest.mark.slow
-def test_the_cases_are_what_they_are_named_for(found):
-    assert "out_of_steps" in found["elastic, errors, out of steps"]["results"]
-    assert {"overturned", "settled"} <= set(found["rigid, several chunks"]["results"])
-    sizes = {name: int(np.prod(found[name]["shape"])) for name in CASES}
+def test_the_cases_are_what_they_are_named_for(device_results):
+    assert "out_of_steps" in device_results["elastic, errors, out of steps"]["results"]
+    assert {"overturned", "settled"} <= set(device_results["rigid, several chunks"]["results"])
+    sizes = {name: int(np.prod(device_results[name]["shape"])) for name in CASES}
     assert sizes["block, fewer scenes than devices"] < DEVICES
     assert sizes["rigid, several chunks"] > 3 * DEVICES * 1024
     assert sizes["rigid, several chunks"] % DEVICES
 
 
 @pytest.mark.slow
-def test_a_batch_on_devices_that_is_stopped_keeps_what_is_solved(found):
-    stopped = found["stopped"]
+def test_a_batch_on_devices_that_is_stopped_keeps_what_is_solved(device_results):
+    stopped = device_results["stopped"]
     assert 0 < stopped["ended"] < stopped["of"]
     assert stopped["apart"] < 1e-9
 
@@ -273,11 +275,11 @@ def test_a_gpu_has_the_derivatives_of_a_cpu(name):
     def ask(a_p):
         return rj.peak_response(PODIUMS[name], rj.Ricker(a_p, 1.0)).peak_rotation
 
-    found = []
+    device_results = []
     for device in (GPUS[0], jax.local_devices(backend="cpu")[0]):
         with jax.default_device(device):
-            found.append([float(y) for y in jax.jit(jax.value_and_grad(ask))(2.5 * G * 0.15)])
-    np.testing.assert_allclose(*found, rtol=1e-6)
+            device_results.append([float(y) for y in jax.jit(jax.value_and_grad(ask))(2.5 * G * 0.15)])
+    np.testing.assert_allclose(*device_results, rtol=1e-6)
 
 
 if __name__ == "__main__":

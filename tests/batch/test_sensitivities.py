@@ -19,7 +19,7 @@ from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 NAMES = ("alpha", "R", "gamma", "a_p", "T_p")
 PEAKS = ("peak_rotation", "peak_deformation", "peak_shear")
-HOW = options(1e-9, "dopri8", outputs=(*PEAKS, "margin"))
+TIGHT_OPTIONS = options(1e-9, "dopri8", outputs=(*PEAKS, "margin"))
 A_P = np.linspace(0.5, 4.5, 150) * G * 0.15
 SOME = (1, 40, 70, 80, 95, 140)
 
@@ -36,11 +36,11 @@ def of_single_scene(podium, motion, names, how):
 
 def compare(podium, rtol, landed):
     """A batch, whose lanes are refilled, with single scenes; `landed` for peaks on which a step ends."""
-    batch = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=HOW, sensitivities=NAMES)
+    batch = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=TIGHT_OPTIONS, sensitivities=NAMES)
     assert batch.sensitivities.parameters == NAMES
     assert batch.overturned.any()
     for k in SOME:
-        single = of_single_scene(podium, rj.Ricker(A_P[k], 1.0), NAMES, HOW)
+        single = of_single_scene(podium, rj.Ricker(A_P[k], 1.0), NAMES, TIGHT_OPTIONS)
         for peak in SENSITIVE:
             if single[peak] is None:  # of several stories only
                 assert getattr(batch.sensitivities, peak) is None
@@ -58,14 +58,14 @@ def compare(podium, rtol, landed):
 def test_derivatives_of_a_batch_are_those_of_its_scenes():
     podium = PODIUMS["rigid"]
     batch = compare(podium, rtol=1e-12, landed=1e-9)
-    plain = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=HOW)
+    plain = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=TIGHT_OPTIONS)
     assert plain.sensitivities is None
     np.testing.assert_allclose(batch.peak_rotation, plain.peak_rotation, rtol=1e-11)
     data = batch.dataset()
     assert data["peak_shear_sensitivity"].dims == ("scene_0", "parameter")
     assert list(data["parameter"].values) == list(NAMES)
     # And both are differences of values.
-    step, how = 1e-6, HOW.replace(rtol=1e-12, atol=1e-14)
+    step, how = 1e-6, TIGHT_OPTIONS.replace(rtol=1e-12, atol=1e-14)
     slopes = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=how, sensitivities=NAMES).sensitivities
     up, down = (
         rj.peak_responses(variant(podium, {"R": float(podium.R) * (1 + s)}), rj.Ricker(A_P, 1.0), options=how)
@@ -124,10 +124,12 @@ def test_a_scene_moves_with_its_parameters():
 def test_what_is_said_to_be_constant_is():
     """Slopes are carried for what `MOVING` names: nothing else of a state may move and tell on a peak."""
     podium, motion = PODIUMS["elastic"], rj.Ricker(3.0, 1.0)
-    plan = plan_for(podium, HOW, history=False)
+    plan = plan_for(podium, TIGHT_OPTIONS, history=False)
 
     def after(factor):
-        scene, state = prepare(*moved(podium, motion, ("T_s",), factor), rj.State(), None, HOW, plan)
+        scene, state = prepare(
+            *moved(podium, motion, ("T_s",), factor), rj.State(), None, TIGHT_OPTIONS, plan
+        )
         return trial(scene, plan, trial(scene, plan, state)[0])[0]
 
     _, slopes = jax.jvp(after, (jnp.ones(1),), (jnp.ones(1),))

@@ -19,7 +19,7 @@ MARGIN = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation", "margin"))
 FRAME = rj.Podium(alpha=ALPHA, R=1.5, gamma=110.0)  # of Section 4
 
 
-SMALL = 1e-4  # slenderness that stands for the linearised equations
+SMALL_SLENDERNESS = 1e-4  # slenderness that stands for the linearised equations
 
 
 def block(alpha, p, e=None):
@@ -27,13 +27,19 @@ def block(alpha, p, e=None):
 
 
 THIRD = math.atan(1 / 3)
-OF = lambda b, h: math.sqrt(0.75 * 9.81 / math.hypot(b, h))  # p of a block of half width b and half height h
+
+
+def block_p(b: float, h: float) -> float:
+    """p of a block of half width b and half height h."""
+    return math.sqrt(0.75 * 9.81 / math.hypot(b, h))
+
+
 # Solitary blocks under one pulse: (α, p, e, pulse, T_p, root of the linearised equations, of the full ones),
 # in g.
 ROOTS = {
-    "half-sine, b=.2 h=.6": (THIRD, OF(0.2, 0.6), None, rj.HalfSine, 1.0, 0.554586, 0.574724),
-    "one-cosine, b=.5 h=1.5": (THIRD, OF(0.5, 1.5), None, rj.OneCosine, 1.0, None, 0.625845),
-    "one-sine, b=.5 h=1.5": (THIRD, OF(0.5, 1.5), 0.85, rj.OneSine, 1.0, 0.451540, 0.468727),
+    "half-sine, b=.2 h=.6": (THIRD, block_p(0.2, 0.6), None, rj.HalfSine, 1.0, 0.554586, 0.574724),
+    "one-cosine, b=.5 h=1.5": (THIRD, block_p(0.5, 1.5), None, rj.OneCosine, 1.0, None, 0.625845),
+    "one-sine, b=.5 h=1.5": (THIRD, block_p(0.5, 1.5), 0.85, rj.OneSine, 1.0, 0.451540, 0.468727),
     "one-cosine, p=2 α=15°": (math.radians(15), 2.0, None, rj.OneCosine, 2.0, None, 0.315034),
     "one-sine, α=.25 p=2.14": (0.25, 2.14, 0.9, rj.OneSine, 2 * math.pi / 5 / 2.14, 3.0186 * 0.25, None),
 }
@@ -48,9 +54,9 @@ def test_published_roots(name):
         a_p = rj.overturning_acceleration(block(alpha, p, e), pulse, T_p)
         assert float(a_p) / 9.81 == pytest.approx(full, abs=6e-7)
     if linear is not None:
-        a_p = rj.overturning_acceleration(block(SMALL, p, e), pulse, T_p)
+        a_p = rj.overturning_acceleration(block(SMALL_SLENDERNESS, p, e), pulse, T_p)
         printed = 6e-7 if name != "one-sine, α=.25 p=2.14" else 2e-5
-        assert float(a_p) / 9.81 * alpha / math.tan(SMALL) == pytest.approx(linear, abs=printed)
+        assert float(a_p) / 9.81 * alpha / math.tan(SMALL_SLENDERNESS) == pytest.approx(linear, abs=printed)
 
 
 def test_windows_of_survival():

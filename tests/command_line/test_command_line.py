@@ -274,7 +274,7 @@ WRONG = [  # each message once
     ("plot none.nc", "none.nc: there is no such file"),
     ("quake", "No such command 'quake'"),
 ]
-GOOD = """[structure]
+VALID_PROBLEM = """[structure]
 alpha = 0.2
 R = 1.0
 [motions.a]
@@ -291,13 +291,13 @@ T_p = 1.0
 @pytest.mark.parametrize(("line", "words"), WRONG, ids=[line for line, _ in WRONG])
 def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
     for name, text in (
-        ("good", GOOD),
+        ("good", VALID_PROBLEM),
         ("bad", "[structure]\nalpha = 0.1\nR = 1.0\nfoo = 2\n"),
-        ("worse", GOOD + "[spektrum]\npoints = 3\n"),
-        ("text", GOOD.replace("alpha = 0.2", 'tan_alpha = "0.15"')),
+        ("worse", VALID_PROBLEM + "[spektrum]\npoints = 3\n"),
+        ("text", VALID_PROBLEM.replace("alpha = 0.2", 'tan_alpha = "0.15"')),
         (
             "goals",
-            GOOD
+            VALID_PROBLEM
             + '[vary]\nR = [1.0, 2.0]\n[[targets]]\nkind = "peak-rotation"\nlimit = "0.4"\nmotions = "a"\n',
         ),
     ):

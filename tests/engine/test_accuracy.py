@@ -32,10 +32,10 @@ SCENES = {
 
 
 @pytest.fixture(scope="module")
-def truths():
+def references():
     known = {}
 
-    def truth(name):
+    def reference(name):
         if name not in known:
             podium, motion = SCENES[name]
             if isinstance(motion, rj.Record):
@@ -54,7 +54,7 @@ def truths():
             known[name] = restrained.simulate(frame, end + 2.5, acceleration, breaks=breaks, start=start)
         return known[name]
 
-    return truth
+    return reference
 
 
 @pytest.mark.slow(but=["1e-10-dopri8-1e-08-[!f]*", "1e-10-dopri8-1e-08-frame, antisymmetric"])
@@ -63,22 +63,22 @@ def truths():
     ("rtol", "method", "within"),
     [(1e-8, "tsit5", 1e-6), (1e-10, "tsit5", 1e-8), (1e-10, "dopri8", 1e-8)],
 )
-def test_against_an_independent_implementation(truths, name, rtol, method, within):
+def test_against_an_independent_implementation(references, name, rtol, method, within):
     podium, motion = SCENES[name]
-    truth = truths(name)
+    reference = references(name)
     end = float(motion.support[1]) + 2.5
     response = rj.simulate(podium, motion, t_end=end, options=options(rtol, method))
-    assert float(response.peak_rotation) == pytest.approx(truth.peak, abs=within)
-    assert float(response.uplift_time) == pytest.approx(truth.uplift_time, abs=within)
-    assert bool(response.overturned) == (truth.overturn_time == truth.overturn_time)
+    assert float(response.peak_rotation) == pytest.approx(reference.peak, abs=within)
+    assert float(response.uplift_time) == pytest.approx(reference.uplift_time, abs=within)
+    assert bool(response.overturned) == (reference.overturn_time == reference.overturn_time)
     if bool(response.overturned):
-        assert float(response.overturn_time) == pytest.approx(truth.overturn_time, abs=within)
-    n = min(8, len(truth.impacts))
-    np.testing.assert_allclose(response.impact_times[:n], truth.impacts[:n], atol=within)
+        assert float(response.overturn_time) == pytest.approx(reference.overturn_time, abs=within)
+    n = min(8, len(reference.impacts))
+    np.testing.assert_allclose(response.impact_times[:n], reference.impacts[:n], atol=within)
     if isinstance(podium.superstructure, rj.Elastic):
         # the reference finds these on samples of its interpolant
-        assert float(response.peak_deformation) == pytest.approx(truth.deformation, rel=max(within, 3e-7))
-        assert float(response.peak_shear) == pytest.approx(truth.shear, rel=max(within, 3e-7))
+        assert float(response.peak_deformation) == pytest.approx(reference.deformation, rel=max(within, 3e-7))
+        assert float(response.peak_shear) == pytest.approx(reference.shear, rel=max(within, 3e-7))
 
 
 @pytest.mark.slow(but=["tsit5-T_s = 0.5 s"])
@@ -194,14 +194,14 @@ def test_certificate_changes_nothing(name, outputs):
 def test_history_has_the_accuracy_of_the_solve(name, method):
     podium, motion = SCENES[name]
     end = 4.0
-    truth = rj.simulate(podium, motion, t_end=end, options=options(1e-13, "dopri8"))
+    reference = rj.simulate(podium, motion, t_end=end, options=options(1e-13, "dopri8"))
     response = rj.simulate(podium, motion, t_end=end, options=options(1e-9, method))
     t = np.linspace(float(response.times[0]), end, 2001)
-    away = np.min(np.abs(t[:, None] - np.asarray(truth.impacts)), axis=1) > 1e-7
+    away = np.min(np.abs(t[:, None] - np.asarray(reference.impacts)), axis=1) > 1e-7
     scale = float(podium.alpha)
-    np.testing.assert_allclose(response(t).theta / scale, truth(t).theta / scale, atol=2e-7)
-    np.testing.assert_allclose(response(t).theta_dot[away], truth(t).theta_dot[away], atol=2e-7)
-    np.testing.assert_allclose(response(t).u_t, truth(t).u_t, atol=2e-7)
+    np.testing.assert_allclose(response(t).theta / scale, reference(t).theta / scale, atol=2e-7)
+    np.testing.assert_allclose(response(t).theta_dot[away], reference(t).theta_dot[away], atol=2e-7)
+    np.testing.assert_allclose(response(t).u_t, reference(t).u_t, atol=2e-7)
 
 
 @pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s"])

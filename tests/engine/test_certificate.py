@@ -68,7 +68,7 @@ class Bounds:
         return self.a * 2 / math.pi
 
     @property
-    def most(self) -> float:
+    def max_energy(self) -> float:
         """Of the energy, (C19)."""
         C = math.sqrt((1 + 2 * self.gamma) ** 2 / (2 * self.spin) + self.mass / 2)
         C_v = 2 * self.w * self.steepest / math.sqrt(2 * (self.spin + 4 * self.mass * self.steepest**2))
@@ -79,7 +79,7 @@ class Bounds:
     @property
     def turning(self) -> float:
         """The most of |θ̇|."""
-        return math.sqrt(2 * self.most / (self.spin * R**2))
+        return math.sqrt(2 * self.max_energy / (self.spin * R**2))
 
     def swings(self) -> np.ndarray:
         """The most of √(u̇² + ω²u²) of several modes at rest."""
@@ -89,7 +89,9 @@ class Bounds:
         """The most of Σ w_i y_i, y_i² the double of a mode's energy over η_i."""
         if self.rests and len(weights) > 1:
             return float(np.abs(weights) @ self.swings())
-        return math.sqrt(2 * self.most * (float(np.sum(weights**2 / self.eta)) + (0 if self.rests else beam)))
+        return math.sqrt(
+            2 * self.max_energy * (float(np.sum(weights**2 / self.eta)) + (0 if self.rests else beam))
+        )
 
     def springs(self, weights: np.ndarray) -> float:
         """The most of Σ w_i F_i."""
@@ -99,13 +101,15 @@ class Bounds:
     def angular(self) -> float:
         """θ̈_max + ϑ² max|sin ψ|: (C20), but that ϑ² acts by the sine of ψ only, Eq. (14)."""
         s, rate = math.sin(ALPHA), self.turning
-        most = P2 * (2 * self.w * (1 + self.a_v / G) * self.steepest + (2 * self.gamma + 1) * self.a / G)
+        moment = P2 * (2 * self.w * (1 + self.a_v / G) * self.steepest + (2 * self.gamma + 1) * self.a / G)
         if self.podium.restrainers:
-            most += 2 * P2 * s * (5.0 + 4 * 60.0 * s * math.sin(self.well / 2))
-            most += P2 * 3.0 * (2 * s) ** 1.5 * math.sqrt(rate / math.sqrt(P2)) + 0.75 * 8.0 * s**2 * rate**2
+            moment += 2 * P2 * s * (5.0 + 4 * 60.0 * s * math.sin(self.well / 2))
+            moment += (
+                P2 * 3.0 * (2 * s) ** 1.5 * math.sqrt(rate / math.sqrt(P2)) + 0.75 * 8.0 * s**2 * rate**2
+            )
         if len(self.eta):
-            most += 1.5 * self.mass * rate**2 + 3 * self.springs(self.eta) / (2 * R)
-        return most / (3 * self.gamma + 1.0) + self.steepest * rate**2
+            moment += 1.5 * self.mass * rate**2 + 3 * self.springs(self.eta) / (2 * R)
+        return moment / (3 * self.gamma + 1.0) + self.steepest * rate**2
 
     def base(self) -> float:
         """The most of the beam's absolute acceleration."""
@@ -143,7 +147,7 @@ class Bounds:
         low, high = 0.0, self.well
         for _ in range(60):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if V(middle) < self.most else (low, middle)
+            low, high = (middle, high) if V(middle) < self.max_energy else (low, middle)
         return high
 
     def certain(self, output: str, **records: Any) -> bool:
@@ -192,7 +196,7 @@ def test_margins_that_are_certain(name):
     """Until the energy could come closer to what overturns than the least margin says."""
     bounds = Bounds(*SCENES[name])
     top = float(potential(bounds.c, jnp.ones(()), jnp.asarray(ALPHA)))
-    least = 1 - bounds.most / top
+    least = 1 - bounds.max_energy / top
     assert 0 < least < 1
     assert bounds.certain("margin", margin=least * (1 - 1e-9), peak=1.0)
     assert not bounds.certain("margin", margin=least * (1 + 1e-9), peak=1.0)
@@ -211,7 +215,7 @@ def test_columns_that_rest_for_good(name):
         if len(stiff) > 1:
             springs = float(bounds.eta @ (stiff * bounds.swings()))
         else:
-            springs = math.sqrt(2 * bounds.most * float(np.sum(bounds.eta * stiff**2)))
+            springs = math.sqrt(2 * bounds.max_energy * float(np.sum(bounds.eta * stiff**2)))
         tilted = math.tan(ALPHA) * (1 + 2 * bounds.gamma + 2 * bounds.mass) / (1 + 2 * bounds.gamma)
         demand = a + 2 / (1 + 2 * bounds.gamma) * springs + tilted * vertical
         return tilted * G - demand
@@ -232,6 +236,6 @@ def test_nothing_is_certain_above_the_well(devices):
     bounds = Bounds(podium, 1.0, 0.0, 0.03, 0.0)
     top = math.sqrt(float(potential(bounds.c, jnp.ones(()), jnp.asarray(bounds.well))))
     start = math.sqrt(bounds.now)
-    a = (top - start) / (math.sqrt(bounds.most) - start)
+    a = (top - start) / (math.sqrt(bounds.max_energy) - start)
     assert Bounds(podium, a * (1 - 1e-9), 0.0, 0.03, 0.0).certain("peak", peak=1.0)
     assert not Bounds(podium, a * (1 + 1e-9), 0.0, 0.03, 0.0).certain("peak", peak=1.0)

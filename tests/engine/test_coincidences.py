@@ -13,14 +13,14 @@ import pytest
 import rockjax as rj
 from tests.scenes import G, options, shaking
 
-FINE = options(1e-12, "dopri8", history=256, throw=False)
+TIGHT_OPTIONS = options(1e-12, "dopri8", history=256, throw=False)
 ULPS = (-64, -5, -2, -1, 0, 1, 2, 5, 64)
-FAR = 1e-9  # what the others are compared with
+FAR_OFFSET = 1e-9  # what the others are compared with
 
 
 def around(x: float) -> np.ndarray:
     """Times next to x, by units in the last place, with one before and one after at a distance."""
-    return np.array([x - FAR, *(x + k * np.spacing(x) for k in ULPS), x + FAR])
+    return np.array([x - FAR_OFFSET, *(x + k * np.spacing(x) for k in ULPS), x + FAR_OFFSET])
 
 
 def side_by_side(function, y, times) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +44,7 @@ def continuous(function, y, times, rtol: float = 1e-6) -> np.ndarray:
     assert np.all(np.isfinite(values))
     assert np.all(np.isfinite(slopes))
     scale = np.abs(values).max(axis=0) + np.abs(slopes).max(axis=(0, 2))
-    assert np.all(np.abs(values - values[0]) <= 100 * FAR * scale)
+    assert np.all(np.abs(values - values[0]) <= 100 * FAR_OFFSET * scale)
     largest = np.abs(slopes).max(axis=(0, 2))
     apart = np.minimum(*(np.abs(slopes - slopes[k]).max(axis=2) for k in (0, -1)))
     assert np.all(apart <= rtol * largest), (apart / largest).max(axis=0)
@@ -93,7 +93,7 @@ def test_an_impact_on_a_breakpoint(kind):
 
     def response(y, time):
         podium = rj.Podium(y[0], y[1], restitution=y[2])
-        return rj.simulate(podium, motion(y, time), initial=rj.State(y[4]), t_end=2.5, options=FINE)
+        return rj.simulate(podium, motion(y, time), initial=rj.State(y[4]), t_end=2.5, options=TIGHT_OPTIONS)
 
     def late(y, time):
         state = response(y, time)(2.45)
@@ -151,7 +151,9 @@ def test_an_uplift_on_a_sample(after):
     y = jnp.array([1.0, 0.1, 0.0])
 
     def answers(y, scale):
-        peak = rj.peak_response(block, rj.Record(samples, y[1], scale * y[0], y[2]), t_end=2.0, options=FINE)
+        peak = rj.peak_response(
+            block, rj.Record(samples, y[1], scale * y[0], y[2]), t_end=2.0, options=TIGHT_OPTIONS
+        )
         return jnp.stack([peak.peak_rotation, jnp.where(peak.uplifted, peak.uplift_time, 0.0)])
 
     scales = threshold + np.spacing(threshold) * np.array([1, 2, 5, 64, 4_000_000])

@@ -9,7 +9,7 @@ import rockjax as rj
 from tests.scenes import PODIUMS, elastic, options, pulse, shaking
 
 ROTATION = ("peak_rotation",)
-UP = float(PODIUMS["elastic"].uplift_acceleration)
+UPLIFT = float(PODIUMS["elastic"].uplift_acceleration)
 WEAK = 0.35  # of the uplift acceleration: lifts late, or never
 
 
@@ -17,14 +17,14 @@ def test_scenes_that_never_lift_settle():
     for T_s in (0.01, 0.1, 1.0):
         podium = elastic(T_s)
         peak = rj.peak_response(
-            podium, rj.Ricker(WEAK * UP / 10, 1.0), options=options(1e-9, outputs=ROTATION)
+            podium, rj.Ricker(WEAK * UPLIFT / 10, 1.0), options=options(1e-9, outputs=ROTATION)
         )
         assert not bool(peak.uplifted)
         assert peak.result == rj.RESULTS.settled
 
 
 def test_peaks_of_the_superstructure_are_those_of_the_history():
-    podium, motion = elastic(0.5), rj.Ricker(WEAK * UP / 2, 1.0)
+    podium, motion = elastic(0.5), rj.Ricker(WEAK * UPLIFT / 2, 1.0)
     history = rj.simulate(podium, motion, options=options(1e-10))
     peak = rj.peak_response(podium, motion, options=options(1e-10))
     assert float(peak.peak_deformation) == pytest.approx(float(history.peak_deformation), rel=1e-8)

@@ -12,7 +12,7 @@ from tests import restrained
 from tests.scenes import ALPHA, PODIUMS, G, elastic, options, pulse
 
 BLOCK = PODIUMS["block"]
-UP = float(BLOCK.uplift_acceleration)
+UPLIFT = float(BLOCK.uplift_acceleration)
 
 
 @pytest.mark.parametrize("podium", [BLOCK, PODIUMS["rigid"], PODIUMS["elastic"]])
@@ -104,7 +104,7 @@ def test_initial_rotation_at_the_limit_is_overturned(ratio):
 def test_past_alpha_and_back():
     """During shaking a column can pass α and come back: overturned by the paper's criterion, not by a larger
     ratio."""
-    motion = rj.OneSine(np.linspace(1, 8, 701) * UP, 1.0)
+    motion = rj.OneSine(np.linspace(1, 8, 701) * UPLIFT, 1.0)
     strict = rj.peak_responses(BLOCK, motion)
     lenient = rj.peak_responses(BLOCK, motion, options=rj.Options(overturn_ratio=3.0))
     came_back = strict.overturned & ~lenient.overturned
@@ -285,7 +285,7 @@ def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
         if jax.config.jax_enable_x64 or motion is record:
             yield lambda: jax.jit(rj.peak_response)(podium, motion, options=loose)
 
-    def refused(podium, motion, words):
+    def check_refused(podium, motion, words):
         for call in entrances(podium, motion):
             with pytest.raises(ValueError, match=words):
                 call()
@@ -293,20 +293,20 @@ def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
     podium, ricker, record = make()
     with switched(False):
         single = make()
-        refused(
+        check_refused(
             podium, single[1], r"numbers of \w+ are float64, but jax_enable_x64 is off here.*create \w+ under"
         )
         for motion in (ricker, record):
-            refused(single[0], motion, r"numbers of \w+ are float64, but jax_enable_x64 is off here")
+            check_refused(single[0], motion, r"numbers of \w+ are float64, but jax_enable_x64 is off here")
         peak = jax.jit(rj.peak_response)(podium, ricker, options=loose).peak_rotation
         assert peak == rj.peak_response(single[0], single[1], options=loose).peak_rotation
         assert peak.dtype == jnp.float32
-    refused(
+    check_refused(
         single[0],
         ricker,
         r"numbers of \w+ are float32, but jax_enable_x64 is on here, so that all must be float64",
     )
-    refused(podium, single[2], r"numbers of \w+ are float32")
+    check_refused(podium, single[2], r"numbers of \w+ are float32")
 
 
 def test_the_independent_implementation_is_itself_right():

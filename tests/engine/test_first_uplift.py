@@ -21,7 +21,7 @@ from rockjax._engine.contact import advance_to_uplift
 from rockjax._engine.scene import plan_for, prepare
 
 ALPHA, R, GAMMA, ETA = 0.15, 1.5, 10.0, 20.0
-UP = 9.80665 * math.tan(ALPHA)
+UPLIFT = 9.80665 * math.tan(ALPHA)
 CYCLES, PHASE = 4.0, 0.7  # of the wavelets
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 TIMES = (0.05, 0.8, 20.0)  # T_p [s]
@@ -105,7 +105,7 @@ def test_rigid_podiums_lift_at_the_root_of_the_pulse(name):
     for T_p in TIMES:
         for ratio in RATIOS:
             exact = first_root(lambda tau, a=ratio: abs(a * pulse(tau)) - 1, pulse.start, pulse.end, 2001)
-            found = float(uplift(pulse.make(ratio * UP, T_p)))
+            found = float(uplift(pulse.make(ratio * UPLIFT, T_p)))
             assert found == pytest.approx(exact * T_p, rel=1e-12, abs=1e-15 * T_p, nan_ok=True)
             assert not math.isnan(exact) or name == "MavroeidisPapageorgiou"
 
@@ -114,7 +114,7 @@ def test_rigid_podiums_lift_at_the_root_of_the_pulse(name):
 def test_pairs_lift_at_the_root_of_the_combined_signal(name):
     """|ü_g| − v̈_g tan α, where the vertical motion begins before the horizontal one or after it."""
     pulse, ricker = PULSES[name], PULSES["Ricker"]
-    pair = lambda ratio, T_p, T_v: rj.GroundMotion(pulse.make(ratio * UP, T_p), rj.Ricker(-6.0, T_v))
+    pair = lambda ratio, T_p, T_v: rj.GroundMotion(pulse.make(ratio * UPLIFT, T_p), rj.Ricker(-6.0, T_v))
     uplift = uplifts()
     for T_p in TIMES:
         for ratio in RATIOS:
@@ -174,7 +174,7 @@ def elastic_scenes(
             )
         )
         exact.append(first_root(over, pulse.start, pulse.end - 1e-12, 400))
-    motion = pulse.make(ratio * UP, T_p)
+    motion = pulse.make(ratio * UPLIFT, T_p)
     if vertical:
         motion = rj.GroundMotion(motion, rj.Ricker(np.full(n, vertical * 9.80665), 0.7 * T_p))
     return podium, motion, T_p, exact

@@ -12,7 +12,7 @@ import rockjax as rj
 from tests import restrained
 from tests.scenes import ALPHA, PODIUMS, G, options, shaking
 
-FINE = options(1e-13, "dopri8")
+TIGHT_OPTIONS = options(1e-13, "dopri8")
 ELASTIC = jnp.array([ALPHA, 1.5, 10.0, 100.0, 0.5, 0.05, 1 / 3, 0.956, G, 2.2 * G * 0.15, 1.0])
 RIGID = jnp.array([ALPHA, 1.5, 10.0, 100.0, 1 / 3, 0.951, G, 2.5 * G * 0.15, 1.0])
 
@@ -85,7 +85,7 @@ def test_every_number_of_structure_and_pulse(case, method):
     if scene is rigid_scene:  # a program of its own
         batched = np.asarray(jax.vmap(jax.jacrev(peaks))(jnp.stack([y, y * 1.0001]))[0])
         np.testing.assert_allclose(batched, forward, rtol=3e-7, atol=1e-9)
-    numeric, own_error = differences(lambda y: peaks(y, FINE), y)
+    numeric, own_error = differences(lambda y: peaks(y, TIGHT_OPTIONS), y)
     size = np.abs(np.asarray(y)) * np.abs(numeric)  # of d(quantity)/d(ln y), to tell zero from small
     scale = size.max(axis=1, keepdims=True) / np.abs(np.asarray(y))
     excess = np.abs(forward - numeric) - 3 * own_error - 1e-8 * scale
@@ -100,7 +100,7 @@ def test_against_an_independent_solution():
     """Finite differences of the SciPy implementation, which knows nothing of this package's events."""
     T_p, t_end = 1.0, 2.6
 
-    def truth(alpha, a_p):
+    def reference(alpha, a_p):
         podium = PODIUMS["elastic"].replace(alpha=alpha)
         acceleration = lambda t: a_p * float(rj.Ricker.shape(np.float64(t / T_p)))
         frame = restrained.frame_of(podium)
@@ -115,7 +115,7 @@ def test_against_an_independent_solution():
     a_p = 2.2 * G * 0.15
     gradient = jax.grad(ours, argnums=(0, 1))(ALPHA, a_p)
     for k, (x, h) in enumerate(((ALPHA, 2e-4 * ALPHA), (a_p, 2e-4 * a_p))):
-        at = lambda s, k=k, h=h: truth(ALPHA + s * h * (k == 0), a_p + s * h * (k == 1))
+        at = lambda s, k=k, h=h: reference(ALPHA + s * h * (k == 0), a_p + s * h * (k == 1))
         numeric = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h)
         assert float(gradient[k]) == pytest.approx(numeric, rel=3e-6)
         del x
@@ -201,9 +201,9 @@ def test_initial_state_through_559_impacts():
     assert int(response.impacts) > 400
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
-    numeric, _ = differences(lambda y: peak(y, FINE), y)
+    numeric, _ = differences(lambda y: peak(y, TIGHT_OPTIONS), y)
     np.testing.assert_allclose(forward, numeric, rtol=5e-6)
-    np.testing.assert_allclose(jax.jacfwd(lambda y: peak(y, FINE))(y), numeric, rtol=1e-6)
+    np.testing.assert_allclose(jax.jacfwd(lambda y: peak(y, TIGHT_OPTIONS))(y), numeric, rtol=1e-6)
 
 
 def test_a_peak_at_the_end_moves_with_it():
@@ -238,7 +238,7 @@ def test_all_samples_of_a_record(name, method):
     rng = np.random.default_rng(0)
     for _ in range(2):
         direction = jnp.asarray(rng.normal(size=samples.shape))
-        at = lambda k, d=direction: float(peak(samples + k * 1e-5 * d, FINE))
+        at = lambda k, d=direction: float(peak(samples + k * 1e-5 * d, TIGHT_OPTIONS))
         numeric = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / 12e-5
         assert float(gradient @ direction) == pytest.approx(numeric, rel=1e-6, abs=1e-9)
     forward = jax.jit(lambda d: jax.jvp(peak, (samples,), (d,))[1])(direction)

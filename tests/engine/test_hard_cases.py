@@ -12,7 +12,7 @@ import rockjax as rj
 from tests.scenes import PODIUMS, G, elastic, options, pulse, shaking
 
 BLOCK = PODIUMS["block"]
-UP = float(BLOCK.uplift_acceleration)
+UPLIFT = float(BLOCK.uplift_acceleration)
 ENDED = (rj.RESULTS.settled, rj.RESULTS.end_of_time, rj.RESULTS.overturned)
 
 
@@ -60,7 +60,7 @@ def test_tangent_uplift():
 def test_grazing_impact():
     """Grazing impact: the columns come down with no speed left; the answer is continuous through it, to the
     square root of the distance, and none is NaN."""
-    motion = rj.HalfSine(-2.5 * UP, 2.0)  # pushes back up while it lasts
+    motion = rj.HalfSine(-2.5 * UPLIFT, 2.0)  # pushes back up while it lasts
     state = lambda speed: rj.State(0.05, -speed)
     solve = lambda speed: rj.simulate(
         BLOCK, motion, initial=state(speed), t_end=0.6, options=options(1e-11, "dopri8")
@@ -85,7 +85,7 @@ def test_impact_and_uplift_at_once():
     """Simultaneous impact and uplift: with e = 0 under a demand above the threshold, the columns come to rest
     and lift at the same instant, to the side that Eq. (9) says."""
     podium = BLOCK.replace(restitution=0.0)
-    motion = rj.Record(np.full(400, 3.0 * UP), 0.01)
+    motion = rj.Record(np.full(400, 3.0 * UPLIFT), 0.01)
     response = rj.simulate(podium, motion, initial=rj.State(0.05, -0.5), t_end=0.5)
     hit = float(response.impact_times[0])
     nodes = response.nodes
@@ -144,7 +144,7 @@ def test_what_runs_out_of_steps_says_why(T_s, e, cause):
 
 def test_massless_beam_and_superstructure():
     """γ = η = 0: the solitary block, whatever stands on it weighing nothing."""
-    motion = rj.Ricker(1.6 * UP, 0.9)
+    motion = rj.Ricker(1.6 * UPLIFT, 0.9)
     alone = rj.peak_response(BLOCK, motion)
     for top in (rj.Rigid(0.0), rj.Elastic(0.0, 0.4)):
         peak = rj.peak_response(BLOCK.replace(superstructure=top), motion)
@@ -214,13 +214,13 @@ def test_a_record_with_a_constant_offset():
     """A constant offset: harmless below the threshold, the ground's jumps at both ends included; above it, it
     overturns."""
     t = 0.01 * np.arange(3000)
-    swing = 0.4 * UP * np.sin(3 * t) * np.exp(-(((t - 10) / 4) ** 2))
-    quiet = rj.peak_response(BLOCK, rj.Record(swing + 0.5 * UP, 0.01))
+    swing = 0.4 * UPLIFT * np.sin(3 * t) * np.exp(-(((t - 10) / 4) ** 2))
+    quiet = rj.peak_response(BLOCK, rj.Record(swing + 0.5 * UPLIFT, 0.01))
     assert not bool(quiet.uplifted)
-    lifted = rj.peak_response(BLOCK, rj.Record(swing + 0.7 * UP, 0.01))
+    lifted = rj.peak_response(BLOCK, rj.Record(swing + 0.7 * UPLIFT, 0.01))
     assert bool(lifted.uplifted)
     assert lifted.result in ENDED
-    gone = rj.peak_response(BLOCK, rj.Record(swing + 1.05 * UP, 0.01))
+    gone = rj.peak_response(BLOCK, rj.Record(swing + 1.05 * UPLIFT, 0.01))
     assert bool(gone.overturned)
     assert float(gone.uplift_time) == 0.0
 
@@ -231,7 +231,7 @@ def test_sampling_unequal_to_the_step(dt):
     """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion
     agree."""
     n = max(8, round(3.0 / dt))
-    a = 1.8 * UP * np.sin(np.linspace(0, 9, n)) ** 3
+    a = 1.8 * UPLIFT * np.sin(np.linspace(0, 9, n)) ** 3
     record = rj.Record(a, dt)
     podium = PODIUMS["frame"]
     one, other = (
@@ -247,13 +247,13 @@ def test_single_precision_on_purpose():
     refused."""
     with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.enable_x64(False):
         podium = rj.Podium(0.3, 2.0)
-        motions = rj.OneSine(np.linspace(1.2, 2.0, 40) * UP, 1.0)
+        motions = rj.OneSine(np.linspace(1.2, 2.0, 40) * UPLIFT, 1.0)
         with pytest.raises(ValueError, match="rtol"):
             rj.peak_responses(podium, motions)
         o = rj.Options(rtol=1e-5, atol=1e-6, outputs=("peak_rotation", "errors"))
         single = rj.peak_responses(podium, motions, options=o)
         assert single.peak_rotation.dtype == np.float32
-    double = rj.peak_responses(BLOCK, rj.OneSine(np.linspace(1.2, 2.0, 40) * UP, 1.0))
+    double = rj.peak_responses(BLOCK, rj.OneSine(np.linspace(1.2, 2.0, 40) * UPLIFT, 1.0))
     stands = ~double.overturned & ~single.overturned
     assert stands.sum() > 10
     np.testing.assert_allclose(single.peak_rotation[stands], double.peak_rotation[stands], atol=2e-3)
@@ -303,7 +303,7 @@ def test_estimates_on_records_see_errors_of_landing():
     too small."""
     rng = np.random.default_rng(6)
     n = 400
-    suite = rj.Records.of(rj.synthetic_motions(8, seed=11, duration=10.0, dt=0.02, pga=UP))
+    suite = rj.Records.of(rj.synthetic_motions(8, seed=11, duration=10.0, dt=0.02, pga=UPLIFT))
     motion = suite.pick(rng.integers(0, 8, n).astype(np.int32)).scaled(rng.uniform(1.5, 6.0, n))
     podium = rj.Podium(math.atan(0.15), rng.uniform(0.8, 5.0, n), rng.uniform(0.0, 12.0, n), rj.Rigid(50.0))
     o = rj.Options(rtol=1e-4, atol=1e-6, outputs=("peak_rotation", "errors"))
@@ -407,7 +407,7 @@ def test_chaotic_solutions_hardly_agree_by_chance():
 @pytest.mark.slow
 def test_regular_scenes_are_decided():
     """Regular rocking: no class is left open, and none changes."""
-    motion = rj.Ricker(UP * np.linspace(1.1, 3.0, 96), 1.0)
+    motion = rj.Ricker(UPLIFT * np.linspace(1.1, 3.0, 96), 1.0)
     peaks, changes = with_classes_at_tighter_tolerances(PODIUMS["elastic"], motion, rj.State(), 1.0, 1e-6)
     assert peaks.uplifted.all()
     assert not changes.any()
@@ -464,7 +464,7 @@ def test_what_the_rest_velocity_takes_away_is_estimated():
     """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the
     rest velocity of both solutions that the error estimate compares. It was a ten-millionth of the error."""
     block = BLOCK.replace(restitution=1e-8)
-    motion = rj.Record(np.r_[np.full(30, 1.4 * UP), np.full(30, -0.5 * UP)], 0.02)
+    motion = rj.Record(np.r_[np.full(30, 1.4 * UPLIFT), np.full(30, -0.5 * UPLIFT)], 0.02)
     solve = lambda rtol: rj.peak_response(
         block,
         motion,
@@ -482,7 +482,7 @@ def test_hops_that_would_not_end_are_estimated():
     """Columns that lose nothing hop below the rest velocity until the ground lifts them. Both solutions that
     the error estimate compares had let them rest, and it was a hundred-thousandth of the error."""
     block = BLOCK.replace(restitution=1.0)
-    motion = rj.Record(UP * np.r_[np.full(8, 0.8), np.full(20, 1.2), np.full(10, -0.9)], 0.02)
+    motion = rj.Record(UPLIFT * np.r_[np.full(8, 0.8), np.full(20, 1.2), np.full(10, -0.9)], 0.02)
     initial = rj.State(0.0, 0.9e-4 * float(block.p * block.alpha))
     how = lambda rtol: options(rtol, "dopri8", outputs=("peak_rotation", "errors"))
     peak, truth = (rj.peak_response(block, motion, initial=initial, options=how(r)) for r in (1e-4, 1e-12))

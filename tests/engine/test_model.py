@@ -24,27 +24,27 @@ def lagrangian_parts(podium, sigma):
     c, top = podium, podium.superstructure
     w = 2 * jnp.pi / top.T_s
 
-    def places(q):
+    def displacements(q):
         psi = sigma * c.alpha - q[0]
         u_b = 2 * c.R * (sigma * jnp.sin(c.alpha) - jnp.sin(psi))
         v_b = 2 * c.R * (jnp.cos(psi) - jnp.cos(c.alpha))
         return u_b, v_b
 
     def kinetic(q, rate):
-        u_b_dot, v_b_dot = jax.jvp(places, (q,), (rate,))[1]
+        u_b_dot, v_b_dot = jax.jvp(displacements, (q,), (rate,))[1]
         beam = 0.5 * c.gamma * (u_b_dot**2 + v_b_dot**2)
         columns = 0.5 * (1 + c.lam) * c.R**2 * rate[0] ** 2
         return 0.5 * top.eta * (rate[1] ** 2 + v_b_dot**2) + beam + columns
 
     def potential(q, ground):
-        u_b, v_b = places(q)
+        u_b, v_b = displacements(q)
         gravity = c.g * (top.eta + c.gamma + 0.5) * v_b
         spring = 0.5 * top.eta * w**2 * (q[1] - u_b) ** 2
         return gravity + spring + ground * (top.eta * q[1] + (c.gamma + 0.5) * u_b)
 
     def damping(q, rate):
         """Generalised forces −2ζω_s η (u̇_t − u̇_b)·∂(u_t − u_b)/∂q."""
-        stretch = lambda q: q[1] - places(q)[0]
+        stretch = lambda q: q[1] - displacements(q)[0]
         speed = jax.jvp(stretch, (q,), (rate,))[1]
         return -2 * top.zeta * w * top.eta * speed * jax.grad(stretch)(q)
 

@@ -21,9 +21,9 @@ from tests.restrained import Frame
 from tests.scenes import operations_of_trial
 
 S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
-FINE = rj.Options(rtol=1e-10, atol=1e-12)
+TIGHT_OPTIONS = rj.Options(rtol=1e-10, atol=1e-12)
 BUILDING = rj.ShearBuilding(masses=(3.0, 3.0, 2.0), stiffnesses=(900.0, 700.0, 500.0))
-TWO = rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03))
+TWO_MODES = rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03))
 PULSE, T_P = 3.2, 0.8
 
 
@@ -75,7 +75,7 @@ def test_modes_of_a_uniform_building():
 
 
 def test_frequencies_on_lifted_columns():
-    with_tendons = podium(TWO, rj.Tendon(0.0, 200.0))
+    with_tendons = podium(TWO_MODES, rj.Tendon(0.0, 200.0))
     np.testing.assert_allclose(
         with_tendons.uplifted_frequencies,
         [0.8497020432078319, 18.98264872574874, 53.16244379694630],
@@ -91,7 +91,7 @@ def test_frequencies_on_lifted_columns():
 
 
 @pytest.mark.parametrize(
-    "top", [TWO, rj.Modes([24.0, 0.0], [0.5, 0.15]), rj.Modes([20.0, 10.0], [0.5, 0.5]), BUILDING]
+    "top", [TWO_MODES, rj.Modes([24.0, 0.0], [0.5, 0.15]), rj.Modes([20.0, 10.0], [0.5, 0.5]), BUILDING]
 )
 def test_the_largest_frequency_on_lifted_columns_alone(top):
     """It is the largest eigenvalue where modes are alike or without mass, too."""
@@ -145,23 +145,23 @@ def check_same(found: rj.Peak, whole: rj.Peak) -> None:
 
 def test_modes_of_one_period_are_one_mode():
     pulse = rj.OneSine(PULSE, T_P)
-    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=FINE)
-    parts = rj.peak_response(podium(rj.Modes((20.0, 10.0), (0.5, 0.5))), pulse, options=FINE)
+    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
+    parts = rj.peak_response(podium(rj.Modes((20.0, 10.0), (0.5, 0.5))), pulse, options=TIGHT_OPTIONS)
     check_same(parts, whole)
     np.testing.assert_allclose(parts.peak_deformation, whole.peak_deformation, atol=1e-10)
 
 
 def test_a_mode_without_mass_changes_nothing():
     pulse = rj.OneSine(PULSE, T_P)
-    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=FINE)
+    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
     structure = podium(rj.Modes((0.0, 30.0), (0.2, 0.5)))
-    more = rj.peak_response(structure, pulse, options=FINE)
+    more = rj.peak_response(structure, pulse, options=TIGHT_OPTIONS)
     check_same(more, whole)
     assert float(more.peak_deformation[1]) == pytest.approx(float(whole.peak_deformation), abs=1e-10)
     # At rest each mode swings for itself, and its largest deformation is certain without any mass.
-    survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=FINE)
+    survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=TIGHT_OPTIONS)
     assert survives.result == rj.RESULTS.settled
-    none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, options=FINE)
+    none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, options=TIGHT_OPTIONS)
     assert np.isfinite(none.peak_shear)
     assert np.all(np.isfinite(none.peak_deformation))
 
@@ -204,7 +204,7 @@ def test_derivatives_where_modes_are_alike():
 
     def peak(y):
         structure = podium(rj.Modes(y[:2], y[2:]))
-        return rj.peak_response(structure, pulse, t_end=1.6, options=FINE).peak_rotation
+        return rj.peak_response(structure, pulse, t_end=1.6, options=TIGHT_OPTIONS).peak_rotation
 
     slope = jax.jit(jax.grad(peak))
     both = slope(jnp.array([20.0, 10.0, 0.5, 0.5]))
@@ -231,17 +231,17 @@ def check(found, answer, several=1e-8) -> None:
 
 
 def test_peaks_of_two_modes_with_tendon_damper_and_vertical_motion():
-    structure = podium(TWO, rj.Tendon(5.0, 60.0), rj.Damper(3.0))
+    structure = podium(TWO_MODES, rj.Tendon(5.0, 60.0), rj.Damper(3.0))
     motion = rj.GroundMotion(rj.OneSine(2.8, T_P), rj.OneSine(0.4 * 2.8, T_P))
-    found = rj.peak_response(structure, motion, t_end=1.6, options=FINE)
-    check(found, independent(frame_of(TWO, tau=5.0, kappa=60.0, delta=3.0), 2.8, vertical=0.4))
+    found = rj.peak_response(structure, motion, t_end=1.6, options=TIGHT_OPTIONS)
+    check(found, independent(frame_of(TWO_MODES, tau=5.0, kappa=60.0, delta=3.0), 2.8, vertical=0.4))
 
 
 @pytest.mark.slow(but=["2"])
 @pytest.mark.parametrize("modes", [None, 2])
 def test_peaks_of_a_building(modes):
     building = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, 0.04, modes)
-    found = rj.peak_response(podium(building), rj.OneSine(2.2, T_P), t_end=1.6, options=FINE)
+    found = rj.peak_response(podium(building), rj.OneSine(2.2, T_P), t_end=1.6, options=TIGHT_OPTIONS)
     check(found, independent(frame_of(building.modes, building.shapes), 2.2))
 
 
@@ -264,18 +264,18 @@ def test_derivatives_with_respect_to_every_number_of_modes():
 
     def peak(y):
         modes = rj.Modes(y[:2], y[2:4], y[4:6], y[6])
-        return rj.peak_response(podium(modes), pulse, t_end=1.6, options=FINE).peak_rotation
+        return rj.peak_response(podium(modes), pulse, t_end=1.6, options=TIGHT_OPTIONS).peak_rotation
 
     forward, reverse = jax.jacfwd(peak)(y), jax.grad(peak)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-12)
     for k, size in enumerate(y):
 
-        def at(h, k=k):
+        def perturbed_frame(h, k=k):
             z = np.asarray(y).copy()
             z[k] += h
             return Frame(modes=((z[0], z[2], z[4]), (z[1], z[3], z[5])), residual=z[6])
 
-        exact = derivative(at, 2e-4 * float(size), a_p=2.8, end=1.6)
+        exact = derivative(perturbed_frame, 2e-4 * float(size), a_p=2.8, end=1.6)
         assert abs(float(forward[k]) - exact) * float(size) < 1e-6, k
 
 
@@ -290,18 +290,18 @@ def test_derivatives_with_respect_to_masses_and_stiffnesses():
 
     def answers(y):
         building = rj.ShearBuilding(y[:3], y[3:], modes=2)
-        found: Any = rj.peak_response(podium(building), pulse, t_end=1.6, options=FINE)
+        found: Any = rj.peak_response(podium(building), pulse, t_end=1.6, options=TIGHT_OPTIONS)
         return jnp.append(found.peak_drift, found.peak_rotation)
 
     forward, reverse = jax.jacfwd(answers)(y), jax.jacrev(answers)(y)
     np.testing.assert_allclose(forward, reverse, rtol=1e-10, atol=1e-12)
 
-    def along(h):
+    def perturbed_building(h):
         building = rj.ShearBuilding(masses * (1 + h * np.arange(3)), stiffnesses * (1 - h), modes=2)
         answer = independent(frame_of(building.modes, building.shapes), 2.2)
         return np.append(answer.drifts, answer.peak)
 
-    slope = lambda h: (along(h) - along(-h)) / (2 * h)
+    slope = lambda h: (perturbed_building(h) - perturbed_building(-h)) / (2 * h)
     exact = (4 * slope(1e-4) - slope(2e-4)) / 3
     direction = np.concatenate([masses * np.arange(3), -stiffnesses])
     np.testing.assert_allclose(forward @ direction, exact, rtol=0, atol=1e-6)
@@ -314,11 +314,14 @@ def test_size_and_time_scale():
     def peak(R, T, T_p, T_v):
         structure = podium(rj.Modes((24.0, 6.0), T), rj.Tendon(5.0, 60.0), rj.Damper(3.0), R=R)
         motion = rj.GroundMotion(rj.OneSine(2.8, T_p), rj.OneSine(1.1, T_v))
-        return rj.peak_response(structure, motion, options=FINE).peak_rotation
+        return rj.peak_response(structure, motion, options=TIGHT_OPTIONS).peak_rotation
 
-    at = (1.5, jnp.array([0.5, 0.15]), T_P, 0.5)
-    by_R, *by_times = jax.grad(peak, (0, 1, 2, 3))(*at)
-    terms = [2 * 1.5 * float(by_R), *(float(jnp.sum(y * by)) for y, by in zip(at[1:], by_times, strict=True))]
+    perturbed_frame = (1.5, jnp.array([0.5, 0.15]), T_P, 0.5)
+    by_R, *by_times = jax.grad(peak, (0, 1, 2, 3))(*perturbed_frame)
+    terms = [
+        2 * 1.5 * float(by_R),
+        *(float(jnp.sum(y * by)) for y, by in zip(perturbed_frame[1:], by_times, strict=True)),
+    ]
     assert min(map(abs, terms)) > 1e-4
     assert sum(terms) == pytest.approx(0, abs=1e-7 * max(map(abs, terms)))
 
@@ -365,7 +368,7 @@ def test_twenty_stories():
     """All modes, and the lowest two of them, in the rows of a batch too."""
     for modes in (None, 2):
         building = rj.ShearBuilding.uniform(20, eta=30.0, T=1.2, modes=modes)
-        found = rj.peak_response(podium(building), rj.OneSine(2.5, T_P), t_end=1.6, options=FINE)
+        found = rj.peak_response(podium(building), rj.OneSine(2.5, T_P), t_end=1.6, options=TIGHT_OPTIONS)
         check(found, independent(frame_of(building.modes, building.shapes), 2.5))
 
 
@@ -396,7 +399,7 @@ def test_parameters_by_name():
 @pytest.mark.parametrize(
     ("table", "expected"),
     [
-        ("{ eta = [24.0, 6.0], T = [0.5, 0.15], zeta = [0.05, 0.03] }", TWO),
+        ("{ eta = [24.0, 6.0], T = [0.5, 0.15], zeta = [0.05, 0.03] }", TWO_MODES),
         ("{ masses = [3.0, 3.0, 2.0], stiffnesses = [900.0, 700.0, 500.0] }", BUILDING),
         ("{ eta = 8.0, T_s = 0.5, stories = 2 }", rj.ShearBuilding.uniform(2, 8.0, 0.5)),
     ],
@@ -431,7 +434,7 @@ def test_problem_files(table, expected):
         (lambda: rj.ShearBuilding([1.0], [9.0], heights=[0.0]), "heights must be finite and > 0"),
         (lambda: rj.ShearBuilding(1.0, 9.0), "masses must be an array with a number for each story"),
         (
-            lambda: rj.peak_response(podium(TWO), rj.Rest(), initial=rj.State(u_t=[0.1, 0.1, 0.1])),
+            lambda: rj.peak_response(podium(TWO_MODES), rj.Rest(), initial=rj.State(u_t=[0.1, 0.1, 0.1])),
             "initial.u_t must be one number or one for each of the 2 modes",
         ),
         (lambda: rj.peak_response(podium(rj.Modes([[1.0], [2.0]], [0.5])), rj.Rest()), "must hold single"),

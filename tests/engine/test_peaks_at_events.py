@@ -33,12 +33,12 @@ AT_UPLIFT = {
 def test_shear_at_uplift_moves_with_the_uplift(motion):
     """V/(m g) = tan α there, whatever the motion."""
 
-    def of(alpha, factor):
+    def peak_shear(alpha, factor):
         return rj.peak_response(
             RIGID.replace(alpha=alpha), AT_UPLIFT[motion](factor), options=SHEAR
         ).peak_shear
 
-    value, slopes = jax.value_and_grad(of, argnums=(0, 1))(ALPHA, 1.0)
+    value, slopes = jax.value_and_grad(peak_shear, argnums=(0, 1))(ALPHA, 1.0)
     assert float(value) == pytest.approx(np.tan(ALPHA), rel=1e-9)
     np.testing.assert_allclose(slopes, (1 / np.cos(ALPHA) ** 2, 0.0), atol=1e-9)
 
@@ -63,24 +63,24 @@ def test_shear_at_a_sample_moves_with_the_sample():
     it."""
     for samples in ((0.0, 1.0, 0.0), (1.0, 0.4, 0.0), (0.0, 0.4, 1.0)):
 
-        def of(dt, t_start, scale, samples=samples):
+        def peak_shear(dt, t_start, scale, samples=samples):
             motion = triangle(dt, t_start, samples, scale)
             return 9.80665 * rj.peak_response(RIGID, motion, options=SHEAR).peak_shear
 
-        slopes = jax.grad(of, argnums=(0, 1, 2))(0.1, 0.3, 1.5)
+        slopes = jax.grad(peak_shear, argnums=(0, 1, 2))(0.1, 0.3, 1.5)
         np.testing.assert_allclose(slopes, (0.0, 0.0, 1.0), atol=1e-9)
 
 
 def test_shear_at_the_end_of_a_scene_moves_with_the_end():
     """ü_g(t_end) of a rising motion that lifts nothing."""
 
-    def of(t_end, T_p):
+    def peak_shear(t_end, T_p):
         motion = rj.OneSine(1.5, T_p)
         return 9.80665 * rj.peak_response(RIGID, motion, t_end=t_end, options=SHEAR).peak_shear
 
     omega = 2 * np.pi / 1.3
     rate = 1.5 * omega * np.cos(omega * 0.2)
-    slopes = jax.grad(of, argnums=(0, 1))(jnp.asarray(0.2), jnp.asarray(1.3))
+    slopes = jax.grad(peak_shear, argnums=(0, 1))(jnp.asarray(0.2), jnp.asarray(1.3))
     np.testing.assert_allclose(slopes, (rate, -rate * 0.2 / 1.3), rtol=1e-9)
 
 
@@ -102,17 +102,17 @@ def test_turning_points_with_power_law_dampers(scene):
     h = 1e-5
     factors = np.array([1.0, 1 + h, 1 - h, 1 + 2 * h, 1 - 2 * h])
 
-    def of(rtol):
+    def margins(rtol):
         options = rj.Options(rtol=rtol, atol=0.01 * rtol, outputs=("margin",))
         found = rj.peak_responses(podium, motion.scaled(factors), options=options, sensitivities=("scale",))
         return np.asarray(found.margin), np.asarray(found.sensitivities.margin)[:, 0, 0]
 
-    best, _ = of(1e-11)
+    best, _ = margins(1e-11)
     assert ((best > 0) & (best < 1)).all()
     slopes = [(best[:, k] - best[:, k + 1]) / (2 * h * (k + 1) / 2) for k in (1, 3)]
     np.testing.assert_allclose(*slopes, rtol=2e-5, atol=1e-6)  # they settle
     for rtol in (1e-8, 1e-10, 1e-12, 1e-13):
-        value, slope = of(rtol)
+        value, slope = margins(rtol)
         np.testing.assert_allclose(value, best, rtol=max(1e-8, 30 * rtol))
         if rtol >= 1e-12:  # below, rounding is larger
             np.testing.assert_allclose(slope, slopes[0], rtol=3e-5, atol=1e-6)
@@ -121,14 +121,14 @@ def test_turning_points_with_power_law_dampers(scene):
 def test_time_of_a_peak_with_a_power_law_damper():
     podium = rj.Podium(ALPHA, 2.0, 0.5, superstructure=rj.Rigid(2.0), restrainers=(rj.Damper(0.3, 0.4),))
 
-    def of(factor, rtol=1e-11):
+    def peak_time(factor, rtol=1e-11):
         options = rj.Options(rtol=rtol, atol=0.01 * rtol, outputs=("peak_rotation",))
         return rj.peak_response(podium, rj.Ricker(2.9 * factor, 0.8), options=options).peak_rotation_time
 
-    expected = float(of(1 + 1e-5) - of(1 - 1e-5)) / 2e-5
+    expected = float(peak_time(1 + 1e-5) - peak_time(1 - 1e-5)) / 2e-5
     assert abs(expected) > 1e-3
     for rtol in (1e-8, 1e-10, 1e-12):
-        assert float(jax.grad(of)(1.0, rtol)) == pytest.approx(expected, rel=1e-4)
+        assert float(jax.grad(peak_time)(1.0, rtol)) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.slow(but=["rigid"])

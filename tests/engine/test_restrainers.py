@@ -24,7 +24,9 @@ from tests.restrained import Frame
 S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
 ELASTIC = rj.Elastic(30.0, 0.5, 0.05)
 EXACT = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation", "impacts"))
-FINE = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "peak_deformation", "peak_shear"))
+TIGHT_OPTIONS = rj.Options(
+    rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "peak_deformation", "peak_shear")
+)
 
 
 def podium(*restrainers, **changes: Any) -> rj.Podium:
@@ -235,7 +237,7 @@ SCENES = {
 def test_peaks_of_an_independent_integration(name):
     frame, structure, a_p = SCENES[name]
     answer = restrained.simulate(frame, 2.0, restrained.one_sine(a_p, 0.8), breaks=(0.8,), rest=1e-8)
-    peak = rj.peak_response(structure, rj.OneSine(a_p, 0.8), t_end=2.0, options=FINE)
+    peak = rj.peak_response(structure, rj.OneSine(a_p, 0.8), t_end=2.0, options=TIGHT_OPTIONS)
     restrained.check_peaks(peak, answer, frame, rotation=2e-9)
 
 
@@ -255,7 +257,7 @@ def test_segments_engine():
         rj.Options(rtol=1e-10, atol=1e-12, engine="segments", outputs=("peak_rotation",)),
     )
     motion = rj.OneSine(3.2, 0.8)
-    flat = rj.peak_response(structure, motion, options=FINE)
+    flat = rj.peak_response(structure, motion, options=TIGHT_OPTIONS)
     assert float(rj.peak_response(structure, motion, options=options).peak_rotation) == pytest.approx(
         float(flat.peak_rotation), abs=1e-9
     )
@@ -266,8 +268,8 @@ def test_segments_engine():
 
 def test_nothing_added_changes_nothing():
     motion = rj.OneSine(2.2, 0.8)
-    bare = rj.peak_response(podium(), motion, options=FINE)
-    zero = rj.peak_response(all_three(0.0, 0.0, 0.0, 1.0, 0.0), motion, options=FINE)
+    bare = rj.peak_response(podium(), motion, options=TIGHT_OPTIONS)
+    zero = rj.peak_response(all_three(0.0, 0.0, 0.0, 1.0, 0.0), motion, options=TIGHT_OPTIONS)
     assert float(bare.peak_rotation) < 1
     assert float(zero.peak_rotation) == pytest.approx(float(bare.peak_rotation), rel=1e-11)
     assert float(zero.uplift_time) == float(bare.uplift_time)
@@ -295,7 +297,7 @@ def test_a_podium_without_restrainers_does_not_look_at_them(monkeypatch):
 
 def test_only_prestress_moves_uplift():
     motion = rj.OneSine(3.2, 0.8)
-    time = lambda *args: float(rj.peak_response(all_three(*args), motion, options=FINE).uplift_time)
+    time = lambda *args: float(rj.peak_response(all_three(*args), motion, options=TIGHT_OPTIONS).uplift_time)
     assert time(5.0, 0.0, 0.0, 1.0, 0.0) == time(5.0, 400.0, 9.0, 1.0, 20.0)
 
 
@@ -304,14 +306,14 @@ def test_equivalent_block_goes_on():
     structure = all_three(nu=0.5, superstructure=rj.Rigid(3.0), lam=0.4)
     motion = rj.OneSine(3.6, 0.8)
     frame, block = (
-        rj.peak_response(y, motion, options=FINE) for y in (structure, structure.equivalent_block())
+        rj.peak_response(y, motion, options=TIGHT_OPTIONS) for y in (structure, structure.equivalent_block())
     )
     assert 0.1 < float(frame.peak_rotation) < 1
     assert float(block.peak_rotation) == pytest.approx(float(frame.peak_rotation), rel=1e-8)
 
 
 def test_mirror():
-    structure, options = all_three(), FINE
+    structure, options = all_three(), TIGHT_OPTIONS
     one, other = (rj.peak_response(structure, rj.OneSine(a, 0.8), options=options) for a in (3.2, -3.2))
     assert float(one.peak_rotation) == pytest.approx(float(other.peak_rotation), rel=1e-13)
 
@@ -326,9 +328,9 @@ def test_settled_answers_stand():
     """The certificate with its deeper well: what it ends early is what the whole scene gives."""
     motion = rj.OneSine(np.linspace(2.5, 5.5, 12), 0.8)
     structure = all_three(delta=0.5)
-    short = rj.peak_responses(structure, motion, options=FINE)
+    short = rj.peak_responses(structure, motion, options=TIGHT_OPTIONS)
     whole = rj.peak_responses(
-        structure, motion, options=FINE.replace(outputs=("peak_rotation", "peak_shear", "impacts"))
+        structure, motion, options=TIGHT_OPTIONS.replace(outputs=("peak_rotation", "peak_shear", "impacts"))
     )
     np.testing.assert_allclose(short.peak_rotation, whole.peak_rotation, rtol=1e-12)
     np.testing.assert_array_equal(short.overturned, whole.overturned)
@@ -428,7 +430,7 @@ def test_derivatives_by_every_number_of_a_restrainer():
     motion, values = rj.OneSine(3.6, 0.8), jnp.array([5.0, 100.0, 4.0, 0.5, 8.0])
 
     def peak(numbers):
-        return rj.peak_response(all_three(*numbers), motion, t_end=2.0, options=FINE).peak_rotation
+        return rj.peak_response(all_three(*numbers), motion, t_end=2.0, options=TIGHT_OPTIONS).peak_rotation
 
     forward, reverse = jax.jacfwd(peak)(values), jax.jacrev(peak)(values)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
@@ -450,7 +452,7 @@ def test_size_and_time_scale():
 
     def peak(R, T_p):
         return rj.peak_response(
-            all_three(nu=0.5, R=R), rj.OneSine(3.6, T_p), t_end=2.0, options=FINE
+            all_three(nu=0.5, R=R), rj.OneSine(3.6, T_p), t_end=2.0, options=TIGHT_OPTIONS
         ).peak_rotation
 
     by_R, by_T = jax.grad(peak, (0, 1))(1.5, 0.8)

@@ -45,15 +45,15 @@ def test_the_nystrom_method_is_of_its_order():
     def field(t, x, v):
         return (-(jnp.sin(0.2 - x[0]) + (0.3 - 0.4 * t) * jnp.cos(0.2 - x[0])),)
 
-    def along(method, n):
+    def state_and_error(method, n):
         x, v, estimate = (jnp.asarray(0.1),), (jnp.asarray(0.3),), 0.0
         for t in np.arange(n) / n:
             new = step(method, field, t, jnp.asarray(1 / n), x, v, field(t, x, v))
             x, v, estimate = new.x, new.v, max(estimate, abs(float(new.v_error[0])))
         return np.array([x[0], v[0]]), estimate
 
-    exact, _ = along(tableau(diffrax.Dopri8()), 64)
-    (coarse, first), (fine, second) = along(nystrom(), 2), along(nystrom(), 4)
+    exact, _ = state_and_error(tableau(diffrax.Dopri8()), 64)
+    (coarse, first), (fine, second) = state_and_error(nystrom(), 2), state_and_error(nystrom(), 4)
     assert np.log2(np.abs(coarse - exact) / np.abs(fine - exact)).min() > 7.4
     assert 6.4 < np.log2(first / second) < 7.8  # of one step, h⁷
 

@@ -21,7 +21,9 @@ from tests.restrained import Frame
 
 S: dict[str, Any] = {"alpha": 0.15, "R": 1.5, "gamma": 10.0}
 G = 9.80665
-FINE = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "peak_deformation", "peak_shear"))
+TIGHT_OPTIONS = rj.Options(
+    rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "peak_deformation", "peak_shear")
+)
 ELASTIC = rj.Elastic(30.0, 0.5, 0.05)
 RIGID = rj.Podium(**S)
 DEVICES = (rj.Tendon(5.0, 100.0), rj.Damper(4.0), rj.Inerter(8.0))
@@ -33,7 +35,7 @@ def pair(a_h, a_v, T_h=0.8, T_v=0.5) -> rj.GroundMotion:
 
 
 def peak(podium, motion, **more):
-    return rj.peak_response(podium, motion, **({"t_end": 3.0, "options": FINE} | more))
+    return rj.peak_response(podium, motion, **({"t_end": 3.0, "options": TIGHT_OPTIONS} | more))
 
 
 # Numbers
@@ -219,7 +221,7 @@ def test_the_pair_is_scaled_together():
 
 def test_energy_balance():
     """Fact 24: the ground's work, of both components, is what is held or was taken."""
-    response = rj.simulate(RIGID, PAIR, t_end=3.0, options=FINE)
+    response = rj.simulate(RIGID, PAIR, t_end=3.0, options=TIGHT_OPTIONS)
     energies = response.energies(np.linspace(0, 3, 60))
     assert np.max(np.abs(energies.input)) > 1
     assert np.max(np.abs(energies.residual)) < 1e-8
@@ -241,8 +243,10 @@ def test_settled_answers_stand():
     """The certificate with both impulses: what it ends early is what the whole scene gives."""
     a_p = np.linspace(1.6, 5.0, 18)
     motions = rj.GroundMotion(rj.OneSine(a_p, 0.8), rj.OneSine(-4.0, 1.4))
-    short = rj.peak_responses(RIGID, motions, options=FINE)
-    whole = rj.peak_responses(RIGID, motions, options=FINE.replace(outputs=("peak_rotation", "impacts")))
+    short = rj.peak_responses(RIGID, motions, options=TIGHT_OPTIONS)
+    whole = rj.peak_responses(
+        RIGID, motions, options=TIGHT_OPTIONS.replace(outputs=("peak_rotation", "impacts"))
+    )
     np.testing.assert_allclose(short.peak_rotation, whole.peak_rotation, rtol=1e-11)
     np.testing.assert_array_equal(short.overturned, whole.overturned)
     assert 0 < np.sum(short.overturned) < 18
@@ -282,13 +286,13 @@ def test_a_scene_without_vertical_motion_does_not_look_at_it(monkeypatch):
 def test_derivatives_by_numbers_of_both_motions():
     values = jnp.array([2.5, 0.8, -4.0, 0.5])
 
-    def of(numbers):
+    def peak_rotation(numbers):
         a_h, T_h, a_v, T_v = numbers
         return peak(RIGID, pair(a_h, a_v, T_h, T_v)).peak_rotation
 
-    forward, reverse = jax.jacfwd(of)(values), jax.jacrev(of)(values)
+    forward, reverse = jax.jacfwd(peak_rotation)(values), jax.jacrev(peak_rotation)(values)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
-    sharp = FINE.replace(rtol=1e-13, atol=1e-15)
+    sharp = TIGHT_OPTIONS.replace(rtol=1e-13, atol=1e-15)
     for k, y in enumerate(np.asarray(values)):
         h = 2e-4 * abs(y)
         rows = np.asarray(values) + h * np.array([-2, -1, 1, 2])[:, None] * np.eye(4)[k]
@@ -300,14 +304,14 @@ def test_derivatives_by_numbers_of_both_motions():
 def test_derivatives_where_jumps_of_both_fall_together():
     """Breakpoints at one time that move their own ways."""
 
-    def of(T_h, T_v):
+    def peak_rotation(T_h, T_v):
         motion = rj.GroundMotion(rj.OneCosine(2.6, T_h), rj.OneCosine(-3.0, T_v))
         return peak(RIGID, motion).peak_rotation
 
-    by_h, by_v = jax.jacfwd(of, (0, 1))(0.5, 0.5)
+    by_h, by_v = jax.jacfwd(peak_rotation, (0, 1))(0.5, 0.5)
     h = 1e-4
     for slope, along in ((by_h, (h, 0.0)), (by_v, (0.0, h))):
-        at = [float(of(0.5 + s * along[0], 0.5 + s * along[1])) for s in (-2, -1, 1, 2)]
+        at = [float(peak_rotation(0.5 + s * along[0], 0.5 + s * along[1])) for s in (-2, -1, 1, 2)]
         assert float(slope) == pytest.approx((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * h), rel=1e-5)
 
 
@@ -315,10 +319,10 @@ def test_derivatives_where_jumps_of_both_fall_together():
 def test_size_and_time_scale():
     """Fact 22: R → sR with all times × √s changes no rotation."""
 
-    def of(R, T_h, T_v):
+    def peak_rotation(R, T_h, T_v):
         return peak(rj.Podium(0.15, R, 10.0), pair(2.5, -4.0, T_h, T_v)).peak_rotation
 
-    by_R, by_h, by_v = (float(y) for y in jax.grad(of, (0, 1, 2))(1.5, 0.8, 0.5))
+    by_R, by_h, by_v = (float(y) for y in jax.grad(peak_rotation, (0, 1, 2))(1.5, 0.8, 0.5))
     assert 2 * 1.5 * by_R + 0.8 * by_h + 0.5 * by_v == pytest.approx(0, abs=1e-8 * abs(0.8 * by_h))
 
 
@@ -345,7 +349,9 @@ def test_weight_that_touches_zero():
         with pytest.raises(ValueError, match=r"g \+ v̈_g must be positive at all times"):
             peak(RIGID, most(a))
         with pytest.warns(RuntimeWarning, match="weightless"):
-            batch = rj.peak_responses(RIGID, pair(2.0, np.array([-4.0, -a])), t_end=3.0, options=FINE)
+            batch = rj.peak_responses(
+                RIGID, pair(2.0, np.array([-4.0, -a])), t_end=3.0, options=TIGHT_OPTIONS
+            )
         assert [results.NAMES[int(k)] for k in results.code_of(batch.result)][1] == "weightless"
         assert np.isfinite(batch.peak_rotation[0])
 
@@ -373,10 +379,10 @@ def test_no_weight():
         peak(RIGID, pair(2.5, -12.0))
     motions = rj.GroundMotion(rj.OneSine(2.5, 0.8), rj.OneSine(np.array([-4.0, -12.0]), 0.5))
     with pytest.warns(RuntimeWarning, match="weightless"):
-        found = rj.peak_responses(RIGID, motions, t_end=3.0, options=FINE)
+        found = rj.peak_responses(RIGID, motions, t_end=3.0, options=TIGHT_OPTIONS)
     assert float(found.peak_rotation[0]) == pytest.approx(float(peak(RIGID, PAIR).peak_rotation), rel=1e-12)
     assert results.NAMES[int(results.code_of(found.result)[1])] == "weightless"
-    traced = jax.jit(lambda a: rj.peak_response(RIGID, pair(2.5, a), t_end=3.0, options=FINE).result)
+    traced = jax.jit(lambda a: rj.peak_response(RIGID, pair(2.5, a), t_end=3.0, options=TIGHT_OPTIONS).result)
     assert traced(-12.0) == rj.RESULTS.weightless
     assert traced(12.0) == rj.RESULTS.weightless
     # At t_end the energy is that of the peak: rounding says which of both.

@@ -31,7 +31,7 @@ PODIUMS = {
 }
 DEVICES = rj.Tendon(5.0, 60.0), rj.Damper(3.0, 0.5), rj.Inerter(8.0)
 BUILDING = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=2)
-MORE = {
+FURTHER_PODIUMS = {
     "tendon": PODIUMS["rigid"].replace(restrainers=DEVICES[:1]),
     "two modes": PODIUMS["rigid"].replace(superstructure=rj.Modes([24.0, 6.0], [0.5, 0.15])),
     "building with devices": PODIUMS["rigid"].replace(superstructure=BUILDING, restrainers=DEVICES),
@@ -85,14 +85,14 @@ def check_scene(name: str, podium, motion) -> None:
 
 
 def main() -> None:
-    for name, podium in (PODIUMS | MORE).items():
+    for name, podium in (PODIUMS | FURTHER_PODIUMS).items():
         check_scene(name, podium, PAIR)
         check_scene(name, podium, MOTIONS["pulse"])
     for name in ("two modes", "building with devices"):
         for what in ("peaks", "margin", "history"):
             options, history = OPTIONS[what]
             scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, h)
-            jax.eval_shape(scene, MORE[name].split(), PAIR)
+            jax.eval_shape(scene, FURTHER_PODIUMS[name].split(), PAIR)
             print(what, name, flush=True)
     for what, (options, history) in OPTIONS.items():
         for name, podium in PODIUMS.items():

@@ -70,7 +70,7 @@ def waveform(samples, start=0.0, channel="HNE"):
     return obspy.Trace(samples, header | {"starttime": obspy.UTCDateTime(2020, 1, 1) + start})
 
 
-def written(path, *traces, **options):
+def write_stream(path, *traces, **options):
     obspy = pytest.importorskip("obspy")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -78,11 +78,11 @@ def written(path, *traces, **options):
     return path
 
 
-LONG = np.sin(np.arange(4000) / 20 * np.pi)
+LONG_SAMPLES = np.sin(np.arange(4000) / 20 * np.pi)
 
 
 def test_damaged_miniseed_is_reported(tmp_path):
-    content = written(tmp_path / "a.mseed", waveform(LONG), reclen=512).read_bytes()
+    content = write_stream(tmp_path / "a.mseed", waveform(LONG_SAMPLES), reclen=512).read_bytes()
     half = len(content) // 2 // 512 * 512
     for damaged, cause in (
         (content[:half] + bytes(len(content) - half), "Not a SEED record"),
@@ -105,27 +105,41 @@ def test_damaged_miniseed_is_reported(tmp_path):
 
 
 def test_gaps_of_waveforms_are_named_as_gaps(tmp_path):
-    path, up = tmp_path / "a.mseed", waveform(LONG, channel="HNZ")
-    gap = waveform(LONG[:1000]), waveform(LONG[1500:], 15)
+    path, up = tmp_path / "a.mseed", waveform(LONG_SAMPLES, channel="HNZ")
+    gap = waveform(LONG_SAMPLES[:1000]), waveform(LONG_SAMPLES[1500:], 15)
     for traces, component, found in (
         (gap, None, "1 gaps, the first of 500 samples from 2020-01-01T00:00:09.99"),
         ((*gap, up), "HNE", "1 gaps, the first of 500 samples"),
-        ((waveform(LONG[:1000]), waveform(LONG[900:], 9)), None, "1 overlaps, the first of 100 samples"),
-        ((waveform(LONG[:900]), waveform(LONG[1000:2000], 10), waveform(LONG[2100:], 21)), None, "2 gaps"),
+        (
+            (waveform(LONG_SAMPLES[:1000]), waveform(LONG_SAMPLES[900:], 9)),
+            None,
+            "1 overlaps, the first of 100 samples",
+        ),
+        (
+            (
+                waveform(LONG_SAMPLES[:900]),
+                waveform(LONG_SAMPLES[1000:2000], 10),
+                waveform(LONG_SAMPLES[2100:], 21),
+            ),
+            None,
+            "2 gaps",
+        ),
     ):
         with pytest.raises(ValueError) as error:
-            rj.read_motion(written(path, *traces), units="m/s2", component=component)
+            rj.read_motion(write_stream(path, *traces), units="m/s2", component=component)
         assert f"{path}: XX.ABCD..HNE has {found}" in str(error.value)
-    motion = rj.read_motion(written(path, *gap, up), units="m/s2", component="vertical")
-    np.testing.assert_array_equal(motion.acceleration, LONG)
-    motion = rj.read_motion(written(path, waveform(LONG[:1000]), waveform(LONG[1000:], 10)), units="m/s2")
-    np.testing.assert_array_equal(motion.acceleration, LONG)  # pieces without a gap
-    filled = np.where((np.arange(4000) > 999) & (np.arange(4000) < 1500), 999999, 1000 * LONG)
+    motion = rj.read_motion(write_stream(path, *gap, up), units="m/s2", component="vertical")
+    np.testing.assert_array_equal(motion.acceleration, LONG_SAMPLES)
+    motion = rj.read_motion(
+        write_stream(path, waveform(LONG_SAMPLES[:1000]), waveform(LONG_SAMPLES[1000:], 10)), units="m/s2"
+    )
+    np.testing.assert_array_equal(motion.acceleration, LONG_SAMPLES)  # pieces without a gap
+    filled = np.where((np.arange(4000) > 999) & (np.arange(4000) < 1500), 999999, 1000 * LONG_SAMPLES)
     with pytest.raises(ValueError, match=r"has a gap: 999999, .*, at samples 1000 to 1499 of 4000"):
-        rj.read_motion(written(path, waveform(filled.astype("int32"))), units="m/s2")
+        rj.read_motion(write_stream(path, waveform(filled.astype("int32"))), units="m/s2")
 
 
 def test_counts_of_waveforms_are_raw(tmp_path):
-    path = written(tmp_path / "a.mseed", waveform(np.round(1000 * LONG).astype("int32")))
+    path = write_stream(tmp_path / "a.mseed", waveform(np.round(1000 * LONG_SAMPLES).astype("int32")))
     with pytest.warns(rj.RecordWarning, match=r"a\.mseed: is raw \(whole numbers\), not corrected"):
         rj.read_motion(path, units="mm/s2")

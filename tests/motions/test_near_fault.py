@@ -20,7 +20,7 @@ def record(noise=0.0, pulse=PULSE, at=6.0):
     return np.asarray(pulse(jnp.asarray(TIMES - at))) + noise * wave * np.exp(-(((TIMES - 6.0) / 4.0) ** 2))
 
 
-def of(fit):
+def pulse_numbers(fit):
     return np.array([float(y) for y in (fit.pulse.A, fit.pulse.f_p, fit.pulse.gamma, fit.pulse.nu, fit.time)])
 
 
@@ -30,7 +30,7 @@ def test_a_pulse_is_found_again(quantity):
     fit = rj.fit_pulse(rj.Motion(record(), DT), quantity=quantity)
     expected = [0.9, 0.7, 2.3, 1.1, 6.0]
     assert float(fit.share) > 0.9999
-    assert np.allclose(of(fit), expected, rtol=5e-3, atol=5e-3)
+    assert np.allclose(pulse_numbers(fit), expected, rtol=5e-3, atol=5e-3)
 
 
 def test_a_pulse_in_noise_explains_its_share_and_leaves_the_noise():

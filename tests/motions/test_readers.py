@@ -148,8 +148,8 @@ def knet(counts, direction="E-W", factor="2000(gal)/8388608"):
 
 # No drift: as much to one side as to the other.
 GALS = np.concatenate([np.linspace(-260, 260, 53), -np.linspace(-260, 260, 53)])
-UP = 0.5 * GALS
-CHANNELS = {"90 Deg": GALS, "Up": UP}
+VERTICAL = 0.5 * GALS
+CHANNELS = {"90 Deg": GALS, "Up": VERTICAL}
 
 
 def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
@@ -218,7 +218,7 @@ def afad(columns, peaks=None):
     return "\n".join([*lines, *("".join(f"{y:13.6f}" for y in row) for row in values), ""])
 
 
-def put(tmp_path, text, name="motion.txt"):
+def write_file(tmp_path, text, name="motion.txt"):
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
@@ -231,11 +231,11 @@ def test_at2(tmp_path):
         AT2.replace("NPTS=    7, DT=   .0050 SEC", "   7   0.0050   NPTS, DT"),
         AT2.replace("\n", "\r\n"),
     ):
-        record = rj.Record.from_file(put(tmp_path, text, "RSN1.AT2"), scale=2.0)
+        record = rj.Record.from_file(write_file(tmp_path, text, "RSN1.AT2"), scale=2.0)
         np.testing.assert_allclose(record.acceleration, G * VALUES, rtol=1e-15)
         assert float(record.dt) == 0.005
         assert float(record.scale) == 2.0
-    nameless = put(tmp_path, AT2.replace("IN UNITS OF G", ""), "old.at2")
+    nameless = write_file(tmp_path, AT2.replace("IN UNITS OF G", ""), "old.at2")
     np.testing.assert_allclose(
         rj.Record.from_file(nameless, units="cm/s2").acceleration, 0.01 * VALUES, rtol=1e-15
     )
@@ -251,14 +251,14 @@ def test_at2(tmp_path):
     ],
 )
 def test_two_columns(tmp_path, text):
-    record = rj.Record.from_file(put(tmp_path, text), units="m/s2")
+    record = rj.Record.from_file(write_file(tmp_path, text), units="m/s2")
     np.testing.assert_array_equal(record.acceleration, [1.0, -2.0, 3.0])
     assert float(record.dt) == pytest.approx(0.02)
 
 
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_one_column_and_numpy(tmp_path):
-    path = put(tmp_path, "acc\n1\n-2\n3\n")
+    path = write_file(tmp_path, "acc\n1\n-2\n3\n")
     np.testing.assert_allclose(rj.Record.from_file(path, units="g", dt=0.01).acceleration, [G, -2 * G, 3 * G])
     np.save(tmp_path / "a.npy", np.array([1.0, -2.0, 3.0]))
     np.testing.assert_array_equal(
@@ -288,12 +288,12 @@ def test_one_column_and_numpy(tmp_path):
     ],
 )
 def test_several_channels(tmp_path, name, text, dt, said):
-    path = put(tmp_path, text, name)
-    for component, values in ((1, GALS), ("90 deg", GALS), ("90", GALS), (2, UP), ("up", UP)):
+    path = write_file(tmp_path, text, name)
+    for component, values in ((1, GALS), ("90 deg", GALS), ("90", GALS), (2, VERTICAL), ("up", VERTICAL)):
         motion = rj.read_motion(path, component=component)
         np.testing.assert_allclose(motion.acceleration, 0.01 * values, rtol=0, atol=1e-5)
         assert motion.dt == pytest.approx(dt, rel=1e-12)
-        assert motion.metadata["component"].casefold() == ("up" if values is UP else "90 deg")
+        assert motion.metadata["component"].casefold() == ("up" if values is VERTICAL else "90 deg")
         assert motion.metadata["units"] == "cm/s2"
         assert said.items() <= motion.metadata.items()
     np.testing.assert_array_equal(rj.Record.from_file(path, component=2).acceleration, motion.acceleration)
@@ -308,12 +308,12 @@ def test_columns_that_touch(tmp_path):
     values = np.tile([-123.45678, -987.65432, 987.65432, 123.45678], 10)
     text = csmip({"UP": values})
     assert "-123.45678-987.65432" in text
-    motion = rj.read_motion(put(tmp_path, text, "a.v2"))
+    motion = rj.read_motion(write_file(tmp_path, text, "a.v2"))
     np.testing.assert_allclose(motion.acceleration, 0.01 * values, rtol=1e-14)
 
 
 def test_esm(tmp_path):
-    path = put(tmp_path, esm(GALS), "HI.ARS1..HNE.D.20190728.160908.C.ACC.ASC")
+    path = write_file(tmp_path, esm(GALS), "HI.ARS1..HNE.D.20190728.160908.C.ACC.ASC")
     motion = rj.read_motion(path)
     np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, rtol=1e-14)
     assert motion.dt == 0.005
@@ -331,7 +331,7 @@ def test_esm(tmp_path):
 
 def test_knet(tmp_path):
     counts = [round(8388608 / 2000 * a) for a in GALS]
-    path = put(tmp_path, knet(counts), "AKT0139608110312.EW")
+    path = write_file(tmp_path, knet(counts), "AKT0139608110312.EW")
     with pytest.warns(rj.RecordWarning, match=r"312\.EW: is raw \(as all of K-NET\), not corrected"):
         motion = rj.read_motion(path)
     np.testing.assert_allclose(motion.acceleration, 20 * np.array(counts) / 8388608, rtol=1e-14)
@@ -342,7 +342,7 @@ def test_knet(tmp_path):
         "event": "M 5.9",
         "Lat.": "38.920",
     }.items() <= motion.metadata.items()
-    borehole = read(put(tmp_path, knet(counts, "4"), "a.NS2"), None, None, "NS2")
+    borehole = read(write_file(tmp_path, knet(counts, "4"), "a.NS2"), None, None, "NS2")
     assert borehole.metadata["component"] == "NS2"
     obspy = pytest.importorskip("obspy")
     trace = obspy.read(str(path), format="KNET")[0]
@@ -351,7 +351,7 @@ def test_knet(tmp_path):
 
 
 def test_smc(tmp_path):
-    motion = rj.read_motion(put(tmp_path, smc(GALS), "a.smc"))
+    motion = rj.read_motion(write_file(tmp_path, smc(GALS), "a.smc"))
     np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-5)
     assert motion.dt == 0.02
     assert motion.metadata["station"] == "APEEL Array #2 - Redwood City"
@@ -360,7 +360,7 @@ def test_smc(tmp_path):
 
 
 def test_geonet(tmp_path):
-    path = put(tmp_path, geonet({"S16W": 10 * GALS, "N74W": 5 * GALS}), "a.V2A")
+    path = write_file(tmp_path, geonet({"S16W": 10 * GALS, "N74W": 5 * GALS}), "a.V2A")
     for component, values in (("S16W", GALS), (2, 0.5 * GALS)):
         motion = rj.read_motion(path, component=component)
         np.testing.assert_allclose(motion.acceleration, 0.01 * values, atol=1e-4)
@@ -373,18 +373,18 @@ def test_geonet(tmp_path):
 
 def test_afad(tmp_path):
     """Of today, whose kind is not in capitals; and of once, with three components and no word of the unit."""
-    new = rj.read_motion(put(tmp_path, esm(GALS, DATA_TYPE="Acceleration"), "a.asc"))
+    new = rj.read_motion(write_file(tmp_path, esm(GALS, DATA_TYPE="Acceleration"), "a.asc"))
     np.testing.assert_allclose(new.acceleration, 0.01 * GALS, atol=1e-8)
-    path = put(tmp_path, afad([GALS, UP, -UP]).encode("latin-1"), "a.txt")
+    path = write_file(tmp_path, afad([GALS, VERTICAL, -VERTICAL]).encode("latin-1"), "a.txt")
     with pytest.warns(rj.RecordWarning, match=r"is raw \(line 7\)"):
         motion = rj.read_motion(path, component="U-D")
-    np.testing.assert_allclose(motion.acceleration, -0.01 * UP, atol=1e-8)
+    np.testing.assert_allclose(motion.acceleration, -0.01 * VERTICAL, atol=1e-8)
     assert motion.dt == 0.01
     assert motion.metadata["station"] == "4304 KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU"
     with pytest.raises(ValueError, match=r"holds 3 channels: 1 \(N-S\)"):
         rj.read_motion(path)
     # Columns whose peaks are not those of the header in gal.
-    other = put(tmp_path, afad([GALS, UP, -UP], peaks=[0.27, 0.13, 0.13]), "b.txt")
+    other = write_file(tmp_path, afad([GALS, VERTICAL, -VERTICAL], peaks=[0.27, 0.13, 0.13]), "b.txt")
     with pytest.raises(ValueError, match="does not say in what units"):
         rj.read_motion(other, component=1)
     assert read(other, "gal", None, 1).pga == pytest.approx(2.6)
@@ -392,13 +392,13 @@ def test_afad(tmp_path):
 
 def test_itaca_with_blanks_in_its_keys(tmp_path):
     header, _, rest = esm(GALS).partition("USER5")
-    motion = rj.read_motion(put(tmp_path, header.replace("_", " ") + "USER5" + rest, "a.cor.acc"))
+    motion = rj.read_motion(write_file(tmp_path, header.replace("_", " ") + "USER5" + rest, "a.cor.acc"))
     np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-8)
 
 
 @pytest.mark.parametrize("end", [b"\x1a", b"\x1a\x1a\r\n", b"\r\n\x1a\n"])
 def test_the_end_of_a_file_under_dos(tmp_path, end):
-    motion = rj.read_motion(put(tmp_path, csmip({"Up": GALS}).encode() + end, "a.V2"))
+    motion = rj.read_motion(write_file(tmp_path, csmip({"Up": GALS}).encode() + end, "a.V2"))
     np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-7)
 
 
@@ -413,11 +413,11 @@ def test_waveforms(tmp_path, monkeypatch):
     else:
         traces = [
             obspy.Trace(values, {"delta": 0.01, "channel": channel, "station": "AKT"})
-            for values, channel in ((GALS, "HNE"), (UP, "HNZ"))
+            for values, channel in ((GALS, "HNE"), (VERTICAL, "HNZ"))
         ]
         obspy.Stream(traces).write(str(path), format="MSEED")
         motion = rj.read_motion(path, units="gal", component="HNZ")
-        np.testing.assert_allclose(motion.acceleration, 0.01 * UP, rtol=1e-14)
+        np.testing.assert_allclose(motion.acceleration, 0.01 * VERTICAL, rtol=1e-14)
         assert motion.dt == pytest.approx(0.01, rel=1e-12)
         with pytest.raises(ValueError, match=r"1 \(HNE\), 2 \(HNZ\)"):
             rj.read_motion(path, units="gal")
@@ -427,7 +427,7 @@ def test_waveforms(tmp_path, monkeypatch):
         with pytest.raises(ValueError, match=r"pickled\.sac: ObsPy cannot read it: "):
             rj.read_motion(tmp_path / "pickled.sac", units="gal", component=1)
         with pytest.raises(ValueError, match=r"b\.sac: ObsPy cannot read it: "):
-            rj.read_motion(put(tmp_path, b"no waveform", "b.sac"), units="gal")
+            rj.read_motion(write_file(tmp_path, b"no waveform", "b.sac"), units="gal")
     monkeypatch.setitem(sys.modules, "obspy", None)
     with pytest.raises(
         ValueError,
@@ -440,7 +440,7 @@ def test_what_looks_wrong_is_said(tmp_path):
     wave = np.sin(2 * np.pi * np.arange(101) / 50)  # two whole periods
 
     def column(values):
-        return put(tmp_path, "\n".join(f"{a:.12f}" for a in values))
+        return write_file(tmp_path, "\n".join(f"{a:.12f}" for a in values))
 
     # And not a word.
     assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(1, rel=1e-2)
@@ -456,7 +456,7 @@ def test_what_looks_wrong_is_said(tmp_path):
 
 
 def test_units_in_a_heading(tmp_path):
-    path = put(tmp_path, "time [s],acceleration [g]\n0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
+    path = write_file(tmp_path, "time [s],acceleration [g]\n0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
     np.testing.assert_allclose(rj.read_motion(path).acceleration, G * np.array([0, 1, -1, 0]))
     with pytest.raises(ValueError, match=r"gives the unit as g, but units = m/s2 was given; leave units out"):
         rj.read_motion(path, units="m/s2")
@@ -604,13 +604,13 @@ def test_units_in_a_heading(tmp_path):
         ("a.smc", "\n".join(smc(GALS).split("\n")[:33]), {}, [":29:", "is 106", "32 values", "cut short"]),
         (
             "a.txt",
-            afad([GALS, UP, -UP]).replace("-260.000000", "-260.000000 1", 1),
+            afad([GALS, VERTICAL, -VERTICAL]).replace("-260.000000", "-260.000000 1", 1),
             {"component": 1},
             ["columns where three"],
         ),
         (
             "a.txt",
-            afad([GALS, UP, -UP])[:-80],
+            afad([GALS, VERTICAL, -VERTICAL])[:-80],
             {"component": 1},
             [":5:", "NUMBER OF DATA is 106", "lines of values follow"],
         ),
@@ -627,7 +627,7 @@ def test_units_in_a_heading(tmp_path):
     ],
 )
 def test_what_cannot_be_read_says_why(tmp_path, name, text, arguments, words):
-    path = put(tmp_path, text, name)
+    path = write_file(tmp_path, text, name)
     with pytest.raises(ValueError) as error:
         rj.Record.from_file(path, **arguments)
     message = str(error.value)
@@ -674,7 +674,7 @@ def damaged(text: str):
 @example(content=b"NPTS= 1, DT= 1e9999\n1 2", units="g")
 @example(content=b"NPTS=" + b"9" * 5000 + b", DT= 1\n1 2", units="g")
 def test_damaged_at2_files(tmp_path_factory, content, units):
-    path = put(tmp_path_factory.getbasetemp(), content, "fuzz.at2")
+    path = write_file(tmp_path_factory.getbasetemp(), content, "fuzz.at2")
     motion = one_line_or_good(path, lambda: read(path, units, None))
     if motion is not None:
         assert np.isfinite(motion.acceleration).all()
@@ -693,7 +693,7 @@ def test_damaged_at2_files(tmp_path_factory, content, units):
     suffix=st.sampled_from(["txt", "csv", "npy"]),
 )
 def test_damaged_tables(tmp_path_factory, content, dt, suffix):
-    path = put(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
+    path = write_file(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
     motion = one_line_or_good(path, lambda: read(path, "g", dt))
     if motion is not None:
         assert np.isfinite(motion.acceleration).all()
@@ -701,22 +701,22 @@ def test_damaged_tables(tmp_path_factory, content, dt, suffix):
         assert motion.dt > 0
 
 
-SHORT = {"90 Deg": GALS[::8], "Up": UP[::8]}
+SHORT_CHANNELS = {"90 Deg": GALS[::8], "Up": VERTICAL[::8]}
 
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
-    content=st.sampled_from([csmip(SHORT), cosmos(SHORT), esm(GALS[::8]), knet([5, -5] * 50)]).flatmap(
-        damaged
-    ),
+    content=st.sampled_from(
+        [csmip(SHORT_CHANNELS), cosmos(SHORT_CHANNELS), esm(GALS[::8]), knet([5, -5] * 50)]
+    ).flatmap(damaged),
     component=st.sampled_from([None, 1, "Up"]),
     suffix=st.sampled_from(["V2", "asc", "EW"]),
 )
-@example(content=csmip(SHORT).replace("(8f10.5)", "(0f10.5)").encode(), component=1, suffix="V2")
-@example(content=csmip(SHORT).replace("(8f10.5)", "(8f0.5)").encode(), component=1, suffix="V2")
+@example(content=csmip(SHORT_CHANNELS).replace("(8f10.5)", "(0f10.5)").encode(), component=1, suffix="V2")
+@example(content=csmip(SHORT_CHANNELS).replace("(8f10.5)", "(8f0.5)").encode(), component=1, suffix="V2")
 @example(content=knet([1] * 8).replace("0.08", "1e300").encode(), component=None, suffix="EW")
 def test_damaged_files_of_networks(tmp_path_factory, content, component, suffix):
-    path = put(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
+    path = write_file(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
     motion = one_line_or_good(path, lambda: read(path, None, None, component))
     if motion is not None:
         assert np.isfinite(motion.acceleration).all()
@@ -729,8 +729,8 @@ def test_damaged_files_of_networks(tmp_path_factory, content, component, suffix)
 @example(content=b"file\na\x00.csv\n")
 def test_damaged_tables_of_files(tmp_path_factory, content):
     folder = tmp_path_factory.getbasetemp()
-    put(folder, "0,1\n0.1,-1\n0.2,-1\n0.3,1\n", "a.csv")
-    path = put(folder, content, "fuzz-suite.csv")
+    write_file(folder, "0,1\n0.1,-1\n0.2,-1\n0.3,1\n", "a.csv")
+    path = write_file(folder, content, "fuzz-suite.csv")
     message = ""
     try:
         with warnings.catch_warnings():
@@ -765,7 +765,7 @@ rtol = 1e-7
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(content=damaged(PROBLEM))
 def test_damaged_problems(tmp_path_factory, content):
-    path = put(tmp_path_factory.getbasetemp(), content, "fuzz.toml")
+    path = write_file(tmp_path_factory.getbasetemp(), content, "fuzz.toml")
     found = one_line_or_good(path, lambda: problem.load(path))
     assert found is None or found.targets or found.minimise
 
@@ -817,7 +817,7 @@ def test_problems_with_a_value_of_the_wrong_kind(where, value):
 )
 def test_columns_of_fortran_that_touch(tmp_path, rows, values):
     head = AT2.split("  -.1234")[0].replace("NPTS=    7", "NPTS= 3")
-    motion = read(put(tmp_path, head + rows + "\n", "a.AT2"), None, None)
+    motion = read(write_file(tmp_path, head + rows + "\n", "a.AT2"), None, None)
     np.testing.assert_allclose(motion.acceleration, G * np.array(values), rtol=1e-14)
     assert motion.dt == 0.005
 
@@ -834,31 +834,31 @@ def test_what_is_saved_as_at2_is_read(tmp_path, pulse):
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "utf-32"])
 def test_encodings_of_editors(tmp_path, encoding):
-    motion = rj.read_motion(put(tmp_path, AT2.encode(encoding), "a.AT2"))
+    motion = rj.read_motion(write_file(tmp_path, AT2.encode(encoding), "a.AT2"))
     np.testing.assert_allclose(motion.acceleration, G * VALUES, rtol=1e-15)
-    problem_file = put(tmp_path, PROBLEM.encode(encoding), "a.toml")
+    problem_file = write_file(tmp_path, PROBLEM.encode(encoding), "a.toml")
     assert problem.load(problem_file).targets
     with pytest.raises(ValueError, match=r"b\.AT2:1: is not text: .* if it is UTF-16, save it as UTF-8"):
-        rj.read_motion(put(tmp_path, AT2.encode("utf-16-le"), "b.AT2"))
+        rj.read_motion(write_file(tmp_path, AT2.encode("utf-16-le"), "b.AT2"))
 
 
 def test_text_that_is_not_utf_8(tmp_path):
     latin = "[structure]\n# Straße\n".encode("latin-1")
     with pytest.raises(ValueError, match=r"a\.toml:2: is not UTF-8: byte 0xdf .*; save the file as UTF-8"):
-        problem.load(put(tmp_path, latin, "a.toml"))
+        problem.load(write_file(tmp_path, latin, "a.toml"))
     text = "# Straße\nPGA [g],annual_rate\n0.1,1e-2\n1,1e-4\n".encode("latin-1")
-    assert rj.Hazard.from_file(put(tmp_path, text, "hazard.csv")).measure == "PGA"
-    put(tmp_path, "0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
-    suite = put(tmp_path, "file,name\na.csv,Gölcük\n".encode("cp1254"), "suite.csv")
+    assert rj.Hazard.from_file(write_file(tmp_path, text, "hazard.csv")).measure == "PGA"
+    write_file(tmp_path, "0,0\n0.1,1\n0.2,-1\n0.3,0\n", "a.csv")
+    suite = write_file(tmp_path, "file,name\na.csv,Gölcük\n".encode("cp1254"), "suite.csv")
     assert rj.read_suite(suite, units="m/s2").names == ["Gölcük"]
-    pulses = put(tmp_path, "name,A,f_p,gamma,nu\nGölcük,1,1,2,0\n".encode("latin-1"), "pulses.csv")
+    pulses = write_file(tmp_path, "name,A,f_p,gamma,nu\nGölcük,1,1,2,0\n".encode("latin-1"), "pulses.csv")
     assert rj.read_pulses(pulses).names == ("Gölcük",)
 
 
 @pytest.mark.parametrize("name", ["mean", "stddev"])
 def test_attributes_of_openquake_with_decimal_commas(tmp_path, name):
     limits = {"mean": "0.1", "stddev": "0.08"} | {name: "0,1"}
-    path = put(
+    path = write_file(
         tmp_path,
         '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m">'
         "<limitStates>a</limitStates>"
@@ -874,7 +874,7 @@ def test_attributes_of_openquake_with_decimal_commas(tmp_path, name):
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 def test_the_format_of_peer_under_another_suffix(tmp_path):
     for name in ("a.txt", "a.csv", "RSN1.acc", "noext"):
-        motion = rj.read_motion(put(tmp_path, AT2, name))
+        motion = rj.read_motion(write_file(tmp_path, AT2, name))
         np.testing.assert_allclose(motion.acceleration, G * VALUES, rtol=1e-15)
         assert motion.metadata["format"] == "PEER"
 
@@ -892,7 +892,7 @@ def test_the_format_of_peer_under_another_suffix(tmp_path):
     ],
 )
 def test_raw_data_is_said_to_be_raw(tmp_path, name, text):
-    path = put(tmp_path, text, name)
+    path = write_file(tmp_path, text, name)
     with pytest.warns(rj.RecordWarning) as said:
         assert rj.read_motion(path).metadata["processing"].startswith("raw (")
     assert any(

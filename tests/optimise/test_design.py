@@ -701,14 +701,14 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
-def written(folder: Path, text: str) -> Path:
+def write_problem(folder: Path, text: str) -> Path:
     path = folder / "problem.toml"
     path.write_text(text)
     return path
 
 
 def test_a_file_is_the_problem_it_says(folder):
-    problem = optimise.load(written(folder, FILE))
+    problem = optimise.load(write_problem(folder, FILE))
     assert np.isclose(problem.podium.alpha, math.atan(0.15))
     first, second = problem.motions["pulses"]
     assert np.isclose(first.a_p, 2 * 9.80665 * 0.15)
@@ -749,7 +749,7 @@ def test_a_file_is_the_problem_it_says(folder):
 )
 def test_what_is_wrong_with_a_file_is_named(folder, old, new, words):
     assert old in FILE
-    path = written(folder, FILE.replace(old, new, 1))
+    path = write_problem(folder, FILE.replace(old, new, 1))
     with pytest.raises(ValueError, match=words) as caught:
         optimise.load(path)
     assert "problem.toml" in str(caught.value)
@@ -764,7 +764,7 @@ def test_a_missing_file_is_named(tmp_path):
 def test_the_command_writes_everything(folder, capsys):
     from optimise._cli import design_command
 
-    design_command(optimise.load(written(folder, FILE)), folder / "out", quiet=True)
+    design_command(optimise.load(write_problem(folder, FILE)), folder / "out", quiet=True)
     assert capsys.readouterr().out == ""
     account = json.loads((folder / "out.json").read_text())
     assert account["satisfied"] is True

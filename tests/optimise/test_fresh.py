@@ -50,7 +50,7 @@ def slender_and_small(podium):
     return podium.alpha + 0.1 * podium.R**2
 
 
-def sized(at_least=2.0, batch=16, verify=256, box=BOX, minimise=slenderness, seed=0, **how):
+def design_block(at_least=2.0, batch=16, verify=256, box=BOX, minimise=slenderness, seed=0, **how):
     fresh = optimise.FreshSamples(records(400), batch, verify=verify, seed=seed)
     how = {"method": ADAM, "starts": 3} | how
     return optimise.design(BLOCK, box, minimise, Known(at_least, fresh), **how)
@@ -88,7 +88,7 @@ def test_a_frequency_draws_records_of_unit_intensity():
 def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
     """10 α = 2 e^0 for the median of all. It aims inside by what two samples may differ: 2.33 · 0.4/√256, and
     what the mean of the steps wanders."""
-    answer = sized()
+    answer = design_block()
     assert answer.satisfied
     assert answer.result == optimise.RESULTS.averaged
     ends = [start.objective for start in answer.starts]
@@ -102,10 +102,10 @@ def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
     assert "by an independent sample" in repr(answer)
     assert answer.stats.scenes >= 3 * (300 * 16 + 256)
     # The same seed gives the same, another one not.
-    short = [sized(seed=seed, max_iterations=20, starts=1).objective for seed in (0, 0, 1)]
+    short = [design_block(seed=seed, max_iterations=20, starts=1).objective for seed in (0, 0, 1)]
     assert short[0] == short[1] != short[2]
     # Larger samples lead closer.
-    fine = sized(batch=64, verify=4096)
+    fine = design_block(batch=64, verify=4096)
     assert abs(fine.objective - 0.2) < abs(answer.objective - 0.2)
     assert fine.objective == pytest.approx(0.2, rel=0.03)
 
@@ -113,7 +113,9 @@ def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
 def test_two_variables_by_fresh_samples():
     """Least α + R²/10 with 10 α R ≥ 2 (1 + what is kept inside): the multiplier balances both."""
     box = {"alpha": (0.05, 0.8), "R": (0.3, 3.0)}
-    answer = sized(box=box, minimise=slender_and_small, batch=32, verify=1024, max_iterations=600, starts=2)
+    answer = design_block(
+        box=box, minimise=slender_and_small, batch=32, verify=1024, max_iterations=600, starts=2
+    )
     assert answer.satisfied
     alpha, R = answer.variables["alpha"], answer.variables["R"]
     assert alpha * R == pytest.approx(0.2, rel=0.1)
@@ -121,7 +123,7 @@ def test_two_variables_by_fresh_samples():
 
 
 def test_what_cannot_be_reached_is_said():
-    answer = sized(at_least=20.0)
+    answer = design_block(at_least=20.0)
     assert not answer.satisfied
     assert answer.result == optimise.RESULTS.infeasible
     assert answer.variables["alpha"] == pytest.approx(0.5)
@@ -150,7 +152,7 @@ class Stops:
 
 def test_ctrl_c_keeps_the_mean_so_far():
     with pytest.raises(rj.Interrupted, match=r"stopped after \d+ iterations") as stopped:
-        sized(progress=Stops(), max_iterations=50)
+        design_block(progress=Stops(), max_iterations=50)
     assert stopped.value.partial.result == optimise.RESULTS.interrupted
     assert np.isfinite(stopped.value.partial.objective)
 
@@ -167,7 +169,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
             lambda: optimise.AnnualFrequency(1e-3, HAZARD, optimise.FreshSamples(MOTION)),
             "must be FreshSamples of records",
         ),
-        (lambda: sized(method="sqp"), "give a gradient transformation"),
+        (lambda: design_block(method="sqp"), "give a gradient transformation"),
         (
             lambda: optimise.design(
                 BLOCK, BOX, None, optimise.PeakRotation(0.4, optimise.FreshSamples(MOTION)), method=ADAM

@@ -13,11 +13,11 @@ from rockjax._parameters import table, variants
 from rockjax._problem.models import ByDimensions, ByRatios, Superstructure
 
 DEVICES = rj.Tendon(5.0, 100.0), rj.Damper(4.0, 0.5), rj.Inerter(8.0)
-FULL = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES)
-BARE = rj.Podium(0.2, 1.5)
+RESTRAINED = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES)
+UNRESTRAINED = rj.Podium(0.2, 1.5)
 
 # What changes with a parameter besides.
-ALONG = {
+DEPENDENT = {
     "alpha": {"tan_alpha", "width", "height"},
     "tan_alpha": {"alpha", "width", "height"},
     "R": {"width", "height"},
@@ -28,35 +28,35 @@ ALONG = {
 
 @pytest.mark.parametrize("name", table.STRUCTURE)
 def test_a_parameter_is_read_where_it_is_set(name):
-    value = float(variants.read(FULL, name)) * 1.01
-    changed = variants.with_values(FULL, {name: value})
+    value = float(variants.read(RESTRAINED, name)) * 1.01
+    changed = variants.with_values(RESTRAINED, {name: value})
     assert float(variants.read(changed, name)) == pytest.approx(value, rel=1e-14)
-    others = set(table.STRUCTURE) - {name} - ALONG.get(name, set())
+    others = set(table.STRUCTURE) - {name} - DEPENDENT.get(name, set())
     for other in others:
         assert float(variants.read(changed, other)) == pytest.approx(
-            float(variants.read(FULL, other)), rel=1e-14
+            float(variants.read(RESTRAINED, other)), rel=1e-14
         ), other
 
 
 def test_which_parameters_a_podium_has():
-    assert set(variants.parameters_of(FULL)) == set(table.STRUCTURE)
+    assert set(variants.parameters_of(RESTRAINED)) == set(table.STRUCTURE)
     left_out = {"eta", "T_s", "zeta", "restitution"}
     left_out |= {"prestress", "stiffness", "coefficient", "exponent", "inertance_ratio"}
-    assert set(variants.parameters_of(BARE)) == set(table.STRUCTURE) - left_out
+    assert set(variants.parameters_of(UNRESTRAINED)) == set(table.STRUCTURE) - left_out
     assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
     with pytest.raises(ValueError, match=r"parameters of this podium are alpha, tan_alpha, .*; got 'T_s'"):
-        variants.read(BARE, "T_s")
+        variants.read(UNRESTRAINED, "T_s")
 
 
 def test_width_and_height_are_slenderness_and_size():
-    podium = variants.with_values(BARE, {"width": 0.6, "height": 4.0})
+    podium = variants.with_values(UNRESTRAINED, {"width": 0.6, "height": 4.0})
     assert (float(podium.alpha), float(podium.R)) == pytest.approx(
         (math.atan(0.15), math.hypot(0.3, 2.0)), rel=1e-14
     )
-    wider = variants.with_values(BARE, {"width": 0.6})
-    assert float(wider.height) == pytest.approx(float(BARE.height), rel=1e-14)
+    wider = variants.with_values(UNRESTRAINED, {"width": 0.6})
+    assert float(wider.height) == pytest.approx(float(UNRESTRAINED.height), rel=1e-14)
     with pytest.raises(ValueError, match="R and width describe the same"):
-        variants.with_values(BARE, {"width": 0.6, "R": 2.0})
+        variants.with_values(UNRESTRAINED, {"width": 0.6, "R": 2.0})
 
 
 @pytest.mark.parametrize("name", table.STRUCTURE)
@@ -68,12 +68,12 @@ def test_the_range_is_that_of_the_structure(name):
             continue
         assert table.STRUCTURE[name].range.holds(end + inwards)
         assert not table.STRUCTURE[name].range.holds(end - inwards)
-        variants.with_values(FULL, {name: end + inwards})
+        variants.with_values(RESTRAINED, {name: end + inwards})
         with pytest.raises(ValueError, match=r"must be"):
             variants.check_values("here", {name: end - inwards})
         if name not in (*table.WIDTH_AND_HEIGHT, "tan_alpha"):
             with pytest.raises(ValueError, match=r"must be"):
-                variants.with_values(FULL, {name: end - inwards})
+                variants.with_values(RESTRAINED, {name: end - inwards})
 
 
 def test_dimensions_are_the_arguments_of_the_constructor():
@@ -102,8 +102,8 @@ def test_parameters_of_motions_are_fields_of_theirs():
 
 
 def test_designs_take_names_and_places_of_parameters():
-    by_name = make_variables(FULL, {"T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
-    by_place = make_variables(FULL, {"superstructure.T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    by_name = make_variables(RESTRAINED, {"T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
+    by_place = make_variables(RESTRAINED, {"superstructure.T_s": (0.3, 0.6), "tan_alpha": (0.1, 0.3)})
     assert by_name.units == by_place.units == ("s", "–")
     x = by_name.start()
     for box in (by_name, by_place):
@@ -111,7 +111,7 @@ def test_designs_take_names_and_places_of_parameters():
         assert float(podium.superstructure.T_s) == pytest.approx(0.5)
         assert float(podium.alpha) == pytest.approx(0.2)
     with pytest.raises(ValueError, match="vary names T_s twice"):
-        make_variables(FULL, {"T_s": (0.3, 0.6), "superstructure.T_s": (0.3, 0.6)})
+        make_variables(RESTRAINED, {"T_s": (0.3, 0.6), "superstructure.T_s": (0.3, 0.6)})
 
 
 def test_names_of_files():

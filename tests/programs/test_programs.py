@@ -330,7 +330,7 @@ def test_options_that_ask_for_the_same_share_programs():
 
 
 SUITE = [rj.Record(4 * np.sin(np.linspace(0, 12 + k, 150 + 9 * k)), 0.02) for k in range(3)]
-ALONE = {
+SINGLE_CALLS = {
     "a pulse": lambda: rj.peak_response(PODIUMS["rigid"], rj.Ricker(3.0, 1.0)),
     "a record's boundary": lambda: rj.overturning_boundary(PODIUMS["rigid"], SUITE[0], width=1e-2),
     "an analysis": lambda: rj.incremental_dynamic_analysis(
@@ -340,8 +340,8 @@ ALONE = {
 }
 
 
-@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.parametrize("name", SINGLE_CALLS)
 def test_nothing_but_stored_programs_is_compiled(name, caplog):
     """Outside jit every operation of JAX compiles separately, in every process, 10 to 30 ms each."""
-    ALONE[name]()
-    assert not compiled_by(ALONE[name], caplog)
+    SINGLE_CALLS[name]()
+    assert not compiled_by(SINGLE_CALLS[name], caplog)

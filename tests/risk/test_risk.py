@@ -627,7 +627,7 @@ def plane(u):
     return 3.5 - jnp.asarray(DIRECTION / np.linalg.norm(DIRECTION)) @ u
 
 
-KNOWN = {
+EXACT = {
     "resistance and load": (resistance_and_load, 2, 3.872108215522042e-6),
     "parabola": (parabola, 2, 4.207305511299618e-3),
     "four branches": (four_branches, 2, 2.222795066194432e-3),
@@ -650,9 +650,9 @@ def test_design_points_of_known_limit_states():
 
 
 @pytest.mark.parametrize("method", ["importance", "line", "subset"])
-@pytest.mark.parametrize("name", KNOWN)
+@pytest.mark.parametrize("name", EXACT)
 def test_probabilities_of_known_limit_states(name, method):
-    G, dimension, truth = KNOWN[name]
+    G, dimension, truth = EXACT[name]
     found = rj.reliability(G, dimension, method=method, seed=4)
     assert found.converged
     assert found.standard_error <= 0.1 * found.probability
@@ -680,7 +680,7 @@ def test_intervals_of_subset_simulation_cover_as_often_as_they_say():
 def test_monte_carlo_and_its_interval():
     found = rj.reliability(parabola, 2, method="monte-carlo", cov=0.2, seed=1)
     low, high = found.interval
-    assert low < KNOWN["parabola"][2] < high
+    assert low < EXACT["parabola"][2] < high
     assert found.effective_sample_size == round(found.probability * found.scenes)
 
 
@@ -730,7 +730,7 @@ def test_an_estimate_that_has_not_converged_warns_and_has_no_interval(G, dimensi
 def test_counting_has_an_interval_whether_it_has_converged_or_not():
     with pytest.warns(RuntimeWarning, match="'monte-carlo' has not converged"):
         found = rj.reliability(parabola, 2, method="monte-carlo", max_scenes=4000, seed=1)
-    assert found.interval[0] < KNOWN["parabola"][2] < found.interval[1]
+    assert found.interval[0] < EXACT["parabola"][2] < found.interval[1]
 
 
 def test_first_order_beside_the_sampled_probability():
@@ -890,7 +890,7 @@ def test_probabilities_of_a_block():
 
 PODIUM = rj.Podium(alpha=0.15, R=1.5, gamma=5.0, superstructure=rj.Elastic(20.0, 0.4, 0.05))
 # Failures that were counted, and among how many motions.
-COUNTED = {
+MONTE_CARLO = {
     "block": (BLOCK, rj.GaussianMotion(61, 0.06, 0.02), 1120, 100_000),
     "rare block": (BLOCK, rj.GaussianMotion(61, 0.06, 0.0114), 1890, 18_000_000),
     "podium": (PODIUM, rj.GaussianMotion(601, 0.02, 0.004), 32, 400_000),
@@ -899,10 +899,10 @@ COUNTED = {
 
 @pytest.mark.slow(but=["block-0"])
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("name", COUNTED)
+@pytest.mark.parametrize("name", MONTE_CARLO)
 def test_probabilities_of_rocking_structures_are_those_counted(name, seed):
     """By the default method; of the elastic podium, importance sampling finds a ninth."""
-    podium, motion, failures, scenes = COUNTED[name]
+    podium, motion, failures, scenes = MONTE_CARLO[name]
     found = rj.failure_probability(podium, motion, cov=0.2, seed=seed)
     counted, error = failures / scenes, math.sqrt(failures) / scenes
     assert found.converged

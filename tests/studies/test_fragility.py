@@ -224,7 +224,7 @@ def test_counts_whose_likelihood_has_no_maximum_are_refused_with_the_reason(name
     events, words = WITHOUT_MAXIMUM[name]
     levels, overturned = np.arange(1.0, 9.0), np.arange(20)[:, None] < np.array(events)
     assert np.isnan(fit_counts(levels, np.asarray(events, float), np.full(8, 20.0))).all()
-    counted = xarray.Dataset(
+    stripe_analysis = xarray.Dataset(
         {
             "overturned": (("record", "intensity"), overturned),
             "capacity": ("record", np.where(overturned.any(1), 1.0, np.nan)),
@@ -233,7 +233,7 @@ def test_counts_whose_likelihood_has_no_maximum_are_refused_with_the_reason(name
         attrs={"kind": "incremental-dynamic-analysis", "measure": "PGA"},
     )
     with pytest.raises(ValueError, match=words):
-        rj.fragility(counted, method="stripes", confidence=None)
+        rj.fragility(stripe_analysis, method="stripes", confidence=None)
 
 
 @pytest.mark.parametrize("events", [[0, 20] * 4, [0, 0, 0, 1, 0, 20, 20, 20], [1, 0, 0, 0, 0, 0, 0, 20]])
@@ -378,7 +378,7 @@ def test_records_that_never_overturn_are_censored(analysis):
 
 
 # -------------------------------------------------------------------------------------------------- intervals
-def counted(capacity, levels) -> xarray.Dataset:
+def stripe_analysis(capacity, levels) -> xarray.Dataset:
     """What `fragility` looks at of an analysis."""
     capacity = np.asarray(capacity, float)
     return xarray.Dataset(
@@ -413,17 +413,17 @@ def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
 
 def test_few_records_are_said():
     with pytest.warns(RuntimeWarning, match="rest on 2 records that overturn"):
-        curve = rj.fragility(counted([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
+        curve = rj.fragility(stripe_analysis([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
     low, high = curve["interval"].sel(quantity="median_capacity").values
     assert high / low > 10
     assert curve["interval"].attrs["overturning_records"] == 2
     with pytest.warns(RuntimeWarning, match="rest on 4 records only"):
-        rj.fragility(counted([0.4, 0.8, 1.2, 1.6], np.linspace(0.1, 2, 20)), method="stripes")
+        rj.fragility(stripe_analysis([0.4, 0.8, 1.2, 1.6], np.linspace(0.1, 2, 20)), method="stripes")
 
 
 def test_an_interval_that_is_none_is_refused():
     """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
-    few = counted([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
+    few = stripe_analysis([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
     with pytest.raises(
         ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"
     ):

@@ -34,7 +34,7 @@ GRID = rj.grid(
     acceleration_ratio=np.linspace(1, 8, 20),
     frequency_ratio=np.linspace(1, 8, 15),
 )
-SMALL = rj.grid(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), tan_alpha=[0.1, 0.15])
+SMALL_GRID = rj.grid(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), tan_alpha=[0.1, 0.15])
 CHUNK = 300  # 4 chunks, one for each slenderness
 
 
@@ -48,7 +48,7 @@ def batch():
     return rj.peak_responses(*GRID[:2], options=OPTIONS)
 
 
-def same(data, batch):
+def assert_equal(data, batch):
     np.testing.assert_array_equal(data["peak_rotation"], batch.peak_rotation)
     np.testing.assert_array_equal(data["overturned"], batch.overturned)
     np.testing.assert_array_equal(data["impacts"], batch.impacts)
@@ -56,7 +56,7 @@ def same(data, batch):
 
 
 @pytest.fixture
-def counted(monkeypatch):
+def solved_chunks(monkeypatch):
     """Numbers of the chunks that are solved."""
     solved = []
     solve = _chunks.Job.solve
@@ -124,9 +124,9 @@ def test_several_motions_are_an_axis():
     assert grid.shape == (3, 2, 2)
     assert list(grid.coords["motion"]) == motions.names
     assert grid.excitations.which.shape == (3, 1, 1)
-    for same in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
+    for assert_equal in (list(motions), [motions[0].record(), *motions[1:]], rj.Records.of(motions)):
         np.testing.assert_array_equal(
-            rj.grid(podium, same, alpha=[0.1]).excitations.table, grid.excitations.table
+            rj.grid(podium, assert_equal, alpha=[0.1]).excitations.table, grid.excitations.table
         )
     chosen = rj.grid(podium, rj.Records.of(motions).pick([2, 0]).scaled(2.0), alpha=[0.1]).excitations
     np.testing.assert_allclose(chosen.table, 2 * grid.excitations.table[np.array([2, 0])])
@@ -164,10 +164,10 @@ def test_axes_that_make_no_sense_are_refused(axes, words):
         rj.grid(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), **axes)
 
 
-def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, counted):
+def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, solved_chunks):
     data = sweep(tmp_path / "a.zarr")
-    assert sorted(counted) == [0, 1, 2, 3]
-    same(data, batch)
+    assert sorted(solved_chunks) == [0, 1, 2, 3]
+    assert_equal(data, batch)
     assert data["peak_rotation"].dims == ("tan_alpha", "acceleration_ratio", "frequency_ratio")
     assert data["alpha"].dims == ("tan_alpha",)
     assert data["a_p"].dims == ("tan_alpha", "acceleration_ratio")
@@ -178,7 +178,7 @@ def test_a_sweep_is_the_batch_and_is_there_the_next_time(tmp_path, batch, counte
     assert data.attrs["rockjax_version"] == rj.__version__
     assert data["steps"].chunks is not None  # lazy
     again = sweep(str(tmp_path / "a.zarr"), chunk=None)
-    assert len(counted) == 4
+    assert len(solved_chunks) == 4
     xarray.testing.assert_identical(again, data)
     xarray.testing.assert_identical(
         again, xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)[list(again.data_vars)]
@@ -213,10 +213,10 @@ def test_a_table_of_scenes(tmp_path, batch):
     np.testing.assert_allclose(data["peak_rotation"], batch.peak_rotation[1].ravel(), atol=1e-12)
 
 
-def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, counted):
+def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved_chunks):
     store = tmp_path / "a.zarr"
     sweep(store)
-    counted.clear()
+    solved_chunks.clear()
     chunks = store / "peak_rotation" / "c"
     (store / "progress" / "rows" / "c" / "0" / "0").unlink()  # killed before it was through
     with open(chunks / "1" / "0" / "0", "r+b") as file:  # a bit has turned
@@ -228,15 +228,15 @@ def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, counte
     with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged, and is solved again") as said:
         data = sweep(store)
     assert len(said) == 2
-    assert sorted(counted) == [0, 1, 2]
-    same(data, batch)
-    counted.clear()
+    assert sorted(solved_chunks) == [0, 1, 2]
+    assert_equal(data, batch)
+    solved_chunks.clear()
     shutil.copy(chunks / "0" / "0" / "0", chunks / "3" / "0" / "0")  # whole, but of another chunk
     (chunks / "2" / "0" / "0").write_bytes((chunks / "2" / "0" / "0").read_bytes()[:100])
     with pytest.warns(RuntimeWarning, match="damaged"):
         data = sweep(store)
-    assert sorted(counted) == [2, 3]
-    same(data, batch)
+    assert sorted(solved_chunks) == [2, 3]
+    assert_equal(data, batch)
 
 
 def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
@@ -319,13 +319,13 @@ def test_what_varies_is_a_coordinate(tmp_path):
 
 
 def test_a_url(tmp_path, batch):
-    same(sweep("memory://rockjax/a.zarr"), batch)
+    assert_equal(sweep("memory://rockjax/a.zarr"), batch)
     with pytest.raises(ValueError, match="numbers of structures"):
         sweep("memory://rockjax/a.zarr", (GRID.structures.replace(gamma=11.0), *GRID[1:]))
-    same(sweep(f"file://{tmp_path}/a.zarr"), batch)
-    same(sweep(tmp_path / "a.zarr"), batch)
+    assert_equal(sweep(f"file://{tmp_path}/a.zarr"), batch)
+    assert_equal(sweep(tmp_path / "a.zarr"), batch)
     (tmp_path / "b.zarr").mkdir()
-    same(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
+    assert_equal(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
 
 
 def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
@@ -352,11 +352,13 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(_chunks, "solve_scenes", replaced)
     with pytest.raises(RuntimeError, match="another sweep has replaced this one"):
         sweep(store)
-    same(sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS))
+    assert_equal(
+        sweep(store, (other, *GRID[1:])), rj.peak_responses(other, GRID.excitations, options=OPTIONS)
+    )
 
 
 def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
-    tmp_path, batch, counted, monkeypatch
+    tmp_path, batch, solved_chunks, monkeypatch
 ):
     """Both find nothing; while the second prepares its own store, the first one's appears."""
     store = tmp_path / "a.zarr"
@@ -370,8 +372,8 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
     monkeypatch.setattr(Store, "create", late)
     # Chunks are sized by what was measured: the second may have wanted others.
     monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk", lambda *_: 2 * CHUNK)
-    same(sweep(store, chunk=None), batch)
-    assert sorted(counted) == [0, 1, 2, 3]
+    assert_equal(sweep(store, chunk=None), batch)
+    assert sorted(solved_chunks) == [0, 1, 2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
     # It is refused where it is another sweep.
     other = tmp_path / "b.zarr"
@@ -439,11 +441,11 @@ def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
     assert (done.done, done.steps, done.seconds) == (1200, 0.0, 0.0)
 
 
-def test_costly_chunks_come_first(tmp_path, counted):
+def test_costly_chunks_come_first(tmp_path, solved_chunks):
     sweep(tmp_path / "a.zarr", chunk=75)
     expected = Store.open(tmp_path / "a.zarr").expected
-    assert sorted(counted) == list(range(16))
-    assert np.all(np.diff(expected[counted]) <= 0)
+    assert sorted(solved_chunks) == list(range(16))
+    assert np.all(np.diff(expected[solved_chunks]) <= 0)
     assert expected.max() > 1.05 * expected.min()
 
 
@@ -454,7 +456,7 @@ def test_scenes_without_an_answer_are_counted(tmp_path):
     assert 0 < int((data["result"] == 3).sum()) < 1200
 
 
-def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, counted, monkeypatch):
+def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, solved_chunks, monkeypatch):
     solve, seen = _chunks.Job.solve, []
 
     def stopping(self, k, *args):
@@ -474,7 +476,7 @@ def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, co
     monkeypatch.undo()
     done = [k for k, row in enumerate(Store.open(tmp_path / "a.zarr").rows()) if np.isfinite(row[0])]
     assert sorted(done) == sorted(seen[:2])
-    same(sweep(tmp_path / "a.zarr"), batch)
+    assert_equal(sweep(tmp_path / "a.zarr"), batch)
 
 
 @contextlib.contextmanager
@@ -505,7 +507,7 @@ def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
     ):
         sweep(store)
     assert not list(store.rglob("*.partial"))
-    same(sweep(store), batch)
+    assert_equal(sweep(store), batch)
 
 
 SCRIPT = """
@@ -569,7 +571,7 @@ def large():
     return rj.peak_responses(*LARGE[:2], options=OPTIONS)
 
 
-def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large, counted):
+def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large, solved_chunks):
     store = tmp_path / "a.zarr"
     process = start([sys.executable, "-c", textwrap.dedent(SCRIPT), str(store), ""], tmp_path, cache)
     wait_for(lambda: len(rows_of(store)) >= 3, process, tmp_path)
@@ -578,8 +580,8 @@ def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large,
     done = {int(name) for name in rows_of(store)}
     assert 3 <= len(done) < 30
     data = sweep(store, LARGE, chunk=LARGE_CHUNK)
-    assert sorted(counted) == sorted(set(range(30)) - done)
-    same(data, large)
+    assert sorted(solved_chunks) == sorted(set(range(30)) - done)
+    assert_equal(data, large)
 
 
 @pytest.mark.slow
@@ -609,7 +611,7 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
         with Client(scheduler_file=str(file), timeout=10) as here:
             found = KillsOnce(workers[0].pid, first, len(rows_of(first)) + 3)
             with found:
-                same(sweep(first, LARGE, chunk=LARGE_CHUNK, client=here), large)
+                assert_equal(sweep(first, LARGE, chunk=LARGE_CHUNK, client=here), large)
             assert found.killed
             workers[0].wait()
             rows = Store.open(first).rows()
@@ -621,7 +623,7 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
                 sweep(second, LARGE, chunk=LARGE_CHUNK, client=here)
             assert found.killed
         assert 3 <= len(rows_of(second)) < 30
-        same(sweep(second, LARGE, chunk=LARGE_CHUNK), large)
+        assert_equal(sweep(second, LARGE, chunk=LARGE_CHUNK), large)
     finally:
         for process in (scheduler, *workers):
             process.kill()
@@ -724,15 +726,15 @@ def test_the_command(tmp_path, capsys):
 )
 def test_a_store_is_written_where_its_path_says(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    data = sweep(name, SMALL)
+    data = sweep(name, SMALL_GRID)
     assert np.isfinite(data["peak_rotation"]).all()
     assert [str(path.parent) for path in Path().rglob("inputs")] == [name]
-    assert np.isfinite(sweep(Path(name), SMALL)["peak_rotation"]).all()
+    assert np.isfinite(sweep(Path(name), SMALL_GRID)["peak_rotation"]).all()
 
 
 def test_the_home_folder_in_a_path(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    sweep("~/sweeps/a.zarr", SMALL)
+    sweep("~/sweeps/a.zarr", SMALL_GRID)
     assert (tmp_path / "home" / "sweeps" / "a.zarr" / "zarr.json").exists()
     assert not Path("~").exists()
 
@@ -742,5 +744,5 @@ def test_a_path_that_cannot_be_is_refused_before_anything_is_solved(tmp_path, mo
     (tmp_path / "file").write_text("")
     monkeypatch.setattr("rockjax._sweep.runners.pilot", None)
     with pytest.raises(OSError, match=r"could not be written|too long"):
-        sweep(f"{tmp_path}/{name}", SMALL)
+        sweep(f"{tmp_path}/{name}", SMALL_GRID)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
