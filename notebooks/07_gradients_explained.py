@@ -74,8 +74,9 @@ print(f"the first impact at {impact:.6f} s; it moves by {moved:.6f} s per rad")
 
 # %%
 h = 1e-7  # s, to either side of the impact
-times = np.concatenate([impact + h * np.array([-2, -1, 1, 2]), t[4:]])  # as many times as above: one program
-(x, _), (Y, _) = jax.tree.map(np.asarray, state_and_slope(theta_0, times))
+# As many times as above, so one program serves both.
+sample_times = np.concatenate([impact + h * np.array([-2, -1, 1, 2]), t[4:]])
+(x, _), (Y, _) = jax.tree.map(np.asarray, state_and_slope(theta_0, sample_times))
 x, Y = x[:, :4], Y[:, :4]
 before, after = (x[1, 1] - x[1, 0]) / h, (x[1, 3] - x[1, 2]) / h  # accelerations
 e = float(podium.restitution_factor)

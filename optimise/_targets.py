@@ -477,8 +477,8 @@ def _smoothed_quantile(values: Margins, share, width) -> Float[Array, ""]:
         below = jnp.mean(norm.cdf((middle - constant) / width)) < share
         return jnp.where(below, middle, low), jnp.where(below, high, middle)
 
-    reach = -width * norm.ppf(jnp.minimum(share, 1 - share))
-    bracket = (jnp.min(constant) - reach, jnp.max(constant) + reach)
+    half_width = -width * norm.ppf(jnp.minimum(share, 1 - share))
+    bracket = (jnp.min(constant) - half_width, jnp.max(constant) + half_width)
     root = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, halve, bracket)[1])
     weights = norm.pdf((root - constant) / width)
     weights = weights / jnp.sum(weights)

@@ -49,19 +49,19 @@ def fit_capacities(
     Without censored capacities, median and dispersion are those of the logarithms (with n, not n − 1). At
     least two different capacities are needed. Works under `jit`, `vmap`, `grad` with respect to `capacity`.
     """
-    known = jnp.isfinite(capacity)
+    is_observed = jnp.isfinite(capacity)
     w = jnp.ones_like(capacity) if weights is None else weights
-    log = jnp.log(jnp.where(known, capacity, limit))
-    w_known = jnp.where(known, w, 0.0)
-    total = jnp.sum(w_known)
-    mean = jnp.sum(w_known * log) / total
-    spread = jnp.sqrt(jnp.sum(w_known * (log - mean) ** 2) / total)
+    log = jnp.log(jnp.where(is_observed, capacity, limit))
+    w_observed = jnp.where(is_observed, w, 0.0)
+    total = jnp.sum(w_observed)
+    mean = jnp.sum(w_observed * log) / total
+    spread = jnp.sqrt(jnp.sum(w_observed * (log - mean) ** 2) / total)
     fits = spread > MIN_DISPERSION
 
     def loss(y, data):
         log, w = data
         z = (log - y[0]) / jnp.exp(y[1])
-        likelihood = jnp.where(known, norm.logpdf(z) - y[1], norm.logsf(z))
+        likelihood = jnp.where(is_observed, norm.logpdf(z) - y[1], norm.logsf(z))
         return -jnp.sum(w * likelihood) / jnp.sum(w)
 
     y, good = _minimise(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), fits)

@@ -52,11 +52,11 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
     """
 
     def step(_, carry):
-        positive, negative, place, _ = carry
-        value, slope = jax.jvp(f, (place,), (jnp.ones_like(place),))
-        positive = jnp.where(value > 0, place, positive)
-        negative = jnp.where(value > 0, negative, place)
-        next_point = place - value / jnp.where(slope == 0, jnp.inf, slope)
+        positive, negative, point, _ = carry
+        value, slope = jax.jvp(f, (point,), (jnp.ones_like(point),))
+        positive = jnp.where(value > 0, point, positive)
+        negative = jnp.where(value > 0, negative, point)
+        next_point = point - value / jnp.where(slope == 0, jnp.inf, slope)
         inside = (slope != 0) & ((next_point - positive) * (next_point - negative) <= 0)
         return positive, negative, jnp.where(inside, next_point, 0.5 * (positive + negative)), slope
 
@@ -126,13 +126,13 @@ def narrow_brackets(
             at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, least[:, None])
         )
         part = np.where(offset[wide, None] <= MAX_OFFSET, part, _even_fractions(count))
-        places = start[:, None] + length[:, None] * part
-        values, more = evaluate(wide, places)
+        points = start[:, None] + length[:, None] * part
+        values, more = evaluate(wide, points)
         row, first = np.arange(wide.size), np.argmax(np.append(values, at_b[wide, None], axis=1) <= 0, axis=1)
         root = _secant_root(*(y[wide] for y in brackets[:4]))
-        for ends, inside in ((a, places), (at_a, np.nan_to_num(values, nan=1.0))):
+        for ends, inside in ((a, points), (at_a, np.nan_to_num(values, nan=1.0))):
             ends[wide] = np.append(ends[wide, None], inside, axis=1)[row, first]
-        for ends, inside in ((b, places), (at_b, values), (more_at_b, more)):
+        for ends, inside in ((b, points), (at_b, values), (more_at_b, more)):
             ends[wide] = np.append(inside, ends[wide, None], axis=1)[row, first]
         error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
         offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2

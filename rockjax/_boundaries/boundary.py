@@ -334,11 +334,11 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
 def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
-    wanted = margin_options(options, margin)
-    coarse = scan_options(wanted, width)
+    search_options = margin_options(options, margin)
+    coarse = scan_options(search_options, width)
 
     def solve_row(scales, sharp):
-        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), wanted, coarse)
+        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), search_options, coarse)
 
         def one(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)

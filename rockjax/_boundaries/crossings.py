@@ -188,8 +188,8 @@ def margins(
         return np.zeros(0), np.zeros(0, int), np.zeros(0)
     podiums, motions = plane(x, y)
     margin = has_margin(options, podiums)
-    wanted = margin_options(options, margin)
-    floats, integers = bare_responses(podiums, motions, wanted, progress, reaches)
+    search_options = margin_options(options, margin)
+    floats, integers = bare_responses(podiums, motions, search_options, progress, reaches)
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     reach = np.zeros(x.shape)
     if reaches:

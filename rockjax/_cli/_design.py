@@ -31,8 +31,8 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     if request.path is None:
         raise ValueError("design: needs a problem file (TOML), or --example column")
     files = parse_outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
-    asked = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
-    found, written, stopped = optimise.design_command(asked, files.prefix, report.quiet, files.format)
+    problem = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
+    found, written, stopped = optimise.design_command(problem, files.prefix, report.quiet, files.format)
     report.say(str(found))
     for path in written:
         report.add_file(path)

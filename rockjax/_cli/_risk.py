@@ -29,14 +29,14 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
       rockjax risk --example risk --years 100
     """
     files = parse_outputs(output, "rockjax-risk").check(("risk",))
-    asked = request.settings
+    settings = request.settings
     import rockjax as rj
     from rockjax._risk.annual import MIN_EXTRAPOLATED
 
-    if asked.hazard is None:
+    if settings.hazard is None:
         raise ValueError("--hazard: is missing; give the file with the hazard curve of the site")
-    hazard = rj.Hazard.from_file(_path(request, asked.hazard), site=asked.site)
-    fragility = _fragility(request, asked)
+    hazard = rj.Hazard.from_file(_path(request, settings.hazard), site=settings.site)
+    fragility = _fragility(request, settings)
     found = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
     report.say(repr(hazard))
@@ -47,8 +47,8 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
         f"mean annual frequency of overturning: "
         f"{frequency:.4g}, once in {float(found.return_period):.4g} years"
     )
-    within = float(found.probability(asked.years))
-    report.say(f"probability in {asked.years:g} years: {within:.4g}")
+    within = float(found.probability(settings.years))
+    report.say(f"probability in {settings.years:g} years: {within:.4g}")
     slopes = {name: float(y) for name, y in found.sensitivities.items()}
     for name, value in slopes.items():
         report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
@@ -57,7 +57,7 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
         report.say(f"{share:.0%} of the frequency comes from beyond the given points of the hazard curve")
     report.facts |= {"frequency_per_year": frequency, "return_period_years": float(found.return_period)}
     report.facts |= {
-        "years": asked.years,
+        "years": settings.years,
         "probability": within,
         "extrapolated": share,
         "sensitivities": slopes,

@@ -60,11 +60,16 @@ def spectrum(
     report.note(
         f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
     )
-    known = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None
+    checkpoint = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
-            settings = {"options": options, "progress": bar, "resume": known, "sensitivities": parameters}
+            settings = {
+                "options": options,
+                "progress": bar,
+                "resume": checkpoint,
+                "sensitivities": parameters,
+            }
             spectra = rj.rocking_spectra(podiums, pulse, x, y, **settings)
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
         panels = combine_panels(spectra, ratios, periods, zeta)

@@ -56,9 +56,9 @@ class _BoundedLookahead(AbstractLookahead):
             return t, t + jnp.maximum(step, least), found
 
         t = jnp.maximum(t, self.motion.support[0])
-        quiet = self.amplitude <= threshold
+        is_below = self.amplitude <= threshold
         t, _, found = jax.lax.while_loop(
-            lambda carry: ~carry[2] & (carry[1] < end) & ~quiet, advance, (t, t, jnp.zeros((), bool))
+            lambda carry: ~carry[2] & (carry[1] < end) & ~is_below, advance, (t, t, jnp.zeros((), bool))
         )
         return jnp.where(found, t, jnp.inf)
 

@@ -101,8 +101,8 @@ class Records(AbstractSampled):
         """Return some of the records, unscaled. Raises `ValueError` for an index out of range, if it is
         concrete."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
-        chosen, whole = concrete(which), np.issubdtype(which.dtype, np.integer)
-        if not whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
+        chosen, is_whole = concrete(which), np.issubdtype(which.dtype, np.integer)
+        if not is_whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
             raise ValueError(
                 f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got "
                 f"{format_value(which)}"

@@ -83,10 +83,10 @@ class ShearBuilding(AbstractSuperstructure):
         self.damping = as_float(damping, f"{owner}: damping")
         self.heights = None if heights is None else row(owner, "heights", heights, "story")
         count = self.masses.shape[-1]
-        wanted = modes if modes is not None else count if retained is None else retained
-        self.retained = require_whole(owner, "modes", wanted, 0)
+        requested = modes if modes is not None else count if retained is None else retained
+        self.retained = require_whole(owner, "modes", requested, 0)
         if self.retained > count:
-            raise ValueError(f"{owner}: modes must be in 0 … {count}, the number of stories, got {wanted}")
+            raise ValueError(f"{owner}: modes must be in 0 … {count}, the number of stories, got {requested}")
 
     def __check_init__(self):
         owner, count = "ShearBuilding", self.stories

@@ -204,8 +204,8 @@ class Oscillators(AbstractSuperstructure):
 def eigh(matrix: Array) -> tuple[Array, Array]:
     """Return eigenvalues, ascending along the last axis, and eigenvectors in columns; concrete matrices use
     NumPy."""
-    known = concrete(matrix)
-    return jnp.linalg.eigh(matrix) if known is None else np.linalg.eigh(known)  # pyright: ignore[reportReturnType]
+    constant = concrete(matrix)
+    return jnp.linalg.eigh(matrix) if constant is None else np.linalg.eigh(constant)  # pyright: ignore[reportReturnType]
 
 
 def uplifted_squares(
@@ -236,8 +236,8 @@ def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, c
     matrix = jnp.zeros((*jnp.broadcast_shapes(corner.shape[:-1], border.shape[:-1]), size, size))
     matrix = matrix.at[..., 0, 0].set(corner[..., 0])
     matrix = matrix.at[..., 0, 1:].set(border).at[..., 1:, 0].set(border)
-    places = jnp.arange(1, size)
-    return matrix.at[..., places, places].set(squares)
+    diagonal = jnp.arange(1, size)
+    return matrix.at[..., diagonal, diagonal].set(squares)
 
 
 @jax.custom_jvp
@@ -254,17 +254,19 @@ def _squares_of_jvp(primals, tangents):
     values, vectors = eigh(_bordered(*primals))
     turn, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     weighs = masses[..., :, None] > 0
-    apart = squares[..., :, None] - values[..., None, :]
+    detuning = squares[..., :, None] - values[..., None, :]
     # A massless oscillator follows the beam, or vibrates alone.
-    follows = (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(apart == 0, 1.0, apart)
+    follows = (
+        (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
+    )
     moves = shapes / jnp.sqrt(jnp.where(weighs, masses[..., :, None], 1.0))
-    moves = jnp.where(weighs, moves, jnp.where(apart == 0, 0.0, follows))
-    alone = jnp.where(weighs, 0.0, shapes**2)
+    moves = jnp.where(weighs, moves, jnp.where(detuning == 0, 0.0, follows))
+    own_motion = jnp.where(weighs, 0.0, shapes**2)
 
     def quotient(squares, masses, inertia, stiffness, cos_alpha):
         squares, masses = squares[..., :, None], masses[..., :, None]
-        stretch = masses * (moves - (cos_alpha * turn)[..., None, :]) ** 2 + alone
-        held = stiffness * turn**2 + jnp.sum(squares * stretch, axis=-2)
-        return held / (inertia * turn**2 + jnp.sum(masses * moves**2 + alone, axis=-2))
+        stretch = masses * (moves - (cos_alpha * turn)[..., None, :]) ** 2 + own_motion
+        potential_energy = stiffness * turn**2 + jnp.sum(squares * stretch, axis=-2)
+        return potential_energy / (inertia * turn**2 + jnp.sum(masses * moves**2 + own_motion, axis=-2))
 
     return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]

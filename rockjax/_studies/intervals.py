@@ -100,13 +100,13 @@ def _hazard(z):
 
 def _first_failing(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
     """Return the first place at which a condition fails, with steps from `start` that double."""
-    place, step = start, 0.5
+    value, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):
-        holding = holds(place)
+        holding = holds(value)
         if not np.any(holding):
             break
-        place, step = np.where(holding, start + sign * step, place), 2 * step
-    return place
+        value, step = np.where(holding, start + sign * step, value), 2 * step
+    return value
 
 
 def _find_zero(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:

@@ -87,11 +87,11 @@ class ChunkLayout(NamedTuple):
 
     def sizes(self) -> np.ndarray:
         """Return the number of scenes in every chunk, shape (number,)."""
-        along = [
+        axis_sizes = [
             np.minimum(b, n - b * np.arange(m))
             for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
         ]
-        return np.prod(np.meshgrid(*along, indexing="ij"), axis=0).reshape(-1)
+        return np.prod(np.meshgrid(*axis_sizes, indexing="ij"), axis=0).reshape(-1)
 
     def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
         """Return the chunks that contain scenes, by the indices of the scenes in the order of the grid."""

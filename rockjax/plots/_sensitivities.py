@@ -48,14 +48,16 @@ def sensitivity_spectrum(
 
 
 def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
-    known = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
-    if not known or (parameter is not None and parameter not in known):
-        wanted = "any parameter" if parameter is None else repr(parameter)
+    available = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
+    if not available or (parameter is not None and parameter not in available):
+        requested = "any parameter" if parameter is None else repr(parameter)
         raise ValueError(
-            f"sensitivity_spectrum: the dataset holds no sensitivities of the peak rotation to {wanted}, it "
-            f"has {known}; rockjax.rocking_spectrum(…, sensitivities=[…]) finds them"
+            "sensitivity_spectrum: the dataset holds no sensitivities of the peak rotation to "
+            f"{requested}, it has {available}; rockjax.rocking_spectrum(…, sensitivities=[…]) finds them"
         )
-    return dataset["peak_rotation_sensitivity"].sel(parameter=known[0] if parameter is None else parameter)
+    return dataset["peak_rotation_sensitivity"].sel(
+        parameter=available[0] if parameter is None else parameter
+    )
 
 
 @styled

@@ -32,8 +32,8 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
     ends = [k for k, _ in sections[1:]] + [len(lines)]
     first = sections[0][1]
     if first[1].upper() != "CORRECTED":
-        held = f"{first[1]} {first[2]}".lower()
-        raise ValueError(f"{path}:1: is COSMOS and holds raw data ({held}); volume 2 (.V2c) can be read")
+        content = f"{first[1]} {first[2]}".lower()
+        raise ValueError(f"{path}:1: is COSMOS and holds raw data ({content}); volume 2 (.V2c) can be read")
     found = [
         (start, end)
         for (start, match), end in zip(sections, ends, strict=True)

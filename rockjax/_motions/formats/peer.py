@@ -56,10 +56,10 @@ def _at2(path: Path, lines: list[str]) -> Samples:
     k, (count, step) = found[0]
     for i, line in enumerate(lines[:k], start=1):
         if other := _OTHER_QUANTITY.match(line):
-            held = other[1].lower()
-            raise ValueError(f"{path}:{i}: holds {held} ({abbreviate(line.strip())}), not acceleration")
-    if held := _SUFFIXES.get(path.suffix.lower()):
-        raise ValueError(f"{path}: by its suffix holds {held}, not acceleration")
+            content = other[1].lower()
+            raise ValueError(f"{path}:{i}: holds {content} ({abbreviate(line.strip())}), not acceleration")
+    if content := _SUFFIXES.get(path.suffix.lower()):
+        raise ValueError(f"{path}: by its suffix holds {content}, not acceleration")
     dt = parse_interval(path, k + 1, step, "DT")
     stated_unit = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}

@@ -22,8 +22,8 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
     may touch."""
     kind = _KINDS.match(lines[0])
     if kind is None or kind[1] != "2":
-        held = kind[2].strip().lower() if kind else "?"
-        description = f"{abbreviate(held)}{', raw data' if kind and kind[1] == '1' else ''}"
+        content = kind[2].strip().lower() if kind else "?"
+        description = f"{abbreviate(content)}{', raw data' if kind and kind[1] == '1' else ''}"
         raise ValueError(f"{path}:1: is SMC and holds {description}; a corrected accelerogram can be read")
     reals_at = _TEXTS + _INTEGERS
     start = reals_at + _REALS

@@ -198,8 +198,8 @@ def _samples(path: Path, table: _Table, component: Component) -> Samples:
     chosen = [k for k in columns if kinds[k] in ("acceleration", "counts")]
     chosen = chosen or [k for k in columns if not kinds[k] or (kinds[k] == "index" and len(columns) == 1)]
     if headings and not chosen:
-        held = ", ".join(repr(each.text.strip()) for each in headings)
-        raise ValueError(f"{where}: holds no acceleration; its headings are {held}")
+        listed = ", ".join(repr(each.text.strip()) for each in headings)
+        raise ValueError(f"{where}: holds no acceleration; its headings are {listed}")
     if headings and clock is None and len(columns) > 1 and not kinds[0] and _is_rising(rows[:, 0]):
         raise ValueError(
             f"{where}: the heading {headings[0].text.strip()!r} is not known, and its column rises evenly; "
