@@ -51,7 +51,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         raise ValueError(f"{path}: is not the file of an interrupted run: {error}") from None
     if expected != count:
         raise ValueError(
-            f"{path}: belongs to a run over {kept} podiums, this one has {count}; use the same flags"
+            f"{path}: belongs to a run over {expected} podiums, this one has {count}; use the same flags"
         )
     names = [f"dataset-{k}" for k in range(count)]
     return [

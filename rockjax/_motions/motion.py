@@ -293,7 +293,7 @@ class Motions(Sequence[Motion]):
         vertical motion."""
         return [motion.record() for motion in self]
 
-    def pair_motions(self) -> Motions:
+    def paired(self) -> Motions:
         """Return the horizontal motions, each with the vertical one of its station and event.
 
         Stations, events and components are taken from the headers; without them, files whose names differ

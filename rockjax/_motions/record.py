@@ -87,7 +87,7 @@ class Record(AbstractSampled):
 
         scale = require_number("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
-        warn_if_implausible(motion, str(path), stacklevel=3, unsaid=units is not None)
+        warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)
         return cls(motion.acceleration, motion.dt, scale)
 
     @property

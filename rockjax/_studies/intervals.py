@@ -37,11 +37,11 @@ class Capacities(NamedTuple):
     """Sufficient statistics of lognormal capacities for their likelihood; numbers, or arrays for several
     samples.
 
-    - `count`: number of capacities that are known; `mean`, `variance`: of their logarithms
+    - `observed`: number of capacities that are known; `mean`, `variance`: of their logarithms
     - `censored`: number that lie above the limit; `log_limit`: its logarithm
     """
 
-    count: np.ndarray
+    observed: np.ndarray
     mean: np.ndarray
     variance: np.ndarray
     censored: np.ndarray
@@ -52,19 +52,19 @@ class Capacities(NamedTuple):
         """Return the statistics of capacities (…, n), inf where they lie above the limit."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
-        count = finite.sum(axis=-1)
-        mean = log.sum(axis=-1) / count
-        variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / count
-        return cls(count, mean, variance, capacity.shape[-1] - count, np.log(limit))
+        observed = finite.sum(axis=-1)
+        mean = log.sum(axis=-1) / observed
+        variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / observed
+        return cls(observed, mean, variance, capacity.shape[-1] - observed, np.log(limit))
 
     @property
     def total(self):
-        return self.count + self.censored
+        return self.observed + self.censored
 
     def likelihood(self, theta, delta):
         """Return the logarithm of the likelihood."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
-        return self.count * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
+        return self.observed * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
             delta - theta * self.log_limit
         )
 
@@ -75,7 +75,7 @@ class Capacities(NamedTuple):
 
         def derivative(log_theta):
             theta = np.exp(log_theta)
-            slope = self.count * (1 / theta - (theta * offset + probit) * offset - theta * self.variance)
+            slope = self.observed * (1 / theta - (theta * offset + probit) * offset - theta * self.variance)
             return slope + self.censored * _hazard(theta * limit - probit) * limit
 
         theta = np.exp(_find_decreasing_zero(derivative, -0.5 * np.log(self.variance) + 0 * (x + probit)))
@@ -86,7 +86,7 @@ class Capacities(NamedTuple):
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
-            return self.count * (theta * self.mean - delta) + self.censored * _hazard(
+            return self.observed * (theta * self.mean - delta) + self.censored * _hazard(
                 delta - theta * self.log_limit
             )
 
