@@ -134,7 +134,7 @@ def _describe_versions() -> str:
     except OSError:
         processor = []
     processor = processor or [platform.processor(), platform.node()]
-    return f"{libraries} {sys.version}\n{platform.system()} {platform.platform()} {processor} " + (
+    return f"{libraries} {sys.version}\n{platform.system()} {platform.machine()} {processor} " + (
         f"{device.device_kind} {device.client.platform_version}"
     )
 
