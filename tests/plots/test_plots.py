@@ -401,8 +401,8 @@ def test_film_of_a_building_has_its_floors(histories):
             corners = slab.get_xy()
             assert corners[:4, 0].mean() - beam[:4, 0].mean() == pytest.approx(sway)
             assert corners[:, 1].max() - beam[:, 1].max() == pytest.approx(level)
-        for sticks, slab in zip(stage.sticks, stage.slabs, strict=True):
-            assert sticks[0].get_ydata()[-1] == pytest.approx(slab.get_xy()[:, 1].min())
+        for lines, slab in zip(stage.column_lines, stage.slabs, strict=True):
+            assert lines[0].get_ydata()[-1] == pytest.approx(slab.get_xy()[:, 1].min())
 
 
 def test_films_say_what_they_cannot_do(histories, tmp_path, monkeypatch):
