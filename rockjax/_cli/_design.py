@@ -36,7 +36,9 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     report.say(str(found))
     for path in written:
         report.add_file(path)
-    report.facts |= {name: value for name, value in optimise.design_record(found).items() if name != "history"}
+    report.facts |= {
+        name: value for name, value in optimise.design_record(found).items() if name != "history"
+    }
     if stopped is not None:
         report.error(f"{stopped}; the best design so far is kept", INTERRUPTED)
     elif not found.satisfied:

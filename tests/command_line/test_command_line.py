@@ -226,7 +226,10 @@ WRONG = [  # each message once
     ("design good.toml", "good.toml: file: vary is missing"),
     ("design", "design: needs a problem file (TOML), or --example column"),
     ("design --example table", "'table' is not one of 'annual-frequency', 'column'"),
-    ("response good.toml --example response", "--example: replaces a problem file; leave it or good.toml out"),
+    (
+        "response good.toml --example response",
+        "--example: replaces a problem file; leave it or good.toml out",
+    ),
     ("spectrum good.toml --points 1", "--points: must be a whole number ≥ 2, got 1"),
     ("spectrum --points 100000", "--points: 120000000000 scenes take some 17.5 TiB of memory"),
     (
