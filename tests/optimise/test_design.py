@@ -581,7 +581,7 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.ExpectedLoss(3.0, 1.0, TARGETS["risk"]), "must be a function of a podium"),
         (lambda: optimise.ExpectedLoss(float, -1.0, TARGETS["risk"]), "loss must be"),
         (lambda: optimise.ExpectedLoss(float, 1.0, HAZARD), "risk must be an optimise.AnnualFrequency"),
-        (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; see hazard\.in_si"),
+        (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; convert it with hazard\.in_si"),
         (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher one"),
         (lambda: optimise.AnnualFrequency(1e-3, HAZARD, RECORDS[0]), "two motions or more"),
         (lambda: optimise.AnnualFrequency(1e-3, HAZARD, MOTIONS), "samples a motion at times t"),

@@ -977,7 +977,7 @@ def test_design_points_of_restrained_podiums(podium, limit, output, name, place)
 def test_limits_that_a_structure_has_not_are_refused():
     for limit, expected in (
         ("falling", "limit must be 'overturning' or one of"),
-        (("shear", 0.2), "is of a superstructure, and this podium has none"),
+        (("shear", 0.2), "needs a superstructure; this podium has none"),
         (("rotation", 1.0), "'rotation' must be < 1"),
         (("rotation", -0.1), "must be finite and > 0"),
     ):
