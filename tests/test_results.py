@@ -1,0 +1,25 @@
+"""Texts of results name the cause and the cure."""
+
+import numpy as np
+import pytest
+
+from rockjax import _results as results
+
+
+def test_failures_are_counted_with_their_cures():
+    codes = np.array([[results.SETTLED, results.OUT_OF_STEPS], [results.OUT_OF_STEPS, results.WEIGHTLESS]])
+    text = results.explain_failures(codes)
+    assert text.startswith("3 of 4 scenes did not finish. 2 out_of_steps: ")
+    assert "raise max_steps" in text
+    assert "1 weightless: " in text
+
+
+def test_finished_scenes_need_no_explanation():
+    assert (
+        results.explain_failures(np.array([results.SETTLED, results.END_OF_TIME, results.OVERTURNED])) == ""
+    )
+
+
+@pytest.mark.parametrize("code", range(results.OVERTURNED + 1, len(results.NAMES)))
+def test_every_failure_names_a_cure(code):
+    assert "; " in results.explain(code)
