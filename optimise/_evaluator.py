@@ -167,7 +167,7 @@ def fresh_samples_of(item: Any) -> FreshSamples | None:
 
 def _with_records(target: Any, records: rj.Records) -> Any:
     """Return a target with a batch of fresh samples."""
-    return eqx.tree_at(lambda t: t.suite, target, target.suite.draws(records))
+    return eqx.tree_at(lambda t: t.suite, target, target.suite.with_records(records))
 
 
 def verification_options(options: rj.Options) -> rj.Options:

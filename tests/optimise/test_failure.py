@@ -137,7 +137,7 @@ def test_a_design_whose_check_has_not_converged_is_unverified():
                 None,
                 optimise.FailureProbability(1e-3, MOTION, limit=("shear", 1)),
             ),
-            "is of a superstructure",
+            "needs a superstructure",
         ),
     ],
 )
